@@ -1,0 +1,337 @@
+"""The frozen document: one system as plain values, parsed and checked once and handed to every process.
+
+The supervisor makes it from the users' files (`procs/lib/config`), every other process decodes it from JSON with the
+standard library alone, so that `io` starts fast and needs no configuration library. All numbers are SI (m, rad, s, N,
+N·m, A, V); matrices are row-major nested tuples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+import typing
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+Matrix = tuple[tuple[float, ...], ...]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """y = scale · x + offset."""
+
+    scale: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """Counts to joint position (rad or m), soft limits, and where velocity comes from (FIRMWARE or SOFTWARE)."""
+
+    bits_to_position: Linear
+    lower: float
+    upper: float
+    velocity_source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Potentiometer:
+    """ADC bits to volts to joint position (rad or m)."""
+
+    bits_to_voltage: Linear
+    voltage_to_position: Linear
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N."""
+
+    board_id: int
+    axis_id: int
+    joint_type: str  # REVOLUTE, PRISMATIC or UNDEFINED
+    effort_to_current: float  # A per N·m (or N)
+    current_to_bits: Linear
+    bits_to_current: Linear
+    maximum_current: float
+    encoder: Encoder | None = None
+    potentiometer: Potentiometer | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Potentiometer against encoder: |difference| > distance for longer than latency_s trips; distance 0 is off."""
+
+    distance: float
+    latency_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """One robot of an IO file."""
+
+    name: str
+    serial: str
+    hardware: str  # QLA1, DQLA, dRA1 or HARDWARE_UNDEFINED
+    actuators: tuple[Actuator, ...]
+    potentiometers: str = "UNDEFINED"  # UNDEFINED, NONE, ANALOG or DIGITAL
+    tolerances: tuple[Tolerance, ...] = ()
+    only_io: bool = False
+    joint_to_actuator_position: Matrix | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DigitalInput:
+    """One button or switch of a board."""
+
+    name: str
+    board_id: int
+    bit_id: int
+    pressed_value: bool
+    trigger_when_pressed: bool
+    trigger_when_released: bool
+    skip_first_run: bool = False
+    debounce_s: float = 0.0
+    debounce_click_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PidAxis:
+    """Gains of one actuator; meaning and traps: docs of `procs/lib/pid.py`."""
+
+    name: str
+    joint_type: str
+    p_gain: float
+    d_gain: float
+    i_gain: float
+    p_deadband: float = 0.0
+    p_deadband_outer: float = 0.0
+    i_forget_rate: float = 1.0
+    i_limit: float = 0.0
+    offset: float = 0.0
+    pid_max_output: float = 0.0
+    tolerance: float = 0.0
+    v_low_pass_cutoff: float = 1.0
+    use_disturbance_observer: bool = False
+    nominal_mass: float = 0.0
+    disturbance_cutoff: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pid:
+    """The joint controller of one robot; `arm` is the instance whose set-points it follows."""
+
+    robot: str
+    arm: str
+    axes: tuple[PidAxis, ...]
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Io:
+    """One `IOs[]` entry: a bus with its robots, controllers and inputs."""
+
+    name: str
+    port: str  # as it is opened; with emulated boards "udp:127.x.y.z"
+    protocol: str  # sequential-read-write, sequential-read-broadcast-write or broadcast-query-read-write
+    period_s: float
+    watchdog_s: float  # 0: off
+    close_all_relays: bool
+    robots: tuple[Robot, ...]
+    pids: tuple[Pid, ...]
+    digital_inputs: tuple[DigitalInput, ...]
+    setpoint_timeout_s: float = 0.03  # without a fresh set-point of the arm for this long, hold
+    arm_lost_s: float = 3.0  # then an error is raised, still holding
+    arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
+    spin_us: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One Denavit-Hartenberg row with limits and, where the file has them, inertial values."""
+
+    name: str
+    joint_type: str  # revolute or prismatic
+    alpha: float
+    a: float
+    theta: float
+    d: float
+    offset: float
+    lower: float
+    upper: float
+    effort_max: float
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    passive: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A kinematic file: convention "standard" or "modified", rows from base to tip."""
+
+    convention: str
+    links: tuple[Link, ...]
+    base: Matrix | None = None  # base-offset, 4×4
+    actuator_to_joint: Matrix | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Jaw:
+    """Range and effort limit of an instrument's jaw."""
+
+    lower: float
+    upper: float
+    effort_max: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """An instrument: rows appended to the arm's chain, its tip transform and the 4×4 actuator coupling."""
+
+    name: str
+    links: tuple[Link, ...]
+    jaw: Jaw
+    tip: Matrix
+    actuator_to_joint: Matrix
+    engage_lower: tuple[float, ...]
+    engage_upper: tuple[float, ...]
+    snake: bool = False
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One `arms[]` entry with the files it names."""
+
+    name: str
+    type: str  # PSM, ECM, MTM, ...
+    generation: str  # Classic or Si
+    serial: str
+    io: str  # instance name of the io process that runs its robot
+    robot: str  # its robot's name in that io
+    simulation: str  # NONE or KINEMATIC
+    period_s: float
+    chain: Chain
+    tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
+    tool: Tool | None = None
+    tools: tuple[Tool, ...] = ()  # what MANUAL and AUTOMATIC detection choose from
+    homing_zero_position: bool = False
+    mounting_pitch: float | None = None
+    re_home: bool = True
+    skip_gravity_compensation: bool = False
+    base_frame: Matrix | None = None
+    reference_frame: str = ""
+    use_setpoint_v: bool = True
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """One emulated controller board; the node on the FireWire bus is its place in the bus's list."""
+
+    board_id: int
+    hardware: str = "QLA1"
+    firmware: int = 8
+    fpga: str = "V2"
+    serial: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Bus:
+    """One emulated bus: the UDP endpoint that answers for all its controllers."""
+
+    io: str
+    address: str  # 127.x.y.z, port 1394
+    controllers: tuple[Controller, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Emulation:
+    """Everything the `boards` process stands in for."""
+
+    period_s: float
+    buses: tuple[Bus, ...]
+    seed: int = 1
+    pot_noise_v: float = 0.0
+    instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One instance the supervisor starts; `after` names instances that must be up first."""
+
+    name: str
+    kind: str
+    period_s: float
+    after: tuple[str, ...] = ()
+    on_exit: str = "restart"  # restart or stay-down
+    priority: int = 0  # SCHED_FIFO priority asked for; 0: none
+    cpu: int | None = None
+    restart_limit: int = 5
+    backoff_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """The whole document."""
+
+    name: str
+    source: str
+    clock: str  # wall or lockstep
+    ios: tuple[Io, ...]
+    arms: tuple[Arm, ...]
+    emulation: Emulation | None
+    processes: tuple[Process, ...]
+    supervisor_lost_s: float = 1.0
+    group: str = ""
+    notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
+
+    def io(self, name: str) -> Io:
+        """The io entry `name`; KeyError when there is none."""
+        return _named(self.ios, name)
+
+    def arm(self, name: str) -> Arm:
+        """The arm entry `name`; KeyError when there is none."""
+        return _named(self.arms, name)
+
+    def process(self, name: str) -> Process:
+        """The process row `name`; KeyError when there is none."""
+        return _named(self.processes, name)
+
+
+def _named(rows: tuple[T, ...], name: str) -> T:
+    for row in rows:
+        if getattr(row, "name", None) == name:
+            return row
+    raise KeyError(f"{name}: not in this system; it has {', '.join(getattr(row, 'name', '?') for row in rows)}")
+
+
+def to_json(system: System) -> bytes:
+    """The document as UTF-8 JSON."""
+    return json.dumps(dataclasses.asdict(system), allow_nan=False, separators=(",", ":")).encode()
+
+
+def from_json(data: bytes) -> System:
+    """The document from `to_json`; ValueError or TypeError when the bytes are not one."""
+    return typing.cast(System, _decode(System, json.loads(data)))
+
+
+def _decode(kind: Any, value: Any) -> Any:
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return kind(**{key: _decode(hints[key], item) for key, item in value.items()})  # type: ignore[operator]  # a dataclass type is callable
+    origin = typing.get_origin(kind)
+    arguments = typing.get_args(kind)
+    if origin in (types.UnionType, typing.Union):
+        if value is None:
+            return None
+        return _decode(next(a for a in arguments if a is not types.NoneType), value)
+    if origin is tuple:
+        if len(arguments) == 2 and arguments[1] is Ellipsis:
+            return tuple(_decode(arguments[0], item) for item in value)
+        return tuple(_decode(a, item) for a, item in zip(arguments, value, strict=True))
+    return kind(value)

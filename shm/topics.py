@@ -1,0 +1,259 @@
+"""THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
+
+A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `robots`, `inputs`, `boards`): they
+are filled in when an instance is created, and the filled-in schema travels in the segment's header. Every record
+begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+JOINTS = 8  # room in an arm's record; longer chains do not exist on a da Vinci
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field: numpy dtype (with shape in front, names allowed), unit, one sentence."""
+
+    name: str
+    dtype: str
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.
+
+    `kind` is the CRTK payload (js, cp, cv, jacobian, state); `where` is a flag field that makes it valid.
+    """
+
+    name: str
+    kind: str
+    fields: tuple[tuple[str, str], ...]
+    per: str = ""
+    where: str = "valid"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One ring: its name (the segment's last word), the kind that writes it, rate, depth and fields."""
+
+    name: str
+    writer: str
+    rate_hz: float
+    depth_s: float
+    fields: tuple[Field, ...]
+    views: tuple[View, ...] = ()
+    depth: int = 0  # slots, where a depth in seconds makes no sense
+
+
+IO_STATE = Topic(
+    "state",
+    writer="io",
+    rate_hz=1500,
+    depth_s=3.0,
+    fields=(
+        Field("valid", "?", "", "this cycle's sample arrived and decoded; false: the values are the last good ones"),
+        Field("age_ns", "<i8", "ns", "age of the last good sample when this record was written"),
+        Field("cycle", "<u8", "", "I/O cycles since start"),
+        Field("read_ns", "<i8", "ns", "monotonic time when the read request went out"),
+        Field("write_ns", "<i8", "ns", "monotonic time when the boards were written"),
+        Field("bad_reads", "<u8", "", "failed reads since start"),
+        # axes: all actuators of all robots, in the order of the document; `robots` of the header's info has the cuts
+        Field("position", "(axes,)<f8", "rad|m", "measured actuator position from the encoders"),
+        Field("velocity", "(axes,)<f8", "rad/s|m/s", "measured actuator velocity from the source the file chose"),
+        Field("effort", "(axes,)<f8", "N·m|N", "effort from the measured motor current"),
+        Field("setpoint_position", "(axes,)<f8", "rad|m", "position the joint controller follows"),
+        Field("setpoint_velocity", "(axes,)<f8", "rad/s|m/s", "velocity feed of the joint controller"),
+        Field("setpoint_effort", "(axes,)<f8", "N·m|N", "effort the joint controller asked for, after all limits"),
+        Field("position_error", "(axes,)<f8", "rad|m", "set-point minus measured, after the dead-band"),
+        Field("pot_position", "(axes,)<f8", "rad|m", "actuator position from the potentiometers"),
+        Field("pot_voltage", "(axes,)<f8", "V", "potentiometer voltage"),
+        Field("current", "(axes,)<f8", "A", "measured motor current"),
+        Field("current_request", "(axes,)<f8", "A", "motor current sent to the board, after clamping"),
+        Field("temperature", "(axes,)<f8", "°C", "amplifier temperature"),
+        Field("encoder_bits", "(axes,)<i4", "counts", "encoder counter, 0 at mid-range"),
+        Field("amp_enabled", "(axes,)?", "", "amplifier enable requested"),
+        Field("amp_on", "(axes,)?", "", "amplifier reports that it is on"),
+        Field("effort_mode", "(axes,)?", "", "the joint controller passes efforts through instead of following positions"),
+        Field("at_limit", "(axes,)?", "", "the set-point was clipped to a position limit"),
+        # robots
+        Field("power_wanted", "(robots,)?", "", "power was asked for and not taken back"),
+        Field("powered", "(robots,)?", "", "supply, relay and watchdog of all its boards are good"),
+        Field("amps_on", "(robots,)?", "", "every amplifier of the robot is on"),
+        Field("watchdog", "(robots,)?", "", "a board's watchdog has cut the amplifiers"),
+        Field("power_fault", "(robots,)?", "", "a board reports a motor supply fault"),
+        Field("relay", "(robots,)?", "", "safety relay closed, as read back"),
+        Field("biased", "(robots,)?", "", "encoders were set from the potentiometers, or found preset"),
+        Field("biasing", "(robots,)?", "", "potentiometer samples are being collected"),
+        Field("bias_generation", "(robots,)<u4", "", "counts biases over the life of the system; homing is valid for one"),
+        Field("pot_check", "(robots,)?", "", "potentiometers are compared with the encoders"),
+        Field("pid_enabled", "(robots,)?", "", "the joint controller drives the motors"),
+        Field("pid_generation", "(robots,)<u4", "", "counts enables of the joint controller"),
+        Field("limits_enforced", "(robots,)?", "", "set-points are clipped to the position limits"),
+        Field("tracking_check", "(robots,)?", "", "too large a tracking error trips the joint controller"),
+        Field("velocity_used", "(robots,)?", "", "velocity feed of set-points is used"),
+        Field("holding", "(robots,)?", "", "no fresh set-point from the arm: holding the last one"),
+        Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest set-point, -1: there was none"),
+        Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
+        Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
+        # inputs
+        Field("input", "(inputs,)?", "", "debounced digital inputs, true: pressed"),
+    ),
+    views=(
+        View("measured_js", "js", (("position", "position"), ("velocity", "velocity"), ("effort", "effort")), "robot"),
+        View("setpoint_js", "js", (("position", "setpoint_position"), ("velocity", "setpoint_velocity"),
+                                   ("effort", "setpoint_effort")), "robot"),
+        View("pot/measured_js", "js", (("position", "pot_position"),), "robot"),
+        View("measured_current", "js", (("effort", "current"),), "robot"),
+        View("servo_current", "js", (("effort", "current_request"),), "robot"),
+    ),
+)
+
+SETPOINT = Topic(
+    "setpoint",
+    writer="arm",
+    rate_hz=1500,
+    depth_s=1.0,
+    fields=(
+        Field("mode", "u1", "", "0: alive but asks for nothing, 1: follow positions, 2: apply efforts"),
+        Field("has_velocity", "?", "", "the velocities are meant to be used"),
+        Field("count", "u1", "", "actuators in use"),
+        Field("bias_generation", "<u4", "", "bias generation these positions belong to"),
+        Field("pid_generation", "<u4", "", "enable of the joint controller these positions are meant for"),
+        Field("position", "(8,)<f8", "rad|m", "actuator position to follow"),
+        Field("velocity", "(8,)<f8", "rad/s|m/s", "actuator velocity feed"),
+        Field("effort", "(8,)<f8", "N·m|N", "actuator effort in effort mode"),
+        Field("feed_forward", "(8,)<f8", "N·m|N", "actuator effort added in every mode"),
+    ),
+)
+
+ARM_STATE = Topic(
+    "state",
+    writer="arm",
+    rate_hz=1500,
+    depth_s=3.0,
+    fields=(
+        Field("valid", "?", "", "joint values are valid: powered, biased, fresh"),
+        Field("cartesian_valid", "?", "", "Cartesian values are valid: joints valid and the chain complete"),
+        Field("count", "u1", "", "kinematic joints in use"),
+        Field("names", "(8,)S16", "", "joint names"),
+        Field("position", "(8,)<f8", "rad|m", "measured joint position"),
+        Field("velocity", "(8,)<f8", "rad/s|m/s", "measured joint velocity"),
+        Field("effort", "(8,)<f8", "N·m|N", "measured joint effort"),
+        Field("setpoint_position", "(8,)<f8", "rad|m", "joint set-point as the joint controller accepted it"),
+        Field("setpoint_velocity", "(8,)<f8", "rad/s|m/s", "joint set-point velocity"),
+        Field("setpoint_effort", "(8,)<f8", "N·m|N", "joint set-point effort"),
+        Field("has_jaw", "?", "", "an instrument with a jaw is on"),
+        Field("jaw_position", "<f8", "rad", "measured jaw angle"),
+        Field("jaw_velocity", "<f8", "rad/s", "measured jaw velocity"),
+        Field("jaw_effort", "<f8", "N·m", "measured jaw effort"),
+        Field("jaw_setpoint_position", "<f8", "rad", "jaw set-point"),
+        Field("jaw_setpoint_effort", "<f8", "N·m", "jaw set-point effort"),
+        Field("measured_cp", "(7,)<f8", "m, -", "measured tip pose in the reference frame: x y z, quaternion x y z w"),
+        Field("setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the reference frame"),
+        Field("local_measured_cp", "(7,)<f8", "m, -", "measured tip pose in the arm's base"),
+        Field("local_setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the arm's base"),
+        Field("measured_cv", "(6,)<f8", "m/s, rad/s", "tip twist in the reference frame, linear then angular"),
+        Field("jacobian", "(6,8)<f8", "", "body Jacobian at the tip, rows linear then angular"),
+        Field("state", "S16", "", "operating state as published: DISABLED, ENABLED, PAUSED, FAULT"),
+        Field("sub_state", "S40", "", "internal state"),
+        Field("desired_state", "S16", "", "state asked for"),
+        Field("is_homed", "?", "", "homed, and powered"),
+        Field("is_busy", "?", "", "a move or a transition is under way"),
+        Field("control_mode", "u1", "", "0 none, 1 position, 2 trajectory, 3 effort"),
+        Field("bias_generation", "<u4", "", "bias generation the homing belongs to, 0: not homed"),
+        Field("tool", "S40", "", "instrument, empty: none"),
+        Field("reference_frame", "S24", "", "frame of measured_cp"),
+        Field("trajectory_ratio", "<f8", "", "speed ratio of moves, 0: velocity and acceleration differ"),
+    ),
+    views=(
+        View("measured_js", "js", (("name", "names"), ("position", "position"), ("velocity", "velocity"),
+                                   ("effort", "effort"))),
+        View("setpoint_js", "js", (("name", "names"), ("position", "setpoint_position"),
+                                   ("velocity", "setpoint_velocity"), ("effort", "setpoint_effort"))),
+        View("jaw/measured_js", "js", (("position", "jaw_position"), ("velocity", "jaw_velocity"),
+                                       ("effort", "jaw_effort")), where="has_jaw"),
+        View("jaw/setpoint_js", "js", (("position", "jaw_setpoint_position"), ("effort", "jaw_setpoint_effort")),
+             where="has_jaw"),
+        View("measured_cp", "cp", (("pose", "measured_cp"),), where="cartesian_valid"),
+        View("setpoint_cp", "cp", (("pose", "setpoint_cp"),), where="cartesian_valid"),
+        View("local/measured_cp", "cp", (("pose", "local_measured_cp"),), where="cartesian_valid"),
+        View("local/setpoint_cp", "cp", (("pose", "local_setpoint_cp"),), where="cartesian_valid"),
+        View("measured_cv", "cv", (("twist", "measured_cv"),), where="cartesian_valid"),
+        View("body/jacobian", "jacobian", (("data", "jacobian"),), where="cartesian_valid"),
+    ),
+)
+
+BOARDS_STATE = Topic(
+    "state",
+    writer="boards",
+    rate_hz=1000,
+    depth_s=3.0,
+    fields=(
+        Field("board_ns", "<i8", "ns", "board time: simulated time the physics has reached"),
+        Field("packets", "<u8", "", "datagrams answered or executed since start"),
+        Field("position", "(axes,)<f8", "rad|m", "true actuator position in the order of the document's robots"),
+        Field("velocity", "(axes,)<f8", "rad/s|m/s", "true actuator velocity"),
+        Field("current", "(axes,)<f8", "A", "motor current that flows"),
+        Field("amp_on", "(axes,)?", "", "amplifier output stage is on"),
+        Field("watchdog", "(boards,)?", "", "the board's watchdog has fired and was not cleared"),
+        Field("watchdog_ns", "(boards,)<i8", "ns", "board time at which the watchdog last fired, 0: never"),
+        Field("refresh_ns", "(boards,)<i8", "ns", "board time of the last register write, which the watchdog counts from"),
+        Field("amps_cut_ns", "(boards,)<i8", "ns", "board time at which the amplifiers last went off, 0: never"),
+    ),
+)
+
+EVENTS = Topic(
+    "events",
+    writer="*",
+    rate_hz=0,
+    depth_s=0,
+    depth=1024,
+    fields=(
+        Field("event", "S32", "", "what happened: operating_state, goal_reached, button, status, warning, error, …"),
+        Field("severity", "u1", "", "0 none, 1 status, 2 warning, 3 error"),
+        Field("code", "S32", "", "code of a warning or error, a name of the fault table"),
+        Field("component", "S24", "", "robot, board, axis group or input it is about"),
+        Field("axis", "<i2", "", "actuator or joint, -1: none"),
+        Field("value", "<f8", "", "measured value, NaN: none"),
+        Field("limit", "<f8", "", "what was allowed, NaN: none"),
+        Field("text", "S200", "", "one sentence for a person"),
+        Field("state", "S16", "", "operating state, in operating_state events"),
+        Field("sub_state", "S40", "", "internal state, in operating_state events"),
+        Field("is_homed", "?", "", "in operating_state events"),
+        Field("is_busy", "?", "", "in operating_state events"),
+    ),
+)
+
+COMMAND = Topic(
+    "command",
+    writer="*",
+    rate_hz=0,
+    depth_s=0,
+    depth=32,
+    fields=(
+        Field("id", "<u8", "", "number of the command, unique for its client"),
+        Field("code", "<u2", "", "place of the command in the owner kind's command table"),
+        Field("count", "<u2", "", "values in use"),
+        Field("values", "(64,)<f8", "", "numbers, in the order the command table gives"),
+        Field("text", "S64", "", "text argument"),
+    ),
+)
+
+REPLY = Topic(
+    "reply",
+    writer="*",
+    rate_hz=0,
+    depth_s=0,
+    depth=64,
+    fields=(
+        Field("id", "<u8", "", "number of the command answered"),
+        Field("outcome", "u1", "", "1 accepted, 2 refused, 3 done, 4 failed"),
+        Field("text", "S200", "", "reason"),
+    ),
+)
+
+TOPICS: tuple[Topic, ...] = (IO_STATE, SETPOINT, ARM_STATE, BOARDS_STATE, EVENTS, COMMAND, REPLY)
