@@ -1,0 +1,144 @@
+"""The one clock: wall (CLOCK_MONOTONIC) or lock-step (simulated, advanced by the supervisor).
+
+In lock-step a page holds the simulated time and a counter that is rung at each advance. A process that sleeps shows in
+its control page what it has finished (`done_ns`) and when it wants to go on (`next_ns`); the supervisor advances to the
+earliest of these once everybody has finished. Nothing else in the project reads a clock.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from shm.doorbell import Futex
+from shm.layout import schema_of
+from shm.pulse import Pulse
+from shm.segment import Segment, create, segment_name
+from shm.topics import Field, Topic
+
+PAGE = Topic(
+    "clock",
+    writer="supervisor",
+    rate_hz=0,
+    depth_s=0,
+    depth=1,
+    fields=(
+        Field("now_ns", "<i8", "ns", "simulated time"),
+        Field("tick", "<u4", "", "counts advances, a futex word"),
+    ),
+)
+SCHEMA = schema_of(PAGE)
+EPOCH_NS = 1_000_000_000_000  # simulated time begins here: differences stay positive, and it is easy to recognise
+POLL_NS = 100_000_000
+
+
+def monotonic_ns() -> int:
+    """Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools)."""
+    return time.monotonic_ns()
+
+
+def pause(seconds: float) -> None:
+    """Sleep in real time; for tools and the supervisor."""
+    time.sleep(seconds)
+
+
+class WallClock:
+    """CLOCK_MONOTONIC."""
+
+    simulated = False
+
+    def now_ns(self) -> int:
+        """Monotonic time."""
+        return time.monotonic_ns()
+
+    def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
+        """Sleep until the deadline; returns at once when it has passed."""
+        left = deadline_ns - time.monotonic_ns()
+        if left > 0:
+            time.sleep(left * 1e-9)  # CPython sleeps with clock_nanosleep on CLOCK_MONOTONIC
+
+
+class LockstepClock:
+    """Simulated time, as seen by one process."""
+
+    simulated = True
+
+    def __init__(self, system: str, pulse: Pulse) -> None:
+        """Attach the clock page of `system`; `pulse` is the process's own control page (attached with write)."""
+        self._segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
+        first = self._segment.header.first
+        fields = SCHEMA.dtype.fields or {}
+        at = (first + int(fields["now_ns"][1])) // 8
+        self._now = self._segment.view.cast("q")[at : at + 1]
+        self._tick = Futex(self._segment, first + int(fields["tick"][1]))
+        self._turn = pulse.turn()
+        self._done, self._next = pulse.field("done_ns"), pulse.field("next_ns")
+
+    def now_ns(self) -> int:
+        """Simulated time."""
+        return int(self._now[0])
+
+    def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
+        """Say that everything due now is done, and wait until simulated time reaches the deadline (or `stopped()`)."""
+        self._next[...] = deadline_ns
+        self._done[...] = self._now[0]
+        self._turn.wake()
+        while True:
+            tick = self._tick.value
+            if self._now[0] >= deadline_ns or stopped():
+                return
+            self._tick.wait(tick, POLL_NS)
+
+
+class Conductor:
+    """The supervisor's end of lock-step: owns the clock page."""
+
+    def __init__(self, system: str, *, mode: int = 0o600, group: int = -1) -> None:
+        """Make the page and set simulated time to EPOCH_NS."""
+        name = segment_name(system, "supervisor", "clock")
+        self.size = create(name, "clock", SCHEMA, 1, mode=mode, group=group)
+        self._segment = Segment(name, write=True)
+        first = self._segment.header.first
+        fields = SCHEMA.dtype.fields or {}
+        at = (first + int(fields["now_ns"][1])) // 8
+        self._now = self._segment.view.cast("q")[at : at + 1]
+        self._tick = Futex(self._segment, first + int(fields["tick"][1]))
+        self._now[0] = EPOCH_NS
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time."""
+        return int(self._now[0])
+
+    def advance(self, players: list[Pulse], give_up_ns: int) -> bool:
+        """One step: wait until every player has finished what was due, then go to the earliest wish.
+
+        Returns False when somebody has not finished within `give_up_ns` real time; nothing was advanced then.
+        """
+        now = self.now_ns
+        wishes = []
+        for player in players:
+            if not _finished(player, now, give_up_ns):
+                return False
+            wishes.append(int(player.get("next_ns")))
+        wish = min((w for w in wishes if w > now), default=now + 1_000_000)
+        self._now[0] = wish
+        self._tick.wake()
+        return True
+
+    def close(self) -> None:
+        """Unmap; the supervisor unlinks."""
+        self._segment.close()
+
+
+def _finished(player: Pulse, now_ns: int, give_up_ns: int) -> bool:
+    turn = player.turn()
+    end = time.monotonic_ns() + give_up_ns
+    while True:
+        value = turn.value
+        if player.get("done_ns") >= now_ns and player.get("next_ns") > now_ns:
+            return True
+        left = end - time.monotonic_ns()
+        if left <= 0:
+            return False
+        turn.wait(value, left)

@@ -1,0 +1,104 @@
+"""Layouts derived from the topic table: numpy dtypes, schemas as JSON, and their fingerprints.
+
+A slot is the aligned record `sequence, stamp_ns, fields…`, its stride a multiple of a cache line (64 bytes). The schema
+travels in the segment's header, so that a tool can read a ring without this table; the fingerprint of the schema is
+compared at attach, so that two programs with different tables never misread each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from shm.topics import Topic
+
+LINE = 64
+PAGE = 4096
+SHAPED = re.compile(r"^\((?P<shape>[^)]*)\)(?P<scalar>.+)$")
+MAX_STRIDE = 1 << 20
+MAX_DEPTH = 1 << 20
+
+
+class LayoutError(Exception):
+    """A schema that cannot be used: says what is wrong with which field."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """One ring's layout: `text` is the JSON that lies in the header, `fingerprint` its first 8 hash bytes."""
+
+    topic: str
+    dtype: np.dtype[np.void]
+    stride: int
+    text: bytes
+    fingerprint: int
+
+
+def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
+    """The schema of a topic with its named sizes filled in from `dims` (`axes=7`, …)."""
+    sizes = dict(dims or {})
+    fields = [
+        {"name": f.name, "dtype": _filled(f.dtype, sizes, topic.name, f.name), "unit": f.unit, "text": f.text}
+        for f in topic.fields
+    ]
+    document = {"topic": topic.name, "writer": topic.writer, "fields": fields}
+    return schema_from_json(json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode())
+
+
+def schema_from_json(text: bytes) -> Schema:
+    """The schema a header carries; LayoutError when the text is not one (the text may come from anywhere)."""
+    try:
+        document = json.loads(text)
+        topic = str(document["topic"])
+        rows = [(str(f["name"]), str(f["dtype"])) for f in document["fields"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise LayoutError(f"the schema is not readable: {error}") from None
+    names, formats = ["sequence", "stamp_ns"], ["<u8", "<i8"]
+    for name, dtype in rows:
+        names.append(name)
+        formats.append(dtype)
+    if len(set(names)) != len(names):
+        raise LayoutError(f"topic {topic}: a field name occurs twice")
+    try:
+        dtype = np.dtype({"names": names, "formats": [_parse(f) for f in formats]}, align=True)
+    except (TypeError, ValueError) as error:
+        raise LayoutError(f"topic {topic}: {error}") from None
+    stride = -(-dtype.itemsize // LINE) * LINE
+    if stride > MAX_STRIDE:
+        raise LayoutError(f"topic {topic}: a record of {dtype.itemsize} bytes; allowed are {MAX_STRIDE}")
+    digest = hashlib.blake2b(text, digest_size=8).digest()
+    return Schema(topic, dtype, stride, text, int.from_bytes(digest, "little"))
+
+
+def _filled(dtype: str, sizes: Mapping[str, int], topic: str, field: str) -> str:
+    match = SHAPED.match(dtype)
+    if not match:
+        return dtype
+    shape = []
+    for word in (w.strip() for w in match["shape"].split(",") if w.strip()):
+        if not word.isdigit() and word not in sizes:
+            raise LayoutError(f"topic {topic}, field {field}: size {word} was not given")
+        shape.append(int(word) if word.isdigit() else int(sizes[word]))
+    return f"({','.join(str(n) for n in shape)},){match['scalar']}"
+
+
+def _parse(dtype: str) -> tuple[str, tuple[int, ...]] | str:
+    match = SHAPED.match(dtype)
+    if not match:
+        _check_scalar(dtype)
+        return dtype
+    shape = tuple(int(w) for w in match["shape"].split(",") if w.strip())
+    if any(n < 0 or n > MAX_STRIDE for n in shape):
+        raise LayoutError(f"shape {shape} is out of range")
+    _check_scalar(match["scalar"])
+    return match["scalar"], shape
+
+
+def _check_scalar(dtype: str) -> None:
+    if not re.fullmatch(r"\?|u1|i1|<[iuf](2|4|8)|S[1-9][0-9]{0,3}", dtype):
+        raise LayoutError(f"dtype {dtype!r} is not allowed in shared memory")

@@ -1,0 +1,118 @@
+"""The control page: one per instance, where it shows that it lives, how it keeps time, and who waits for it.
+
+One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
+except the bell's flags, each of which belongs to one waiter. Statistics are of the last full second.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm.doorbell import PLACES, Bell, Futex, Waiter
+from shm.layout import schema_of
+from shm.segment import Segment, create, segment_name
+from shm.topics import Field, Topic
+
+STATES = ("CREATED", "STARTING", "RUNNING", "STOPPING", "STOPPED", "FAILED")
+
+CONTROL = Topic(
+    "control",
+    writer="*",
+    rate_hz=0,
+    depth_s=0,
+    depth=1,
+    fields=(
+        Field("flags", "(16,)u1", "", "bell: place k is waiting (W: its waiter)"),
+        Field("counters", "(16,)<u4", "", "bell: place k was rung (W: the instance)"),
+        Field("turn", "<u4", "", "lock-step: counts finished cycles, a futex word"),
+        Field("state", "u1", "", "place in STATES"),
+        Field("pid", "<u4", "", "process"),
+        Field("period_ns", "<i8", "ns", "nominal period, 0: event driven"),
+        Field("heartbeat_ns", "<i8", "ns", "monotonic time of the last cycle"),
+        Field("done_ns", "<i8", "ns", "lock-step: simulated time up to which all is done"),
+        Field("next_ns", "<i8", "ns", "lock-step: simulated time it wants to be woken at"),
+        Field("cycles", "<u8", "", "cycles since start"),
+        Field("missed", "<u8", "", "deadlines missed since start"),
+        Field("overruns", "<u8", "", "cycles whose work took longer than the period, since start"),
+        Field("interval_cycles", "<u8", "", "cycles in the last full second"),
+        Field("period_avg", "<f8", "s", "mean period"),
+        Field("period_std", "<f8", "s", "standard deviation"),
+        Field("period_min", "<f8", "s", "shortest"),
+        Field("period_max", "<f8", "s", "longest"),
+        Field("period_p99", "<f8", "s", "99 % are shorter"),
+        Field("work_avg", "<f8", "s", "mean time of a cycle's work"),
+        Field("work_std", "<f8", "s", "standard deviation"),
+        Field("work_min", "<f8", "s", "shortest"),
+        Field("work_max", "<f8", "s", "longest"),
+        Field("work_p99", "<f8", "s", "99 % are shorter"),
+        Field("policy", "S32", "", "scheduling obtained, e.g. FIFO 80, other"),
+        Field("error", "S400", "", "why set-up failed"),
+    ),
+)
+SCHEMA = schema_of(CONTROL)
+assert SCHEMA.dtype.fields is not None
+
+
+def create_control(system: str, instance: str, *, mode: int = 0o600, group: int = -1) -> int:
+    """Make the control page of an instance; returns its size."""
+    return create(segment_name(system, instance, "control"), "control", SCHEMA, 1, mode=mode, group=group)
+
+
+def _offset(segment: Segment, name: str) -> int:
+    fields = SCHEMA.dtype.fields or {}
+    return segment.header.first + int(fields[name][1])
+
+
+class Pulse:
+    """A control page, attached read-only (tools) or read-write (the instance, and whoever waits for it)."""
+
+    def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
+        """Attach; SegmentError when there is no such instance."""
+        from shm.ring import attach
+
+        self.instance = instance
+        self.segment = Segment(segment_name(system, instance, "control"), write=write)
+        attach(self.segment, "control", SCHEMA)
+        self._record = np.frombuffer(self.segment.view, dtype=SCHEMA.dtype, count=1, offset=self.segment.header.first)
+
+    def field(self, name: str) -> NDArray[Any]:
+        """A live view on one cell."""
+        view = self._record[name]
+        return view.reshape(view.shape[1:])
+
+    def get(self, name: str) -> Any:
+        """One value, as a Python object."""
+        return self._record[name][0].item()
+
+    @property
+    def state(self) -> str:
+        """The lifecycle state the instance shows."""
+        code = int(self._record["state"][0])
+        return STATES[code] if code < len(STATES) else f"unknown ({code})"
+
+    def show(self, state: str, error: str = "") -> None:
+        """Set the lifecycle state (the instance only)."""
+        self._record["error"][0] = error.encode()[:399]
+        self._record["state"][0] = STATES.index(state)
+
+    def bell(self) -> Bell:
+        """The ringing end, for the instance."""
+        return Bell(self.segment, _offset(self.segment, "flags"), _offset(self.segment, "counters"))
+
+    def waiter(self) -> Waiter:
+        """A waiting place, for others; needs write access."""
+        return Waiter(self.segment, _offset(self.segment, "flags"), _offset(self.segment, "counters"))
+
+    def turn(self) -> Futex:
+        """The lock-step word."""
+        return Futex(self.segment, _offset(self.segment, "turn"))
+
+    def close(self) -> None:
+        """Unmap."""
+        self.segment.close()
+
+
+__all__ = ["CONTROL", "PLACES", "STATES", "Pulse", "create_control"]
