@@ -67,10 +67,9 @@ class LockstepClock:
         """Attach the clock page of `system`; `pulse` is the process's own control page (attached with write)."""
         self._segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
         first = self._segment.header.first
-        fields = SCHEMA.dtype.fields or {}
-        at = (first + int(fields["now_ns"][1])) // 8
+        at = (first + SCHEMA.offset("now_ns")) // 8
         self._now = self._segment.view.cast("q")[at : at + 1]
-        self._tick = Futex(self._segment, first + int(fields["tick"][1]))
+        self._tick = Futex(self._segment, first + SCHEMA.offset("tick"))
         self._turn = pulse.turn()
         self._done, self._next = pulse.field("done_ns"), pulse.field("next_ns")
 
@@ -80,14 +79,18 @@ class LockstepClock:
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
         """Say that everything due now is done, and wait until simulated time reaches the deadline (or `stopped()`)."""
-        self._next[...] = deadline_ns
-        self._done[...] = self._now[0]
-        self._turn.wake()
+        self.announce(deadline_ns)
         while True:
             tick = self._tick.value
             if self._now[0] >= deadline_ns or stopped():
                 return
             self._tick.wait(tick, POLL_NS)
+
+    def announce(self, deadline_ns: int) -> None:
+        """Say that everything due now is done and when we want to go on, without waiting."""
+        self._next[...] = deadline_ns
+        self._done[...] = self._now[0]
+        self._turn.wake()
 
 
 class Conductor:
@@ -99,10 +102,9 @@ class Conductor:
         self.size = create(name, "clock", SCHEMA, 1, mode=mode, group=group)
         self._segment = Segment(name, write=True)
         first = self._segment.header.first
-        fields = SCHEMA.dtype.fields or {}
-        at = (first + int(fields["now_ns"][1])) // 8
+        at = (first + SCHEMA.offset("now_ns")) // 8
         self._now = self._segment.view.cast("q")[at : at + 1]
-        self._tick = Futex(self._segment, first + int(fields["tick"][1]))
+        self._tick = Futex(self._segment, first + SCHEMA.offset("tick"))
         self._now[0] = EPOCH_NS
 
     @property

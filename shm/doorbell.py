@@ -36,7 +36,7 @@ QUIET = bytes(PLACES)
 
 
 class _Timespec(ctypes.Structure):
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]  # noqa: RUF012  # ctypes asks for a list
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]  # ctypes asks for a list
 
 
 class Fence:

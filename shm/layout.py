@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,11 @@ class Schema:
     text: bytes
     fingerprint: int
 
+    def offset(self, field: str) -> int:
+        """Byte offset of a field in the slot."""
+        fields: Mapping[str, Any] = self.dtype.fields or {}
+        return int(fields[field][1])
+
 
 def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
     """The schema of a topic with its named sizes filled in from `dims` (`axes=7`, …)."""
@@ -59,13 +65,13 @@ def schema_from_json(text: bytes) -> Schema:
     except (ValueError, KeyError, TypeError) as error:
         raise LayoutError(f"the schema is not readable: {error}") from None
     names, formats = ["sequence", "stamp_ns"], ["<u8", "<i8"]
-    for name, dtype in rows:
+    for name, scalar in rows:
         names.append(name)
-        formats.append(dtype)
+        formats.append(scalar)
     if len(set(names)) != len(names):
         raise LayoutError(f"topic {topic}: a field name occurs twice")
     try:
-        dtype = np.dtype({"names": names, "formats": [_parse(f) for f in formats]}, align=True)
+        dtype: np.dtype[np.void] = np.dtype({"names": names, "formats": [_parse(f) for f in formats]}, align=True)
     except (TypeError, ValueError) as error:
         raise LayoutError(f"topic {topic}: {error}") from None
     stride = -(-dtype.itemsize // LINE) * LINE

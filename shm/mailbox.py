@@ -210,7 +210,7 @@ class Client:
         return list(self._places.segment.header.info.get("commands", []))
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError for no such command."""
+        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command."""
         code = code_of(self.kind, name)
         numbers = np.asarray(values, dtype=np.float64).reshape(-1)
         if len(numbers) > 64:

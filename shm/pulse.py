@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from shm.doorbell import PLACES, Bell, Futex, Waiter
 from shm.layout import schema_of
+from shm.ring import attach
 from shm.segment import Segment, create, segment_name
 from shm.topics import Field, Topic
 
@@ -53,7 +54,6 @@ CONTROL = Topic(
     ),
 )
 SCHEMA = schema_of(CONTROL)
-assert SCHEMA.dtype.fields is not None
 
 
 def create_control(system: str, instance: str, *, mode: int = 0o600, group: int = -1) -> int:
@@ -62,8 +62,7 @@ def create_control(system: str, instance: str, *, mode: int = 0o600, group: int 
 
 
 def _offset(segment: Segment, name: str) -> int:
-    fields = SCHEMA.dtype.fields or {}
-    return segment.header.first + int(fields[name][1])
+    return segment.header.first + SCHEMA.offset(name)
 
 
 class Pulse:
@@ -71,8 +70,6 @@ class Pulse:
 
     def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
         """Attach; SegmentError when there is no such instance."""
-        from shm.ring import attach
-
         self.instance = instance
         self.segment = Segment(segment_name(system, instance, "control"), write=write)
         attach(self.segment, "control", SCHEMA)

@@ -233,15 +233,16 @@ class RingReader:
 
     def _collect(self, begin: int, end: int) -> NDArray[Any]:
         numbers = range(begin, end + 1)
-        rows = np.zeros(len(numbers), dtype=self._dtype)
+        rows: NDArray[Any] = np.zeros(len(numbers), dtype=self._dtype)
         keep = np.zeros(len(numbers), dtype=bool)
         size = self._dtype.itemsize
-        target = memoryview(rows.view(np.uint8).reshape(-1)) if len(numbers) else memoryview(b"")
+        target = rows.view(np.uint8).reshape(-1).data
         for i, n in enumerate(numbers):
             slot = n % self._depth
             target[i * size : (i + 1) * size] = self._view[self._slices[slot]]
             keep[i] = self._words[self._at[slot]] == n
-        return rows[keep & (rows["sequence"] == np.arange(begin, end + 1, dtype=np.uint64))]
+        whole: NDArray[Any] = rows[keep & (rows["sequence"] == np.arange(begin, end + 1, dtype=np.uint64))]
+        return whole
 
     def close(self) -> None:
         """Unmap."""

@@ -1,8 +1,8 @@
 """One shared-memory segment: its name, its header, who may create, claim and read it.
 
 The supervisor creates a segment, sizes it with posix_fallocate (a full /dev/shm is an error now, not a SIGBUS in a
-loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies. A
-reader maps it read-only. Everything in the header is checked against the file before anything is mapped.
+loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies.
+A reader maps it read-only. Everything in the header is checked against the file before anything is mapped.
 
 Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by the writer in its loop):
 
@@ -139,7 +139,7 @@ def _fill(fd: int, name: str, size: int) -> None:
         os.posix_fallocate(fd, 0, size)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise SegmentError(f"{name}: shared memory is full, {size} bytes do not fit; free some of {FOLDER}") from None
+            raise SegmentError(f"{name}: shared memory is full, {size} bytes do not fit in {FOLDER}") from None
         raise
 
 
@@ -227,7 +227,7 @@ class Segment:
 
 
 def start_time(pid: int) -> int:
-    """Start time of a process in clock ticks since boot, 0 when it is gone; with the pid it names a process for good."""
+    """Start time of a process in clock ticks since boot, 0 when gone; with the pid it names a process for good."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
     except OSError:
@@ -238,7 +238,7 @@ def start_time(pid: int) -> int:
 def _checked(fd: int, name: str, owners: frozenset[int]) -> Header:
     status = os.fstat(fd)
     if status.st_uid not in {os.getuid(), 0} | owners:
-        raise SegmentError(f"{name}: belongs to user {status.st_uid}; accepted are root, {os.getuid()} and those configured")
+        raise SegmentError(f"{name}: belongs to user {status.st_uid}; accepted are root, {os.getuid()} and the configured")
     raw = os.pread(fd, FIXED.size, 0)
     if len(raw) < FIXED.size:
         raise SegmentError(f"{name}: {status.st_size} bytes are too short for a header")

@@ -77,7 +77,7 @@ IO_STATE = Topic(
         Field("encoder_bits", "(axes,)<i4", "counts", "encoder counter, 0 at mid-range"),
         Field("amp_enabled", "(axes,)?", "", "amplifier enable requested"),
         Field("amp_on", "(axes,)?", "", "amplifier reports that it is on"),
-        Field("effort_mode", "(axes,)?", "", "the joint controller passes efforts through instead of following positions"),
+        Field("effort_mode", "(axes,)?", "", "efforts are passed through, positions not followed"),
         Field("at_limit", "(axes,)?", "", "the set-point was clipped to a position limit"),
         # robots
         Field("power_wanted", "(robots,)?", "", "power was asked for and not taken back"),
@@ -88,7 +88,7 @@ IO_STATE = Topic(
         Field("relay", "(robots,)?", "", "safety relay closed, as read back"),
         Field("biased", "(robots,)?", "", "encoders were set from the potentiometers, or found preset"),
         Field("biasing", "(robots,)?", "", "potentiometer samples are being collected"),
-        Field("bias_generation", "(robots,)<u4", "", "counts biases over the life of the system; homing is valid for one"),
+        Field("bias_generation", "(robots,)<u4", "", "counts biases over the system's life; homing is valid for one"),
         Field("pot_check", "(robots,)?", "", "potentiometers are compared with the encoders"),
         Field("pid_enabled", "(robots,)?", "", "the joint controller drives the motors"),
         Field("pid_generation", "(robots,)<u4", "", "counts enables of the joint controller"),
@@ -201,8 +201,24 @@ BOARDS_STATE = Topic(
         Field("amp_on", "(axes,)?", "", "amplifier output stage is on"),
         Field("watchdog", "(boards,)?", "", "the board's watchdog has fired and was not cleared"),
         Field("watchdog_ns", "(boards,)<i8", "ns", "board time at which the watchdog last fired, 0: never"),
-        Field("refresh_ns", "(boards,)<i8", "ns", "board time of the last register write, which the watchdog counts from"),
+        Field("refresh_ns", "(boards,)<i8", "ns", "board time of the last register write; the watchdog counts from it"),
         Field("amps_cut_ns", "(boards,)<i8", "ns", "board time at which the amplifiers last went off, 0: never"),
+    ),
+)
+
+SUPERVISOR_STATE = Topic(
+    "state",
+    writer="supervisor",
+    rate_hz=0,
+    depth_s=0,
+    depth=256,
+    fields=(
+        Field("instance", "(instances,)S64", "", "instance names"),
+        Field("kind", "(instances,)S16", "", "kinds of process"),
+        Field("lifecycle", "(instances,)S12", "", "STOPPED, RUNNING, STOPPING or RESTARTING"),
+        Field("pid", "(instances,)<u4", "", "process, 0: none"),
+        Field("restarts", "(instances,)<u4", "", "times it was started again"),
+        Field("exit_reason", "(instances,)S120", "", "how it last ended, empty: it never did"),
     ),
 )
 
@@ -256,4 +272,4 @@ REPLY = Topic(
     ),
 )
 
-TOPICS: tuple[Topic, ...] = (IO_STATE, SETPOINT, ARM_STATE, BOARDS_STATE, EVENTS, COMMAND, REPLY)
+TOPICS: tuple[Topic, ...] = (IO_STATE, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY)

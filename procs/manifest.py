@@ -1,0 +1,47 @@
+"""THE TABLE of who runs: one row per kind of process, as data. The supervisor starts nothing that is not here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Proc:
+    """One kind: its module, default period, when silence counts as trouble, and what happens after it died.
+
+    `topics` are the rings its instances write besides `events`; `phase` is where in the period its cycle lies in
+    lock-step; `stop_s` is how long it may take to end when asked; `on_exit` is said in words for `trocar status`.
+    `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
+    """
+
+    kind: str
+    module: str
+    period_s: float
+    late_s: float
+    stop_s: float
+    on_exit: str
+    topics: tuple[str, ...]
+    phase: float = 0.0
+    realtime: bool = True
+    restart: bool = True
+    budget_us: float = 0.0
+
+
+PROCS: tuple[Proc, ...] = (
+    Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends", (),
+         realtime=False, restart=False, budget_us=2000),
+    Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
+         ("state",), budget_us=500),
+    Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power", ("state",),
+         budget_us=300),
+    Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
+         ("state", "setpoint"), phase=0.5, budget_us=150),
+)
+
+
+def proc(kind: str) -> Proc:
+    """The row of a kind; KeyError names what there is."""
+    for row in PROCS:
+        if row.kind == kind:
+            return row
+    raise KeyError(f"no process of kind {kind}; there are {', '.join(r.kind for r in PROCS)}")

@@ -1,0 +1,92 @@
+"""Pacing on absolute deadlines, and the statistics of a loop's periods and work.
+
+Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
+altogether are skipped and counted as missed. Pure but for the control page it writes its numbers to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shm.pulse import Pulse
+
+INTERVAL_NS = 1_000_000_000
+ROOM = 20_000
+GAIN = 0.05
+FIGURES = ("avg", "std", "min", "max", "p99")
+
+
+class Pacing:
+    """One loop's deadlines and figures; all times in ns of the process's clock."""
+
+    def __init__(self, pulse: Pulse, period_ns: int, phase_ns: int) -> None:
+        """`phase_ns` is where on the grid of periods cycles lie in lock-step."""
+        self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
+        pulse.field("period_ns")[...] = period_ns
+        names = ("heartbeat_ns", "cycles", "missed", "overruns", "interval_cycles")
+        self._beat, self._cycles, self._missed, self._overruns, self._interval = (pulse.field(n) for n in names)
+        self._figures = {
+            which: [pulse.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work")
+        }
+        self._periods, self._work = np.zeros(ROOM), np.zeros(ROOM)
+        self._count = 0
+        self._start = self._deadline = self._interval_end = 0
+        self._missed_count = self._overrun_count = self._cycle_count = 0
+
+    def begin(self, now_ns: int, simulated: bool) -> None:
+        """Start the grid: at the next phase point in lock-step, now on the wall clock."""
+        self._start = now_ns
+        self._deadline = now_ns
+        if simulated:
+            self._deadline = now_ns - now_ns % self.period_ns + self._phase_ns
+            if self._deadline <= now_ns:
+                self._deadline += self.period_ns
+            self._deadline -= self.period_ns  # end_of_work adds one
+        self._interval_end = now_ns + INTERVAL_NS
+        self._beat[...] = now_ns
+
+    def follow(self, wanted_ns: int) -> None:
+        """Pull the grid gently so that deadlines fall on `wanted_ns` plus whole periods."""
+        error = (wanted_ns - self._deadline) % self.period_ns
+        if error > self.period_ns // 2:
+            error -= self.period_ns
+        self._deadline += int(error * GAIN)
+
+    def end_of_work(self, now_ns: int) -> int:
+        """The cycle's work is done; returns the next deadline."""
+        work = now_ns - self._start
+        if self._count < ROOM:
+            self._work[self._count] = work
+        if work > self.period_ns:
+            self._overrun_count += 1
+            self._overruns[...] = self._overrun_count
+        self._deadline += self.period_ns
+        if now_ns > self._deadline:
+            skipped = (now_ns - self._deadline) // self.period_ns + 1
+            self._missed_count += skipped
+            self._missed[...] = self._missed_count
+            self._deadline += (skipped - 1) * self.period_ns
+        return self._deadline
+
+    def begin_work(self, now_ns: int) -> None:
+        """A cycle begins."""
+        if self._count < ROOM:
+            self._periods[self._count] = now_ns - self._start
+            self._count += 1
+        self._start = now_ns
+        self._cycle_count += 1
+        self._cycles[...] = self._cycle_count
+        self._beat[...] = now_ns
+        if now_ns >= self._interval_end:
+            self._publish(now_ns)
+
+    def _publish(self, now_ns: int) -> None:
+        for which, samples in (("period", self._periods), ("work", self._work)):
+            seconds = samples[: self._count] * 1e-9
+            place = min(len(seconds) - 1, int(0.99 * len(seconds)))
+            figures = (seconds.mean(), seconds.std(), seconds.min(), seconds.max(), np.partition(seconds, place)[place])
+            for cell, figure in zip(self._figures[which], figures, strict=True):
+                cell[...] = figure
+        self._interval[...] = self._count
+        self._count = 0
+        self._interval_end = now_ns + INTERVAL_NS

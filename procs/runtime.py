@@ -1,0 +1,199 @@
+"""Birth, pacing, heartbeat and death of every process, so that a loop file holds none of these words.
+
+    with runtime.process("arm") as me:
+        state, out = me.reads("IO1", "state"), me.writes("state")
+        me.ready()
+        while me.tick():
+            ...
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import gc
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+from procs.lib.document import Process, System, from_json
+from procs.manifest import proc
+from procs.pacing import Pacing
+from shm import directory
+from shm.clock import LockstepClock, WallClock, monotonic_ns
+from shm.events import Events
+from shm.mailbox import Client, Mailbox
+from shm.pulse import Pulse
+from shm.ring import RingReader, RingWriter
+from shm.segment import SegmentError
+
+PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
+MCL_CURRENT, MCL_FUTURE = 1, 2
+SUPERVISOR_CHECK_NS = 100_000_000
+LOCKSTEP_SERVE_NS = 200_000
+SETUP_FAILED, LOOP_FAILED = 3, 4
+
+
+class Me:
+    """What a process knows of itself; made by `process`."""
+
+    def __init__(self, kind: str, system: str, name: str) -> None:
+        """Attach to the running system; SegmentError when there is none."""
+        self.kind, self.system, self.name = kind, system, name
+        self.document: System = from_json(directory.document(system))
+        self.row: Process = self.document.process(name)
+        self.pulse = Pulse(system, name, write=True)
+        self.pulse.segment.claim(name)
+        self.pulse.field("pid")[...] = os.getpid()
+        self.pulse.show("STARTING")
+        self.clock: WallClock | LockstepClock
+        self.clock = LockstepClock(system, self.pulse) if self.document.clock == "lockstep" else WallClock()
+        self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
+        self.log = logging.getLogger(name)
+        period_ns = round(self.row.period_s * 1e9)
+        self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
+        self._supervisor = Pulse(system, "supervisor")
+        self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
+        self._check_at = 0
+        self._stop = ""
+        self.now_ns = self.clock.now_ns()
+
+    def reads(self, instance: str, topic: str) -> RingReader:
+        """Attach to a ring of another instance."""
+        return directory.reader(self.system, instance, topic, self.document.process(instance).kind)
+
+    def writes(self, topic: str) -> RingWriter:
+        """Claim one of our own rings."""
+        return directory.writer(self.system, self.name, topic, self.kind)
+
+    def mailbox(self) -> Mailbox:
+        """Our own mailbox."""
+        return Mailbox(self.system, self.name, self.kind)
+
+    def commands(self, instance: str) -> Client:
+        """A place in the mailbox of another instance."""
+        return Client(self.system, instance)
+
+    @property
+    def stop_reason(self) -> str:
+        """Why the loop ended; empty while it runs."""
+        return self._stop
+
+    @property
+    def realtime_notes(self) -> str:
+        """What scheduling was obtained."""
+        return str(self.pulse.get("policy").decode())
+
+    def stop(self, reason: str) -> None:
+        """End the loop at the next tick."""
+        self._stop = self._stop or reason
+
+    def ready(self) -> None:
+        """Set-up has succeeded; whoever waits at the barrier goes on."""
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        self.now_ns = self.clock.now_ns()
+        self._pacing.begin(self.now_ns, self.clock.simulated)
+        self.pulse.show("RUNNING")
+
+    def follow(self, stamp_ns: int, lead_ns: int) -> None:
+        """Keep our cycle `lead_ns` behind the stamps of the process whose data we use."""
+        if not self.clock.simulated:
+            self._pacing.follow(stamp_ns + lead_ns)
+
+    def tick(self, serve: Callable[[int], None] | None = None) -> bool:
+        """End this cycle, wait for the next one; False when the process must end.
+
+        `serve(timeout_ns)` is called while waiting, for processes that also answer sockets.
+        """
+        deadline = self._pacing.end_of_work(self.clock.now_ns())
+        if serve is None:
+            self.clock.sleep_until(deadline, self._stopped)
+        elif isinstance(self.clock, LockstepClock):
+            self._serve_lockstep(self.clock, deadline, serve)
+        else:
+            while (left := deadline - self.clock.now_ns()) > 0 and not self._stop:
+                serve(left)
+        self.now_ns = self.clock.now_ns()
+        self._pacing.begin_work(self.now_ns)
+        return not self._stopped()
+
+    def _serve_lockstep(self, clock: LockstepClock, deadline: int, serve: Callable[[int], None]) -> None:
+        clock.announce(deadline)
+        while clock.now_ns() < deadline and not self._stopped():
+            serve(LOCKSTEP_SERVE_NS)
+
+    def _stopped(self) -> bool:
+        now = monotonic_ns()
+        if now >= self._check_at:
+            self._check_at = now + SUPERVISOR_CHECK_NS
+            if now - self._supervisor.get("heartbeat_ns") > self._lost_ns:
+                self.stop(f"the supervisor has not beaten for {self.document.supervisor_lost_s} s")
+        return bool(self._stop)
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.pulse.close()
+
+
+@contextlib.contextmanager
+def process(kind: str) -> Iterator[Me]:
+    """The life of one process: arguments, attach, logging, signals, priority; an exit code on every path."""
+    arguments = argparse.ArgumentParser(prog=f"procs.{kind}.loop", description=f"One {kind}, started by trocar up.")
+    arguments.add_argument("--system", required=True)
+    arguments.add_argument("--name", required=True)
+    chosen = arguments.parse_args()
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format=f"%(levelname)s {chosen.name}: %(message)s")
+    try:
+        me = Me(kind, chosen.system, chosen.name)
+    except (SegmentError, KeyError, ValueError) as error:
+        logging.getLogger(chosen.name).error("%s", error)
+        sys.exit(SETUP_FAILED)
+    _signals(me)
+    me.pulse.field("policy")[...] = _realtime(kind, me.row).encode()
+    try:
+        yield me
+    except Exception as error:
+        running = me.pulse.state == "RUNNING"
+        me.log.exception("ended by an error")
+        me.pulse.show("FAILED", f"{type(error).__name__}: {error}")
+        sys.exit(LOOP_FAILED if running else SETUP_FAILED)
+    me.pulse.show("STOPPED", me.stop_reason)
+    me.log.info("ended: %s", me.stop_reason or "done")
+    me.close()
+
+
+def _signals(me: Me) -> None:
+    def asked(number: int, frame: FrameType | None) -> None:
+        me.stop("asked to stop")
+
+    signal.signal(signal.SIGTERM, asked)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _realtime(kind: str, row: Process) -> str:
+    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
+    libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    notes = []
+    if row.priority > 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(row.priority))
+            notes.append(f"FIFO {row.priority}")
+        except PermissionError:
+            notes.append("no FIFO (not permitted)")
+    if proc(kind).realtime:
+        notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else "not locked")
+    if row.cpu is not None:
+        try:
+            os.sched_setaffinity(0, {row.cpu})
+            notes.append(f"cpu {row.cpu}")
+        except OSError:
+            notes.append(f"no cpu {row.cpu}")
+    return ", ".join(notes)[:31] or "other"

@@ -1,0 +1,306 @@
+"""The supervisor: checks the configuration, makes shared memory, starts, watches, restarts and stops every process."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import grp
+import logging
+import os
+import signal
+import socket
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+from procs.lib.config import load_system
+from procs.lib.document import Process, System
+from procs.lib.paths import log_folder
+from procs.manifest import proc
+from procs.supervisor import memory
+from procs.supervisor.children import Child
+from shm import directory
+from shm.clock import Conductor, monotonic_ns, pause
+from shm.events import Events
+from shm.mailbox import Mailbox
+from shm.pulse import Pulse
+from shm.ring import RingWriter
+from shm.segment import SegmentError
+
+BEAT_S = 0.02
+BARRIER_S = 60.0
+LOCKSTEP_BUDGET_NS = 10_000_000
+LOCKSTEP_GIVE_UP_NS = 20_000_000
+BUS_PORT = 1394
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+log = logging.getLogger("supervisor")
+
+
+class SetupFailed(Exception):
+    """A process did not come up; the message says which and why."""
+
+
+class Supervisor:
+    """One running system."""
+
+    def __init__(self, system: System) -> None:
+        """Make all shared memory; SegmentError when the name is taken or memory is full."""
+        self.system = system
+        group = grp.getgrnam(system.group).gr_gid if system.group else -1
+        left = memory.clear_left_over(system.name)
+        if left:
+            log.warning("cleared %d segments that a dead system left", left)
+        self.size = memory.create_all(system, group)
+        self.pulse = Pulse(system.name, "supervisor", write=True)
+        self.pulse.segment.claim("supervisor")
+        self.pulse.field("pid")[...] = os.getpid()
+        self.conductor = Conductor(system.name) if system.clock == "lockstep" else None
+        self.beat()
+        self.events = Events(self._writes("events"), self.now_ns)
+        self.mailbox = Mailbox(system.name, "supervisor", "supervisor")
+        self._state = self._writes("state")
+        folder = log_folder(os.environ, system.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.children = [self._child(row, folder) for row in system.processes]
+        self.stopping = ""
+
+    def _writes(self, topic: str) -> RingWriter:
+        return directory.writer(self.system.name, "supervisor", topic, "supervisor")
+
+    def _child(self, row: Process, folder: Path) -> Child:
+        path = folder / f"{row.name}.log"
+        if path.exists():
+            path.replace(path.with_suffix(".previous.log"))
+        return Child(self.system.name, row, Pulse(self.system.name, row.name, write=True), path)
+
+    def now_ns(self) -> int:
+        """The system's time."""
+        return self.conductor.now_ns if self.conductor is not None else monotonic_ns()
+
+    def beat(self) -> None:
+        """Show that we live; always in real time."""
+        self.pulse.field("heartbeat_ns")[...] = monotonic_ns()
+
+    def start_all(self) -> None:
+        """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
+        self.pulse.show("STARTING")
+        for wave in _waves(self.system.processes):
+            names = {row.name for row in wave}
+            children = [c for c in self.children if c.row.name in names]
+            for child in children:
+                child.start()
+            self._wait(lambda group=children: self._all_up(group), BARRIER_S)  # type: ignore[misc]  # bound default
+            late = [c.row.name for c in children if not c.ready]
+            if late and not self.stopping:
+                raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
+        self.pulse.show("RUNNING")
+        self._show()
+
+    def _all_up(self, children: list[Child]) -> bool:
+        for child in children:
+            if child.popen is None or child.popen.poll() is not None:
+                child.reap()
+                raise SetupFailed(f"{child.row.name}: {child.reason}; see trocar logs {child.row.name}")
+        return all(child.ready for child in children)
+
+    def _wait(self, done: Callable[[], bool], seconds: float) -> bool:
+        end = monotonic_ns() + round(seconds * 1e9)
+        while monotonic_ns() < end and not self.stopping:
+            if done():
+                return True
+            self.beat()
+            self.let_time_pass()
+        return done() if not self.stopping else False
+
+    def let_time_pass(self) -> None:
+        """One beat's worth of time: sleep on the wall clock, conduct in lock-step."""
+        if self.conductor is None:
+            pause(BEAT_S)
+            return
+        players = [c.pulse for c in self.children if c.ready]
+        end = monotonic_ns() + LOCKSTEP_BUDGET_NS
+        if not players:
+            pause(BEAT_S)
+        while players and monotonic_ns() < end:
+            if not self.conductor.advance(players, LOCKSTEP_GIVE_UP_NS):
+                return
+
+    def run(self, seconds: float | None) -> None:
+        """Watch until asked to stop, or for so many seconds of real time."""
+        end = monotonic_ns() + round(seconds * 1e9) if seconds is not None else None
+        while not self.stopping:
+            self.beat()
+            self._commands()
+            self._watch()
+            self.let_time_pass()
+            if end is not None and monotonic_ns() >= end:
+                self.stopping = f"{seconds:g} s are over"
+
+    def _commands(self) -> None:
+        for command in self.mailbox.drain():
+            child = next((c for c in self.children if c.row.name == command.text), None)
+            if command.name == "stop":
+                self.stopping = "asked to stop"
+                command.accept()
+            elif child is None:
+                command.refuse(f"no instance {command.text}; there are {', '.join(c.row.name for c in self.children)}")
+            else:
+                child.ask_to_stop()
+                child.failures, child.given_up = 0, False
+                child.start()
+                command.accept()
+                self._show()
+
+    def _watch(self) -> None:
+        for child in self.children:
+            how = child.reap()
+            if how:
+                planned = "restarting" if child.restart_at_ns else "not restarted"
+                log.warning("%s ended: %s; %s", child.row.name, how, planned)
+                self.events.warning("process_ended", f"{child.row.name} ended: {how}; {planned}", child.row.name)
+                self._show()
+            if child.restart_when_due():
+                log.info("%s started again (pid %d)", child.row.name, child.pid)
+                self.events.status(f"{child.row.name} started again", child.row.name)
+                self._show()
+
+    def _show(self) -> None:
+        for i, child in enumerate(self.children):
+            values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
+                      "lifecycle": child.state.encode(), "pid": child.pid, "restarts": child.restarts,
+                      "exit_reason": child.reason.encode()[:120]}
+            for name, value in values.items():
+                self._state.field(name)[i] = value
+        self._state.publish(self.now_ns())
+
+    def stop_all(self) -> bool:
+        """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
+        self.pulse.show("STOPPING")
+        self.stopping = ""  # waiting below goes on until its own end
+        clean = True
+        for wave in reversed(_waves(self.system.processes)):
+            names = {row.name for row in wave}
+            children = [c for c in self.children if c.row.name in names]
+            for child in children:
+                child.ask_to_stop()
+            limit = max((proc(c.row.kind).stop_s for c in children), default=0.0)
+            self._wait(lambda group=children: _all_ended(group), limit)  # type: ignore[misc]  # bound default
+            for child in children:
+                if child.popen is not None:
+                    log.warning("%s did not end within %.0f s, killed", child.row.name, limit)
+                    child.kill()
+                    clean = False
+            self._wait(lambda group=children: _all_ended(group), 5.0)  # type: ignore[misc]  # bound default
+        return clean
+
+    def close(self) -> None:
+        """Remove all shared memory."""
+        memory.remove_all(self.system.name)
+
+
+def _all_ended(children: list[Child]) -> bool:
+    for child in children:
+        child.reap()
+    return all(child.popen is None for child in children)
+
+
+def _waves(rows: tuple[Process, ...]) -> list[list[Process]]:
+    """Rows in start order: each wave needs only instances of earlier ones."""
+    waves: list[list[Process]] = []
+    left, up = list(rows), set[str]()
+    known = {row.name for row in rows}
+    while left:
+        wave = [row for row in left if all(name in up or name not in known for name in row.after)]
+        if not wave:
+            raise SetupFailed(f"{', '.join(r.name for r in left)}: each waits for another to start first")
+        waves.append(wave)
+        up |= {row.name for row in wave}
+        left = [row for row in left if row.name not in up]
+    return waves
+
+
+def free_address(system: str) -> Callable[[int], str]:
+    """Addresses 127.x.y.16k for the emulated buses of a system, not in use now; x.y follows from the name."""
+    seed = zlib.crc32(system.encode())
+
+    def address(bus: int) -> str:
+        for attempt in range(256):
+            number = (seed + attempt * 7919) % 0xFE00
+            candidate = f"127.{1 + number // 256}.{number % 256}.{16 * (bus + 1)}"
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+                probe.bind((candidate, BUS_PORT))
+                return candidate
+        raise SetupFailed("no free loopback address for an emulated bus")
+
+    return address
+
+
+@contextlib.contextmanager
+def supervised(system: System) -> Iterator[Supervisor]:
+    """A supervisor that removes its shared memory on every path."""
+    supervisor = Supervisor(system)
+
+    def asked(number: int, frame: FrameType | None) -> None:
+        supervisor.stopping = f"got {signal.Signals(number).name}"
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, asked)
+    try:
+        yield supervisor
+    finally:
+        supervisor.close()
+
+
+def arguments() -> argparse.Namespace:
+    """The command line; `trocar up` passes its own options on."""
+    parser = argparse.ArgumentParser(prog="procs.supervisor.loop", description="Run one system; see trocar up --help.")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--system")
+    parser.add_argument("--boards", choices=["emulated"])
+    parser.add_argument("--path", type=Path, action="append", default=[])
+    parser.add_argument("--set", dest="sets", action="append", default=[])
+    parser.add_argument("--for", dest="seconds", type=float)
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Exit code 0: stopped as asked, 1: configuration, set-up or a death without return."""
+    chosen = arguments()
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    name = chosen.system or "trocar"
+    loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
+                         bus_address=free_address(name))
+    for problem in (*loaded.warnings, *loaded.errors):
+        log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
+    if loaded.errors or loaded.system is None:
+        log.error("nothing was started")
+        sys.exit(1)
+    sys.exit(_run(loaded.system, chosen.seconds))
+
+
+def _run(system: System, seconds: float | None) -> int:
+    for note in system.notes:
+        log.info("%s", note)
+    try:
+        with supervised(system) as supervisor:
+            log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)
+            try:
+                supervisor.start_all()
+                log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
+                supervisor.run(seconds)
+                log.info("stopping: %s", supervisor.stopping)
+                failed = any(c.given_up for c in supervisor.children)
+            except SetupFailed as error:
+                log.error("%s", error)
+                failed = True
+            clean = supervisor.stop_all()
+    except (SegmentError, SetupFailed) as error:
+        log.error("%s", error)
+        return 1
+    return 1 if failed or not clean else 0
+
+
+if __name__ == "__main__":
+    main()
