@@ -1,0 +1,42 @@
+# Makes the project's own .venv on first use and again when its requirements change. Sourced by tools/start and tools/test.
+# Sets: root, python. Argument: the extras to install, e.g. "" or "[dev]".
+
+root=$(cd "$(dirname "$0")/.." && pwd)
+python="$root/.venv/bin/python"
+
+trocar_find_python() {
+    for candidate in "${TROCAR_PYTHON:-python3}" python3.13 python3.12 python3.11; do
+        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            echo "$candidate"
+            return 0
+        fi
+    done
+    return 1
+}
+
+trocar_venv() {
+    extras=$1
+    stamp="$root/.venv/.trocar$extras"
+    wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" | cksum)
+    if [ -x "$python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then
+        return 0
+    fi
+    if ! base=$(trocar_find_python); then
+        echo "trocar: needs Python 3.11 or newer, found $(python3 --version 2>&1 || echo none); try: sudo apt-get install python3.11 python3.11-venv" >&2
+        return 1
+    fi
+    if ! "$base" -c 'import venv, ensurepip' 2>/dev/null; then
+        echo "trocar: this Python cannot make virtual environments; try: sudo apt-get install python3-venv" >&2
+        return 1
+    fi
+    echo "trocar: preparing .venv (first use, or the requirements changed)" >&2
+    if [ ! -x "$python" ] && ! "$base" -m venv "$root/.venv" >&2; then
+        echo "trocar: no virtual environment could be made in $root/.venv" >&2
+        return 1
+    fi
+    if ! "$python" -m pip install --quiet --disable-pip-version-check -c "$root/constraints.txt" -e "$root$extras" >&2; then
+        echo "trocar: the installation failed; is the network there? Run again to retry" >&2
+        return 1
+    fi
+    echo "$wanted" > "$stamp"
+}
