@@ -1,0 +1,6 @@
+"""Configuration: dVRK 2.4 files and our own YAML become one checked document; only this part of lib opens files."""
+
+from procs.lib.config.load import PROJECT_CONFIGS, Loaded, load_system
+from procs.lib.config.problem import Problem
+
+__all__ = ["PROJECT_CONFIGS", "Loaded", "Problem", "load_system"]

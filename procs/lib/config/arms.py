@@ -1,0 +1,322 @@
+"""The `arms` of a system with the files each of them names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from procs.lib import document
+from procs.lib.config import convert
+from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.config.buses import BusFiles, find_bus
+from procs.lib.config.chains import load_chain, load_indexes, load_tool, tool_file
+from procs.lib.config.context import Context, Opened
+from procs.lib.config.io_file import IoFile, RobotKeys
+from procs.lib.config.matrices import check_rigid
+from procs.lib.config.pid_file import PidFile
+from procs.lib.config.problem import Key
+from procs.lib.config.source import Source
+from procs.lib.config.system_file import ArmKeys
+
+ArmFile = TypeVar("ArmFile", PsmFile, EcmFile, MtmFile)
+
+ACTUATORS = {"PSM": 7, "ECM": 4, "MTM": 7}
+_PSM_LINKS = 3  # the rest of the chain comes with the tool
+_STARTED_HARDWARE = "QLA1"
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedArm:
+    """An arm that can be started, with its robot and gains."""
+
+    arm: document.Arm
+    robot: document.Robot
+    pid: document.Pid
+    io_path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPlace:
+    """An arm, where it stands in the system file, and the bus it is on."""
+
+    source: Source
+    key: Key
+    keys: ArmKeys
+    bus: BusFiles | None
+
+    @property
+    def robot_name(self) -> str:
+        """Its name in IO files and default file names."""
+        return self.keys.name_on_IO or self.keys.name
+
+
+def load_arm(
+    context: Context, source: Source, index: int, keys: ArmKeys, buses: dict[str, BusFiles], *, use_setpoint_v: bool
+) -> LoadedArm | None:
+    """One arm with all its files checked; None when it has errors or is of a kind that is not started yet."""
+    key: Key = ("arms", index)
+    family = keys.type.split("_")[0]
+    kinematic = keys.simulation == "KINEMATIC"
+    if kinematic:
+        text = "KINEMATIC simulation is not available yet"
+        context.error(source, (*key, "simulation"), text, "NONE, with emulated boards")
+    base_frame = _base_frame(context, source, key, keys)
+    bus = find_bus(context, source, (*key, "IO"), keys.IO, buses) if keys.IO else None
+    place = ArmPlace(source, key, keys, bus)
+    _check_required(context, place, family, kinematic)
+    if keys.type.endswith("_GENERIC") or family not in ACTUATORS:
+        _load_other_files(context, place)
+        context.notes.append(f"not started yet: {keys.name} ({keys.type})")
+        return None
+    if family == "PSM":
+        return _load_psm(context, place, base_frame, use_setpoint_v)
+    if family == "ECM":
+        _load_parts(context, place, EcmFile, family)
+    else:
+        _load_parts(context, place, MtmFile, family)
+    context.notes.append(f"not started yet: {keys.name} ({keys.type})")
+    return None
+
+
+def _check_required(context: Context, place: ArmPlace, family: str, kinematic: bool) -> None:
+    keys = place.keys
+    required: list[str] = []
+    if keys.type.endswith("_GENERIC") or keys.type.endswith("_DERIVED"):
+        required += ["component", "interface"] if keys.type.endswith("_GENERIC") else ["component"]
+    elif family in ACTUATORS and not kinematic:
+        required += ["IO", "serial"]
+    elif keys.type == "SUJ_Classic" and not kinematic:
+        required += ["IO"]
+    for name in required:
+        if not getattr(keys, name):
+            context.error(place.source, (*place.key, name), f"this key is required for {keys.type}", "a text")
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """What the files of an arm of the usual kinds say."""
+
+    arm_source: Source
+    chain: document.Chain | None
+    robot: tuple[Opened[IoFile], int, RobotKeys] | None
+    pid: Opened[PidFile] | None
+
+
+def _load_parts(
+    context: Context, place: ArmPlace, model: type[ArmFile], family: str
+) -> tuple[Opened[ArmFile], _Parts] | None:
+    """Arm file, kinematics, IO files and gains; None when there is no arm file."""
+    keys, source = place.keys, place.source
+    key: Key = place.key
+    robot = _load_robot(context, place, ACTUATORS[family])
+    if family == "MTM" and place.bus is not None and (keys.serial or keys.IO_gripper_file):
+        gripper = keys.IO_gripper_file or f"sawRobotIO1394-{place.robot_name}-gripper-{keys.serial}.json"
+        path = context.find(source, (*key, "IO_gripper_file"), (gripper,))
+        if path is not None:
+            place.bus.add(context, path)
+    default = f"{place.robot_name}-{keys.serial}.json"
+    path = context.find(source, (*key, "arm_file"), (keys.arm_file or default,))
+    opened = context.open(model, path) if path is not None else None
+    generation = opened.content.generation if opened else "Classic"
+    pid = None
+    if keys.simulation == "NONE":
+        suffix = "-Si" if generation == "Si" and family != "MTM" else ""
+        pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
+    if opened is None:
+        return None
+    search = context.search.first(opened.source.path.parent)
+    chain_path = context.find(opened.source, ("kinematic",), (opened.content.kinematic,), search)
+    chain = load_chain(context, chain_path) if chain_path else None
+    for name in ("kinematic_gc", "gravity_compensation"):
+        if getattr(opened.content, name, ""):
+            context.find(opened.source, (name,), (getattr(opened.content, name),), search)
+    return opened, _Parts(opened.source, chain, robot, pid)
+
+
+def _load_robot(context: Context, place: ArmPlace, actuators: int) -> tuple[Opened[IoFile], int, RobotKeys] | None:
+    """The robot of an arm: its IO file must have it, with the same serial number and the right size."""
+    keys, bus, name = place.keys, place.bus, place.robot_name
+    if bus is None or not (keys.serial or keys.IO_file):
+        return None
+    default = f"sawRobotIO1394-{name}-{keys.serial}.json"
+    path = context.find(place.source, (*place.key, "IO_file"), (keys.IO_file or default,))
+    opened = bus.add(context, path) if path is not None else None
+    if path is None or opened is None:
+        return None
+    found = bus.robot(path, name)
+    if found is None:
+        names = ", ".join(robot.name for robot in opened.content.robots) or "no robot"
+        text = f"arm {keys.name} needs the robot {name}, this file has {names}"
+        context.error(opened.source, ("robots",), text, name)
+        return None
+    index, robot = found[1], found[2]
+    if keys.serial and robot.serial_number != keys.serial:
+        text = f"arm {keys.name} has the serial {keys.serial}, its robot {robot.name} has {robot.serial_number}"
+        context.error(opened.source, ("robots", index, "serial_number"), text, f'"{keys.serial}"')
+    if len(robot.actuators) != actuators and robot.number_of_actuators == len(robot.actuators):
+        where: Key = ("robots", index, "number_of_actuators")
+        context.error(opened.source, where, f"wrong number for {keys.type} {keys.name}", str(actuators))
+    return found
+
+
+def _load_pid(
+    context: Context, place: ArmPlace, default: str, robot: tuple[Opened[IoFile], int, RobotKeys] | None
+) -> Opened[PidFile] | None:
+    path = context.find(place.source, (*place.key, "PID_file"), (place.keys.PID_file or default,))
+    opened = context.open(PidFile, path) if path is not None else None
+    if opened is not None:
+        check_pid(context, opened, robot[2] if robot else None)
+    return opened
+
+
+def check_pid(context: Context, opened: Opened[PidFile], robot: RobotKeys | None) -> None:
+    """Whether the entries are in order, named once, and fit the actuators of `robot` (when known)."""
+    source, axes = opened.source, opened.content.pid
+    names: set[str] = set()
+    if robot is not None and len(axes) != len(robot.actuators):
+        text = f"{len(axes)} entries, robot {robot.name} has {len(robot.actuators)} actuators"
+        context.error(source, ("pid",), text, f"{len(robot.actuators)} entries")
+    for number, axis in enumerate(axes):
+        key: Key = ("pid", number)
+        if axis.index != number:
+            context.error(source, (*key, "index"), "must be its place in the list", str(number))
+        if axis.name in names:
+            context.error(source, (*key, "name"), "used twice", "a name of its own for every entry")
+        names.add(axis.name)
+        if not source.has((*key, "pid_max_output")):
+            text = "absent: 0 is used, which means no effort"
+            context.warning(source, (*key, "pid_max_output"), text, "-1: no limit")
+        if robot is not None and number < len(robot.actuators):
+            joint_type = robot.actuators[number].joint_type
+            if axis.type != joint_type:
+                text = f"actuator {number} of robot {robot.name} is {joint_type}"
+                context.error(source, (*key, "type"), text, joint_type)
+
+
+def _load_psm(
+    context: Context, place: ArmPlace, base_frame: document.Matrix | None, use_setpoint_v: bool
+) -> LoadedArm | None:
+    loaded = _load_parts(context, place, PsmFile, "PSM")
+    if loaded is None:
+        return None
+    opened, parts = loaded
+    content, keys = opened.content, place.keys
+    tool = _psm_tool(context, opened)
+    if parts.chain is not None and len(parts.chain.links) != _PSM_LINKS:
+        text = f"chain of {len(parts.chain.links)} rows for a PSM"
+        context.error(parts.arm_source, ("kinematic",), text, f"{_PSM_LINKS} rows, the others come with the tool")
+    if not _can_start(context, place, content, parts) or parts.chain is None:
+        return None
+    if parts.robot is None or parts.pid is None or place.bus is None:
+        return None
+    robot = parts.robot[2]
+    _check_drivable(context, parts.robot)
+    arm = document.Arm(
+        name=keys.name,
+        type=keys.type,
+        generation=content.generation,
+        serial=keys.serial,
+        io=keys.IO,
+        robot=robot.name,
+        simulation=keys.simulation,
+        period_s=keys.period,
+        chain=parts.chain,
+        tool_detection=content.tool_detection,
+        tool=tool,
+        tools=(tool,) if tool else (),
+        homing_zero_position=bool(content.homing_zero_position),
+        mounting_pitch=content.mounting_pitch,
+        re_home=content.re_home,
+        skip_gravity_compensation=content.skip_gravity_compensation,
+        base_frame=base_frame,
+        reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
+        use_setpoint_v=use_setpoint_v,
+        source=str(parts.arm_source.path),
+    )
+    io_path = parts.robot[0].source.path
+    pid = convert.pid(parts.pid.content, robot.name, keys.name, str(parts.pid.source.path))
+    return LoadedArm(arm, convert.robot(robot, str(io_path)), pid, io_path)
+
+
+def _can_start(context: Context, place: ArmPlace, content: PsmFile, parts: _Parts) -> bool:
+    """Whether this PSM is of a kind that runs already; a note when it is not."""
+    keys = place.keys
+    hardware = parts.robot[2].hardware_version if parts.robot else _STARTED_HARDWARE
+    if content.generation == "Si" and content.mounting_pitch is None:
+        text = "this key is required for a PSM Si"
+        context.error(parts.arm_source, ("mounting_pitch",), text, "rad; usually -0.7854, PSM3 -0.2618")
+    reason = ""
+    if keys.type != "PSM":
+        reason = keys.type
+    elif content.generation != "Classic":
+        reason = f"PSM {content.generation}"
+    elif hardware == "HARDWARE_UNDEFINED" and parts.robot is not None:
+        where: Key = ("robots", parts.robot[1], "hardware_version")
+        context.error(parts.robot[0].source, where, "the controllers must be stated", "QLA1, DQLA or dRA1")
+        return False
+    elif hardware != _STARTED_HARDWARE:
+        reason = f"controllers {hardware}"
+    if reason:
+        context.notes.append(f"not started yet: {keys.name} ({reason})")
+    return not reason
+
+
+def _check_drivable(context: Context, found: tuple[Opened[IoFile], int, RobotKeys]) -> None:
+    """Every axis of an arm that is moved needs an encoder and a way from effort to current."""
+    opened, index, robot = found
+    for number, actuator in enumerate(robot.actuators):
+        key: Key = ("robots", index, "actuators", number)
+        if actuator.encoder is None:
+            context.error(opened.source, (*key, "encoder"), "this key is required for an arm that moves", "an object")
+        if actuator.drive.effort_to_current.scale == 0.0:
+            where = (*key, "drive", "effort_to_current", "scale")
+            context.error(opened.source, where, "must not be 0 for an arm that moves", "A per N·m or N")
+
+
+def _psm_tool(context: Context, opened: Opened[PsmFile]) -> document.Tool | None:
+    """The tool an arm file names, required when detection is FIXED."""
+    source, content = opened.source, opened.content
+    if not content.tool:
+        if content.tool_detection == "FIXED":
+            context.error(source, ("tool",), "this key is required with tool_detection FIXED", "NAME:MODEL")
+        return None
+    search = context.search.first(source.path.parent)
+    custom = None
+    if content.custom_tool_index:
+        names = (content.custom_tool_index, f"tool/{content.custom_tool_index}")
+        custom = context.find(source, ("custom_tool_index",), names, search)
+    indexes = load_indexes(context, search, custom)
+    path = tool_file(context, source, ("tool",), content.tool, indexes, search)
+    return load_tool(context, path, content.tool) if path else None
+
+
+def _load_other_files(context: Context, place: ArmPlace) -> None:
+    """Kinds whose files have no model yet: the files must exist and be readable."""
+    keys, source, key = place.keys, place.source, place.key
+    if keys.arm_file:
+        path = context.find(source, (*key, "arm_file"), (keys.arm_file,))
+        if path is not None:
+            context.read(path)
+    if keys.IO_file and place.bus is not None:
+        path = context.find(source, (*key, "IO_file"), (keys.IO_file,))
+        if path is not None:
+            place.bus.add(context, path)
+
+
+def _base_frame(context: Context, source: Source, key: Key, keys: ArmKeys) -> document.Matrix | None:
+    """A fixed base frame; None without one, or when another component gives it."""
+    frame = keys.base_frame
+    if frame is None:
+        return None
+    where = (*key, "base_frame")
+    fixed = (frame.reference_frame is not None, frame.transform is not None)
+    driven = (frame.component is not None, frame.interface is not None)
+    forms = "either reference_frame and transform, or component and interface"
+    if any(fixed) == any(driven) or any(fixed) != all(fixed) or any(driven) != all(driven):
+        context.error(source, where, "both forms or half a form", forms)
+        return None
+    if frame.transform is None:
+        context.notes.append(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
+        return None
+    return frame.transform if check_rigid(context, source, (*where, "transform"), frame.transform) else None

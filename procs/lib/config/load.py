@@ -1,0 +1,230 @@
+"""A system file with everything it names becomes one document, or a list of everything that is wrong with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.lib import document
+from procs.lib.config import convert
+from procs.lib.config.arms import LoadedArm, load_arm
+from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
+from procs.lib.config.context import Context
+from procs.lib.config.emulated import build_emulation, default_addresses
+from procs.lib.config.instances import RESERVED, build_processes
+from procs.lib.config.overrides import SECTION, apply_overrides
+from procs.lib.config.problem import ERROR, WARNING, Problem
+from procs.lib.config.search import SearchPath, search_path
+from procs.lib.config.source import Source, read_source
+from procs.lib.config.system_file import PROTOCOLS, SystemFile
+from procs.lib.config.trocar_section import TrocarSection
+from procs.lib.config.validate import validate
+
+PROJECT_CONFIGS = Path(__file__).resolve().parents[3] / "configs"
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_SYSTEM_ID = "dvrk-system.schema.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A loaded system: no document when there are errors."""
+
+    system: document.System | None
+    warnings: tuple[Problem, ...]
+    errors: tuple[Problem, ...]
+
+
+def load_system(
+    path: Path | str,
+    *,
+    search: Sequence[Path] = (),
+    boards: str | None = None,
+    sets: Mapping[str, str] | Sequence[str] = (),
+    name: str | None = None,
+    configs: Path = PROJECT_CONFIGS,
+    bus_address: Callable[[int], str] | None = None,
+) -> Loaded:
+    """Load a system file (JSON or YAML) and all files it names; nothing is written.
+
+    `search` is what `--path` gives, `boards` "emulated" or None (as the file says), `sets` the `--set` options, `name`
+    the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index.
+    """
+    context = Context(search_path((Path.cwd(), Path(path).parent, *search, configs)))
+    source, problems = read_source(Path(path))
+    context.problems += problems
+    system = None
+    if source is not None:
+        system = _load(context, source, boards, sets, name, bus_address)
+    unique = tuple(dict.fromkeys(context.problems))
+    errors = tuple(problem for problem in unique if problem.severity == ERROR)
+    warnings = tuple(problem for problem in unique if problem.severity == WARNING)
+    return Loaded(None if errors else system, warnings, errors)
+
+
+def _load(
+    context: Context,
+    source: Source,
+    boards: str | None,
+    sets: Mapping[str, str] | Sequence[str],
+    name: str | None,
+    bus_address: Callable[[int], str] | None,
+) -> document.System | None:
+    if _is_old_console(source):
+        text = "this is a console file from before dVRK 2.4, which is not read"
+        allowed = f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"'
+        context.problems.append(Problem(str(source.path), 1, "$id", "", text, allowed))
+        return None
+    source, problems = apply_overrides(source, sets)
+    context.problems += problems
+    content, problems = validate(SystemFile, source)
+    context.problems += problems
+    options = _options(context, source)
+    if content is None or options is None:
+        return None
+    context.search = _with_settings(context, source, content)
+    _check_names(context, source, content)
+    emulated = (boards or options.boards) == "emulated"
+    buses = load_buses(context, source, content, emulated=emulated)
+    add_devices(context, source, content, buses)
+    arms = []
+    for index, keys in enumerate(content.arms):
+        arm = load_arm(context, source, index, keys, buses, use_setpoint_v=options.arm.use_setpoint_v)
+        if arm is not None:
+            arms.append(_with_period(arm, options))
+    check_buses(context, buses)
+    _note_what_waits(context, content)
+    return _assemble(context, source, list(buses.values()), arms, options, emulated, name, bus_address)
+
+
+def _is_old_console(source: Source) -> bool:
+    return "$id" not in source.data and bool({"arms", "console", "io", "psm-teleops"} & set(source.data))
+
+
+def _options(context: Context, source: Source) -> TrocarSection | None:
+    if not source.has((SECTION,)):
+        return TrocarSection()
+    options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
+    context.problems += problems
+    return options
+
+
+def _with_settings(context: Context, source: Source, content: SystemFile) -> SearchPath:
+    """settings.path comes after the folder of the system file, and is meant relative to it or to the working folder."""
+    folders = context.search.folders
+    beside = source.path.parent
+    more: list[Path] = []
+    for index, text in enumerate(content.settings.path):
+        given = Path(text).expanduser()
+        hits = [folder for folder in (given, beside / given) if folder.is_dir()]
+        if not hits:
+            context.warning(source, ("settings", "path", index), "no such folder", "a folder")
+        more += hits
+    at = 2 if len(folders) > 1 and folders[1].resolve() == beside.resolve() else 1
+    return search_path((*folders[:at], *more, *folders[at:]))
+
+
+def _check_names(context: Context, source: Source, content: SystemFile) -> None:
+    """Every instance needs a name of its own: it names its process, its topics and its shared memory."""
+    seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
+    names: list[tuple[str, list[str]]] = [
+        ("IOs", [row.name for row in content.IOs]),
+        ("arms", [row.name for row in content.arms]),
+        ("consoles", [row.name for row in content.consoles]),
+    ]
+    for kind, name, index in ((kind, name, index) for kind, row in names for index, name in enumerate(row)):
+        if name in seen:
+            text = f"this name is taken by {seen[name]}"
+            context.error(source, (kind, index, "name"), text, "a name of its own for every IO, arm and console")
+        seen[name] = f"{kind}[{index}]"
+
+
+def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
+    own = options.processes.get(loaded.arm.name)
+    period = (own.period_s if own else None) or options.arm.period_s or loaded.arm.period_s
+    return dataclasses.replace(loaded, arm=dataclasses.replace(loaded.arm, period_s=period))
+
+
+def _note_what_waits(context: Context, content: SystemFile) -> None:
+    for console in content.consoles:
+        context.notes.append(f"not started yet: console {console.name}")
+        for psm in console.teleop_PSMs:
+            context.notes.append(f"not started yet: teleop {psm.MTM}_{psm.PSM}")
+        for ecm in console.teleop_ECMs:
+            context.notes.append(f"not started yet: teleop {ecm.MTML}_{ecm.MTMR}_{ecm.ECM}")
+    if content.ISI_focus_controller is not None:
+        context.notes.append("not started yet: ISI_focus_controller")
+    if content.component_manager is not None:
+        context.notes.append("component_manager is for the original software and ignored")
+
+
+def _assemble(
+    context: Context,
+    source: Source,
+    buses: list[BusFiles],
+    arms: list[LoadedArm],
+    options: TrocarSection,
+    emulated: bool,
+    name: str | None,
+    bus_address: Callable[[int], str] | None,
+) -> document.System | None:
+    system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", source.path.stem)[:40]
+    if not _NAME.match(system_name):
+        text = "not a name for a system"
+        context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
+        return None
+    used = {loaded.arm.io for loaded in arms}
+    for bus in (bus for bus in buses if bus.keys.name not in used):
+        context.notes.append(f"not started yet: {bus.keys.name} (no arm on it is started)")
+    buses = [bus for bus in buses if bus.keys.name in used]
+    emulation = None
+    if emulated and buses:
+        address = bus_address or default_addresses(system_name)
+        emulation = build_emulation(context, source, buses, arms, options.emulation, address)
+    ios = []
+    for index, bus in enumerate(buses):
+        mine = [loaded for loaded in arms if loaded.arm.io == bus.keys.name]
+        port = f"udp:{emulation.buses[index].address}" if emulation else bus.keys.port
+        ios.append(_io(bus, mine, port, options))
+    arm_rows = tuple(loaded.arm for loaded in arms)
+    processes = build_processes(context, source, tuple(ios), arm_rows, emulation, options)
+    return document.System(
+        name=system_name,
+        source=str(source.path),
+        clock=options.clock,
+        ios=tuple(ios),
+        arms=arm_rows,
+        emulation=emulation,
+        processes=processes,
+        supervisor_lost_s=options.supervisor_lost_s,
+        group=options.group,
+        notes=tuple(dict.fromkeys(context.notes)),
+    )
+
+
+def _io(bus: BusFiles, arms: list[LoadedArm], port: str, options: TrocarSection) -> document.Io:
+    """The bus with the robots of the arms that are started, and the inputs of their files and of its own."""
+    keys, io_options = bus.keys, options.io
+    own = options.processes.get(keys.name)
+    paths = dict.fromkeys((*bus.own, *(loaded.io_path for loaded in arms)))
+    opened = [file for file in (bus.files[path] for path in paths) if file is not None]
+    return document.Io(
+        name=keys.name,
+        port=port,
+        protocol=PROTOCOLS[keys.protocol],
+        period_s=(own.period_s if own else None) or io_options.period_s or keys.period,
+        watchdog_s=watchdog_s(keys),
+        close_all_relays=keys.close_all_relays,
+        robots=tuple(loaded.robot for loaded in arms),
+        pids=tuple(loaded.pid for loaded in arms),
+        digital_inputs=tuple(
+            convert.digital_input(button) for file in opened for button in file.content.digital_inputs
+        ),
+        setpoint_timeout_s=io_options.setpoint_timeout_s,
+        arm_lost_s=io_options.arm_lost_s,
+        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
+        spin_us=io_options.spin_us,
+    )

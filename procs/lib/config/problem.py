@@ -1,0 +1,58 @@
+"""What is wrong with a configuration: file, line, key path, value and what is allowed, as a value."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+Key = tuple[str | int, ...]
+
+ERROR = "error"
+WARNING = "warning"
+
+_LONGEST_VALUE = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One finding; `str()` gives it on one line. `line` 0 means the whole file, `key` "" the whole document."""
+
+    file: str
+    line: int
+    key: str
+    value: str
+    text: str
+    allowed: str = ""
+    severity: str = ERROR
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        parts = [f"{place}: {self.severity}"]
+        if self.key:
+            parts.append(f"{self.key} = {self.value}" if self.value else self.key)
+        elif self.value:
+            parts.append(self.value)
+        parts.append(f"{self.text}; allowed: {self.allowed}" if self.allowed else self.text)
+        return " ".join(": ".join(parts).split())
+
+
+def key_text(key: Key) -> str:
+    """A key path as people write it: ("robots", 0, "name") is `robots[0].name`."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
+    return text
+
+
+def value_text(value: object) -> str:
+    """A value as it stands in the file, shortened."""
+    try:
+        text = json.dumps(value, ensure_ascii=False)
+    except (TypeError, ValueError):
+        text = repr(value)
+    if len(text) > _LONGEST_VALUE:
+        text = text[: _LONGEST_VALUE - 1] + "…"
+    return text

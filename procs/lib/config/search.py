@@ -1,0 +1,74 @@
+"""Where files are looked for, in which order, and under which other names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+_PID_STOCK = "sawControllersPID-"
+
+
+@dataclass(frozen=True, slots=True)
+class SearchPath:
+    """Folders in order of precedence; the last one is the project's own `configs/`."""
+
+    folders: tuple[Path, ...]
+
+    def first(self, *folders: Path) -> SearchPath:
+        """The same path with `folders` looked at directly after the working folder (which stays first)."""
+        return SearchPath(_unique((self.folders[0], *folders, *self.folders[1:])))
+
+    def find(self, *names: str) -> Path | None:
+        """The first of `names` that exists: every name as it is in all folders first, then our own name for it."""
+        for name in names:
+            found = self._exact(name)
+            if found:
+                return found
+        for name in names:
+            for other in _other_names(name):
+                found = self._exact(other)
+                if found:
+                    return found
+        return None
+
+    def find_all(self, name: str) -> tuple[Path, ...]:
+        """All files called `name` or its YAML twin, one of each folder at most, in order."""
+        hits = []
+        for folder in self.folders:
+            for candidate in (name, *_other_names(name)):
+                if (folder / candidate).is_file():
+                    hits.append(folder / candidate)
+                    break
+        return tuple(hits)
+
+    def __str__(self) -> str:
+        return ", ".join(str(folder) for folder in self.folders)
+
+    def _exact(self, name: str) -> Path | None:
+        direct = Path(name).expanduser()
+        if direct.is_absolute():
+            return direct if direct.is_file() else None
+        return next((folder / name for folder in self.folders if (folder / name).is_file()), None)
+
+
+def search_path(folders: tuple[Path, ...]) -> SearchPath:
+    """A search path without repetitions."""
+    return SearchPath(_unique(folders))
+
+
+def _unique(folders: tuple[Path, ...]) -> tuple[Path, ...]:
+    seen: dict[Path, Path] = {}
+    for folder in folders:
+        seen.setdefault(folder.resolve(), folder)
+    return tuple(seen.values())
+
+
+def _other_names(name: str) -> tuple[str, ...]:
+    """Our own files: `x/PSM.yaml` for `x/PSM.json`, and `pid/PSM.yaml` for `pid/sawControllersPID-PSM.json`."""
+    path = PurePosixPath(name)
+    if path.suffix != ".json":
+        return ()
+    twin = path.with_suffix(".yaml")
+    if twin.name.startswith(_PID_STOCK):
+        return (str(twin), str(twin.with_name(twin.name.removeprefix(_PID_STOCK))))
+    return (str(twin),)

@@ -1,0 +1,86 @@
+"""A configuration file as read: plain values with the line of every key, JSON and YAML alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.lib.config.jsontext import Parsed, TextError, parse_json
+from procs.lib.config.problem import WARNING, Key, Problem, key_text, value_text
+from procs.lib.config.yamltext import parse_yaml
+
+_YAML = (".yaml", ".yml")
+_LARGEST = 20_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
+_MISSING = object()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One file. `overrides` are key paths whose value came from the command line (--set)."""
+
+    path: Path
+    data: dict[str, object]
+    lines: Mapping[Key, int]
+    overrides: frozenset[Key] = frozenset()
+
+    def at(self, key: Key) -> object:
+        """The value at `key`; None when there is none."""
+        found = self._find(key)
+        return None if found is _MISSING else found
+
+    def has(self, key: Key) -> bool:
+        """Whether `key` is written in the file."""
+        return self._find(key) is not _MISSING
+
+    def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> Problem:
+        """A finding at `key`, placed at the nearest line known."""
+        found = self._find(key)
+        value = "" if found is _MISSING or not key else value_text(found)
+        for cut in range(len(key), -1, -1):
+            if key[:cut] in self.overrides:
+                return Problem("--set", 0, key_text(key), value, text, allowed, severity)
+            if key[:cut] in self.lines:
+                return Problem(str(self.path), self.lines[key[:cut]], key_text(key), value, text, allowed, severity)
+        return Problem(str(self.path), 0, key_text(key), value, text, allowed, severity)
+
+    def _find(self, key: Key) -> object:
+        here: object = self.data
+        for part in key:
+            in_list = isinstance(here, list) and isinstance(part, int) and 0 <= part < len(here)
+            if not in_list and not (isinstance(here, dict) and part in here):
+                return _MISSING
+            here = here[part]  # type: ignore[index]  # a list or a dict, as just asked
+        return here
+
+
+def read_source(path: Path) -> tuple[Source | None, list[Problem]]:
+    """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
+    name = str(path)
+    try:
+        if path.stat().st_size > _LARGEST:
+            return None, [Problem(name, 0, "", "", f"too large: {path.stat().st_size} bytes", f"at most {_LARGEST}")]
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as bad:
+        return None, [Problem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
+    except OSError as bad:
+        return None, [Problem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
+    is_yaml = path.suffix.lower() in _YAML
+    try:
+        parsed = parse_yaml(text) if is_yaml else parse_json(text)
+    except TextError as bad:
+        what = f"broken {'YAML' if is_yaml else 'JSON'}, column {bad.column}: {bad.what}"
+        return None, [Problem(name, bad.line, "", "", what)]
+    return _as_source(path, parsed)
+
+
+def _as_source(path: Path, parsed: Parsed) -> tuple[Source | None, list[Problem]]:
+    if not isinstance(parsed.data, dict):
+        found = value_text(parsed.data)
+        return None, [Problem(str(path), 1, "", found, "the document must be an object", 'an object: {"key": value}')]
+    source = Source(path, parsed.data, parsed.lines)
+    problems = [
+        Problem(str(path), line, key_text(key), "", "key occurs twice: the last one counts", severity=WARNING)
+        for key, line in parsed.repeated
+    ]
+    return source, problems

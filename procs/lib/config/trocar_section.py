@@ -1,0 +1,70 @@
+"""The `trocar:` section of a system file: what the original files have no key for. Unknown keys are errors here."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from procs.lib.config.validate import Section
+
+Period = Annotated[float, Field(ge=0.0001, le=0.1, description="s")]
+Priority = Annotated[int, Field(ge=0, le=98, description="SCHED_FIFO priority, 0 for none")]
+Cpu = Annotated[int, Field(ge=0, le=1023, description="number of a processor")]
+OnExit = Annotated[Literal["restart", "stay-down"], Field()]
+
+
+class ProcessKeys(Section):
+    """One instance, by its name; what is absent comes from its kind."""
+
+    period_s: Period | None = None
+    priority: Priority | None = None
+    cpu: Cpu | None = None
+    on_exit: OnExit | None = None
+    restart_limit: int | None = Field(default=None, ge=0, le=1000)
+    backoff_s: float | None = Field(default=None, ge=0.0, le=60.0, description="s")
+
+
+class IoOptions(Section):
+    """All buses."""
+
+    period_s: Period | None = None
+    priority: Priority = 0
+    cpu: Cpu | None = None
+    setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old set-point, then hold")
+    arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
+    arm_lost_power_off_s: float = Field(default=0.0, ge=0.0, le=3600.0, description="s without the arm; 0: never")
+    spin_us: float = Field(default=0.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle")
+
+
+class ArmOptions(Section):
+    """All arms."""
+
+    period_s: Period | None = None
+    priority: Priority = 0
+    cpu: Cpu | None = None
+    use_setpoint_v: bool = True
+
+
+class EmulationOptions(Section):
+    """The emulated boards."""
+
+    period_s: Period = 0.001
+    priority: Priority = 0
+    cpu: Cpu | None = None
+    seed: int = Field(default=1, ge=0, le=2**32 - 1)
+    pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
+    instruments: dict[str, str] = Field(default_factory=dict, description="arm: NAME:MODEL")
+
+
+class TrocarSection(Section):
+    """The whole section."""
+
+    clock: Literal["wall", "lockstep"] = "wall"
+    boards: Literal["real", "emulated"] = "real"
+    group: str = Field(default="", pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$", description="a group of this machine")
+    supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
+    io: IoOptions = IoOptions()
+    arm: ArmOptions = ArmOptions()
+    emulation: EmulationOptions = EmulationOptions()
+    processes: dict[str, ProcessKeys] = Field(default_factory=dict)
