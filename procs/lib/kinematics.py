@@ -1,0 +1,144 @@
+"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain, on pinocchio.
+
+How the files are to be read is dVRK's and matters to the last digit: an alpha of exactly ±1.5708 means ±π/2, while
+offsets of 1.5708 are taken as written; the tip transform goes through a unit quaternion and belongs to the full chain
+only. Jacobian rows: linear x y z, then angular x y z.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from procs.lib.document import Chain, Link, Tool
+from procs.lib.poses import renormalised
+
+Array = NDArray[np.float64]
+
+QUARTER_TURN_AS_WRITTEN = 1.5708  # in alpha only, this spelling means a right angle
+
+
+class Kinematics:
+    """A chain with an optional tool: joints in file order, poses in the chain's base frame (with its base offset).
+
+    `update(q)` computes the tip pose and body Jacobian once; `tip`, `body`, `spatial` are preallocated arrays that the
+    next call overwrites. q: (n,) float64, contiguous, rad or m.
+    """
+
+    def __init__(self, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> None:
+        """`tip` (4, 4) replaces the tool's tip transform (endoscopes, whose tips stand in no file)."""
+        links = chain.links + (tool.links if tool is not None else ())
+        if not links:
+            raise ValueError(f"{chain.source or 'chain'}: a chain needs at least one joint")
+        if tip is None:
+            tip = renormalised(np.array(tool.tip)) if tool is not None else np.eye(4)
+        self.n = len(links)
+        self.names = tuple(link.name for link in links)
+        self.lower = np.array([link.lower for link in links])
+        self.upper = np.array([link.upper for link in links])
+        self.effort_max = np.array([link.effort_max for link in links])
+        self.is_prismatic = np.array([link.joint_type == "prismatic" for link in links])
+        self._model, self._frames = _model(chain, links, tip)
+        self._data = self._model.createData()
+        self._end = self._frames[-1]
+        # pinocchio computes into its own memory; these are views of it, taken once
+        self._end_rotation = self._data.oMf[self._end].rotation
+        self._end_position = self._data.oMf[self._end].translation
+        self._joint_jacobian = self._data.J
+        self.tip = np.eye(4)
+        self._tip_rotation = self.tip[:3, :3]
+        self._tip_position = self.tip[:3, 3]
+        self.body = np.zeros((6, self.n), order="F")
+        self.spatial = np.zeros((6, self.n), order="F")
+
+    def update(self, q: Array) -> None:
+        """Tip pose and body Jacobian at q into `tip` and `body`."""
+        jacobian = pinocchio.computeFrameJacobian(self._model, self._data, q, self._end, pinocchio.LOCAL)
+        self.body[...] = jacobian
+        self._tip_rotation[...] = self._end_rotation
+        self._tip_position[...] = self._end_position
+
+    def fk(self, q: Array, out: Array | None = None) -> Array:
+        """Pose of the tip (4, 4); written to `out` when given, else to `tip`."""
+        pinocchio.framesForwardKinematics(self._model, self._data, q)
+        if out is None:
+            self._tip_rotation[...] = self._end_rotation
+            self._tip_position[...] = self._end_position
+            return self.tip
+        out[:3, :3] = self._end_rotation
+        out[:3, 3] = self._end_position
+        out[3] = (0.0, 0.0, 0.0, 1.0)
+        return out
+
+    def fk_to(self, q: Array, link: int) -> Array:
+        """Pose (4, 4) of the frame after `link` joints, without the tip (0: the base, n: the last link). New array."""
+        if not 0 <= link <= self.n:
+            raise IndexError(f"link {link}: this chain has frames 0 to {self.n}")
+        pinocchio.framesForwardKinematics(self._model, self._data, q)
+        return np.array(self._data.oMf[self._frames[link]].homogeneous)
+
+    def fk_links(self, q: Array) -> Array:
+        """Poses (n, 4, 4) of the frames after 1, 2, ... n joints, without the tip. A new array."""
+        pinocchio.framesForwardKinematics(self._model, self._data, q)
+        return np.array([self._data.oMf[frame].homogeneous for frame in self._frames[1:-1]])
+
+    def body_jacobian(self, q: Array) -> Array:
+        """Jacobian (6, n) of the tip's twist, at the tip in tip axes; the array `body`."""
+        self.body[...] = pinocchio.computeFrameJacobian(self._model, self._data, q, self._end, pinocchio.LOCAL)
+        return self.body
+
+    def spatial_jacobian(self, q: Array) -> Array:
+        """Jacobian (6, n) of the spatial twist, at the base's origin in base axes; the array `spatial`."""
+        pinocchio.computeJointJacobians(self._model, self._data, q)
+        self.spatial[...] = self._joint_jacobian
+        return self.spatial
+
+
+def split_rows(convention: str, link: Link) -> tuple[Array, Array]:
+    """(before, after): the link's transform is before · joint motion about or along z · after, each (4, 4)."""
+    alpha = math.copysign(math.pi / 2, link.alpha) if abs(link.alpha) == QUARTER_TURN_AS_WRITTEN else link.alpha
+    prismatic = link.joint_type == "prismatic"
+    about_z = screw_z(link.theta + (0.0 if prismatic else link.offset), link.d + (link.offset if prismatic else 0.0))
+    about_x = _screw_x(alpha, link.a)
+    if convention == "standard":
+        return about_z, about_x
+    if convention == "modified":
+        return about_x @ about_z, np.eye(4)
+    raise ValueError(f"DH convention {convention!r}: must be standard or modified")
+
+
+def screw_z(angle: float, distance: float) -> Array:
+    """Turn about z by `angle` and shift along z by `distance` (they commute), (4, 4)."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array(((c, -s, 0.0, 0.0), (s, c, 0.0, 0.0), (0.0, 0.0, 1.0, distance), (0.0, 0.0, 0.0, 1.0)))
+
+
+def _screw_x(angle: float, distance: float) -> Array:
+    quarter = abs(angle) == math.pi / 2  # cos would leave 6e-17, and the zero is exact in the files' meaning
+    c, s = (0.0 if quarter else math.cos(angle)), math.sin(angle)
+    return np.array(((1.0, 0.0, 0.0, distance), (0.0, c, -s, 0.0), (0.0, s, c, 0.0), (0.0, 0.0, 0.0, 1.0)))
+
+
+def _model(chain: Chain, links: tuple[Link, ...], tip: Array) -> tuple[pinocchio.Model, tuple[int, ...]]:
+    """The pinocchio model and the ids of its frames: base, after each link, tip."""
+    model = pinocchio.Model()
+    before_next = np.array(chain.base) if chain.base is not None else np.eye(4)
+    frames = [_frame(model, "base", 0, before_next)]
+    joint = 0
+    for index, link in enumerate(links):
+        before, after = split_rows(chain.convention, link)
+        kind = pinocchio.JointModelPZ() if link.joint_type == "prismatic" else pinocchio.JointModelRZ()
+        placement = pinocchio.SE3(before_next @ before)
+        joint = model.addJoint(joint, kind, placement, f"{index} {link.name}")  # numbered: file names may repeat
+        frames.append(_frame(model, f"link {index + 1}", joint, after))
+        before_next = after
+    frames.append(_frame(model, "tip", joint, before_next @ tip))
+    return model, tuple(frames)
+
+
+def _frame(model: pinocchio.Model, name: str, joint: int, placement: Array) -> int:
+    frame = pinocchio.Frame(name, joint, 0, pinocchio.SE3(placement), pinocchio.FrameType.OP_FRAME)
+    return int(model.addFrame(frame))
