@@ -1,0 +1,39 @@
+"""Fastest trajectories of each arm type, per controlled joint: rad/s or m/s, rad/s² or m/s²."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryLimits:
+    """Velocity and acceleration a joint trajectory may use at ratio 1, one number per controlled joint."""
+
+    velocity: tuple[float, ...]
+    acceleration: tuple[float, ...]
+
+    def scaled(self, velocity_ratio: float = 1.0, acceleration_ratio: float = 1.0) -> tuple[Array, Array]:
+        """(velocity, acceleration) as new arrays (n,), times the ratios a person may set."""
+        return velocity_ratio * np.array(self.velocity), acceleration_ratio * np.array(self.acceleration)
+
+
+LIMITS = {
+    "PSM": TrajectoryLimits(  # yaw, pitch, insertion, four discs (or roll, wrist pitch, wrist yaw, jaw)
+        velocity=(radians(90), radians(90), 0.2, *(radians(1080),) * 4),
+        acceleration=(radians(90), radians(90), 0.2, *(radians(720),) * 4),
+    ),
+    "ECM": TrajectoryLimits(  # yaw, pitch, insertion, roll
+        velocity=(radians(30), radians(30), 0.06, radians(30)),
+        acceleration=(radians(90), radians(90), 0.06, radians(90)),
+    ),
+    "MTM": TrajectoryLimits(  # six joints, then roll
+        velocity=(*(radians(90),) * 6, radians(360)),
+        acceleration=(*(radians(45),) * 6, radians(360)),
+    ),
+}

@@ -1,0 +1,104 @@
+"""Joint trajectories to a goal at rest, time-optimal within velocity and acceleration limits, on ruckig.
+
+All joints end together, and along a straight line in joint space wherever the start allows it. There is no jerk limit:
+a move from rest over a distance d takes 2·√(d/a), or d/v + v/a once it reaches v. Time is the caller's, in seconds.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+import numpy as np
+import ruckig
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class PlanError(enum.Enum):
+    """Why a trajectory could not be planned; the value is a sentence for people."""
+
+    SIZE = "start, goal and limits must have one number per joint"
+    NOT_FINITE = "start, goal and limits must be finite"
+    LIMITS = "velocity and acceleration limits must be positive"
+    NO_SOLUTION = "no trajectory found from this start to this goal"
+
+
+class Trajectory:
+    """One trajectory of n joints at a time; `start` replaces the one under way.
+
+    To change the goal in mid-flight, start again from what `evaluate` last gave: position and velocity stay continuous.
+    A start faster than v_max (the limit was lowered) is braked first.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.duration = 0.0  # s, of the whole trajectory
+        self.active = False  # a trajectory was started and has not been seen to end
+        self._start_s = 0.0
+        self._goal = np.zeros(n)
+        self._planner = ruckig.Ruckig(n)
+        self._path = ruckig.Trajectory(n)
+        self._request = ruckig.InputParameter(n)
+        self._request.synchronization = ruckig.Synchronization.Phase  # by time where phase cannot be kept
+        self._request.max_jerk = [math.inf] * n
+
+    @property
+    def goal(self) -> Array:
+        """Where the trajectory ends (n,): its own array, not to be written."""
+        return self._goal
+
+    def start(
+        self, position: Array, velocity: Array, goal: Array, v_max: Array, a_max: Array, now_s: float
+    ) -> PlanError | None:
+        """Plan from (position, velocity) now to `goal` at rest; all (n,). On an error the trajectory before goes on."""
+        error = _fault(self.n, position, velocity, goal, v_max, a_max)
+        if error is not None:
+            return error
+        request = self._request
+        request.current_position = position.tolist()
+        request.current_velocity = velocity.tolist()
+        request.target_position = goal.tolist()
+        request.max_velocity = v_max.tolist()
+        request.max_acceleration = a_max.tolist()
+        path = ruckig.Trajectory(self.n)  # a plan that fails must not spoil the one being followed
+        try:
+            result = self._planner.calculate(request, path)
+        except ruckig.RuckigError:
+            return PlanError.NO_SOLUTION
+        if result != ruckig.Result.Working or not math.isfinite(path.duration):
+            return PlanError.NO_SOLUTION
+        self._path = path
+        self.duration = float(path.duration)
+        self._start_s = now_s
+        self._goal[...] = goal
+        self.active = True
+        return None
+
+    def evaluate(self, now_s: float, position: Array, velocity: Array) -> bool:
+        """Write position and velocity (n,) of time `now_s`; True once the goal is reached (exactly, at rest)."""
+        elapsed = now_s - self._start_s
+        if elapsed >= self.duration:
+            position[...] = self._goal
+            velocity[...] = 0.0
+            self.active = False
+            return True
+        position[...], velocity[...], _ = self._path.at_time(max(elapsed, 0.0))
+        return False
+
+    def remaining(self, now_s: float) -> float:
+        """Seconds until the goal is reached; 0 when it is."""
+        return max(0.0, self.duration - (now_s - self._start_s)) if self.active else 0.0
+
+
+def _fault(n: int, position: Array, velocity: Array, goal: Array, v_max: Array, a_max: Array) -> PlanError | None:
+    """What a planner would choke on: asked here, so that no exception is thrown in a control loop."""
+    vectors = (position, velocity, goal, v_max, a_max)
+    if any(vector.shape != (n,) for vector in vectors):
+        return PlanError.SIZE
+    if not all(np.isfinite(vector).all() for vector in vectors):
+        return PlanError.NOT_FINITE
+    if not ((v_max > 0.0).all() and (a_max > 0.0).all()):
+        return PlanError.LIMITS
+    return None

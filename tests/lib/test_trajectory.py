@@ -1,0 +1,130 @@
+"""Trajectories: how long they take, that they stay within limits, end together and can be changed under way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procs.lib.arm_limits import LIMITS
+from procs.lib.trajectory import PlanError, Trajectory
+
+
+def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | None = None) -> Trajectory:
+    n = len(goal)
+    trajectory = Trajectory(n)
+    v_max, a_max = LIMITS[arm].scaled(ratio, ratio)
+    start = np.zeros(n) if velocity is None else velocity
+    assert trajectory.start(np.zeros(n), start, goal, v_max, a_max, 10.0) is None
+    return trajectory
+
+
+@pytest.mark.parametrize(
+    ("arm", "joint", "distance", "durations"),
+    [
+        ("PSM", 2, 0.12, (1.5492, 2.2, 7.0)),
+        ("PSM", 0, math.radians(10), (0.6667, 0.9428, 2.1111)),
+        ("PSM", 0, math.radians(90), (2.0, 3.0, 11.0)),
+        ("PSM", 0, math.radians(120), (2.3333, 3.6667, 14.3333)),
+        ("PSM", 3, math.radians(342), (1.3784,)),
+        ("ECM", 2, 0.12, (3.0, 5.0, 21.0)),
+        ("ECM", 0, math.radians(30), (1.3333,)),
+        ("MTM", 0, math.radians(45), (2.0, 2.8284, 7.0)),
+        ("MTM", 6, math.radians(480), (2.3333,)),
+    ],
+)
+def test_moves_from_rest_last_as_long_as_published(
+    arm: str, joint: int, distance: float, durations: tuple[float, ...]
+) -> None:
+    for ratio, duration in zip((1.0, 0.5, 0.1), durations, strict=False):
+        goal = np.zeros(len(LIMITS[arm].velocity))
+        goal[joint] = distance
+        assert plan(arm, goal, ratio).duration == pytest.approx(duration, abs=1e-4)
+
+
+def test_all_joints_go_straight_and_end_together() -> None:
+    goal = np.array((0.8, -0.2, 0.05, 1.0, -2.0, 0.3, 0.1))
+    trajectory = plan("PSM", goal)
+    position, velocity = np.zeros(7), np.zeros(7)
+    for share in np.linspace(0.05, 0.95, 19):
+        assert not trajectory.evaluate(10.0 + share * trajectory.duration, position, velocity)
+        np.testing.assert_allclose(position / goal, position[0] / goal[0], atol=1e-9)
+    assert trajectory.evaluate(10.0 + trajectory.duration, position, velocity)
+    np.testing.assert_array_equal(position, goal)
+    np.testing.assert_array_equal(velocity, 0.0)
+    assert not trajectory.active
+    assert trajectory.remaining(0.0) == 0.0
+
+
+coordinates = st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7)
+
+
+@settings(deadline=None, max_examples=25)
+@given(coordinates, coordinates)
+def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: list[float]) -> None:
+    v_max, a_max = LIMITS["PSM"].scaled()
+    velocity = np.array(speed) * v_max
+    trajectory = plan("PSM", np.array(goal), velocity=velocity)
+    position, now, last, step = np.zeros(7), velocity.copy(), velocity.copy(), 1e-3
+    trajectory.evaluate(10.0, position, now)
+    np.testing.assert_allclose(position, 0.0, atol=1e-9)
+    np.testing.assert_allclose(now, velocity, atol=1e-9)
+    for k in range(1, int(trajectory.duration / step) + 2):
+        done = trajectory.evaluate(10.0 + k * step, position, now)
+        assert (np.abs(now) <= v_max * (1 + 1e-6)).all()
+        assert (np.abs(now - last) <= a_max * step * (1 + 1e-6) + 1e-9).all()
+        last[...] = now
+    assert done
+
+
+def test_a_new_goal_in_mid_flight_keeps_position_and_velocity() -> None:
+    trajectory = plan("PSM", np.full(7, 0.2))
+    v_max, a_max = LIMITS["PSM"].scaled()
+    position, velocity, after, speed = (np.zeros(7) for _ in range(4))
+    trajectory.evaluate(10.3, position, velocity)
+    assert trajectory.start(position, velocity, np.zeros(7), v_max, a_max, 10.3) is None
+    trajectory.evaluate(10.3, after, speed)
+    np.testing.assert_allclose(after, position, atol=1e-12)
+    np.testing.assert_allclose(speed, velocity, atol=1e-12)
+    assert trajectory.evaluate(10.3 + trajectory.duration, after, speed)
+    np.testing.assert_array_equal(after, 0.0)
+
+
+def test_a_start_above_a_lowered_limit_is_braked() -> None:
+    v_max, a_max = LIMITS["PSM"].scaled(0.1)
+    trajectory = Trajectory(7)
+    assert trajectory.start(np.zeros(7), 5 * v_max, 10 * v_max, v_max, a_max, 0.0) is None
+    position, velocity = np.zeros(7), np.zeros(7)
+    trajectory.evaluate(0.9 * trajectory.duration, position, velocity)
+    assert (np.abs(velocity) <= v_max * (1 + 1e-9)).all()
+    assert trajectory.evaluate(trajectory.duration, position, velocity)
+
+
+def test_a_goal_already_reached_is_done_at_once() -> None:
+    trajectory = plan("PSM", np.zeros(7))
+    assert trajectory.duration == 0.0
+    assert trajectory.evaluate(10.0, np.zeros(7), np.zeros(7))
+
+
+def test_time_before_the_start_gives_the_start() -> None:
+    trajectory = plan("PSM", np.full(7, 0.1))
+    position, velocity = np.ones(7), np.ones(7)
+    assert not trajectory.evaluate(9.0, position, velocity)
+    np.testing.assert_allclose(position, 0.0, atol=1e-12)
+
+
+def test_an_impossible_plan_is_reported_and_changes_nothing() -> None:
+    trajectory = plan("PSM", np.full(7, 0.1))
+    v_max, a_max = LIMITS["PSM"].scaled()
+    zero, duration = np.zeros(7), trajectory.duration
+    nan = np.full(7, math.nan)
+    assert trajectory.start(zero, zero, nan, v_max, a_max, 11.0) is PlanError.NOT_FINITE
+    assert trajectory.start(zero, zero, zero, zero, a_max, 11.0) is PlanError.LIMITS
+    assert trajectory.start(zero, zero, zero, v_max, -a_max, 11.0) is PlanError.LIMITS
+    assert trajectory.start(zero[:6], zero, zero, v_max, a_max, 11.0) is PlanError.SIZE
+    assert trajectory.active
+    assert trajectory.duration == duration
+    np.testing.assert_array_equal(trajectory.goal, np.full(7, 0.1))
