@@ -1,0 +1,115 @@
+"""Fixtures of all tests: where the test data are, and a shared-memory world of one's own."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+import pytest
+
+from shm.segment import names_of, segment_name, unlink
+
+ROOT = Path(__file__).resolve().parent.parent
+COUNTER = itertools.count()
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope="session")
+def data() -> Callable[[str], Path]:
+    """`data("golden/wire")` is the path of test data; the test is skipped where they are absent."""
+    folder = Path(os.environ.get("TROCAR_TEST_DATA", str(ROOT.parent / "shared" / "data")))
+
+    def find(name: str) -> Path:
+        path = folder / name
+        if not path.exists():
+            pytest.skip(f"test data {path} is not there (set TROCAR_TEST_DATA)")
+        return path
+
+    return find
+
+
+@dataclass
+class World:
+    """A shared-memory system name that only one test uses, and the processes that test started in it."""
+
+    name: str
+    children: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def start(self, code: str, *arguments: str) -> subprocess.Popen[str]:
+        """A fresh interpreter that runs `code`; `sys.argv[1]` is the world's name, the arguments follow."""
+        command = [sys.executable, "-c", code, self.name, *arguments]
+        child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.children.append(child)
+        return child
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Wait for a condition with a generous deadline; fails saying what did not happen."""
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            if time.monotonic() > end:
+                pytest.fail(f"did not happen within {PATIENCE_S} s: {what}")
+            time.sleep(0.001)
+
+    def finish(self, child: subprocess.Popen[str]) -> str:
+        """Wait for a child to end well; returns what it printed."""
+        out, _ = child.communicate(timeout=PATIENCE_S)
+        assert child.returncode == 0, f"child ended with {child.returncode}: {out}"
+        return out
+
+    def kill(self, child: subprocess.Popen[str]) -> None:
+        """kill -9, and wait until it is gone."""
+        child.send_signal(signal.SIGKILL)
+        child.communicate(timeout=PATIENCE_S)
+
+    def remove(self) -> None:
+        """Unlink every segment, as the supervisor does at the end."""
+        for parts in names_of(self.name):
+            unlink(segment_name(*parts))
+
+    def left_over(self) -> list[str]:
+        """Children still running and segments still there."""
+        running = [f"process {child.pid}" for child in self.children if child.poll() is None]
+        return running + ["~".join(parts) for parts in names_of(self.name)]
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    """A world of one's own; the test fails when a process or a segment of it outlives the test."""
+    here = World(f"t{os.getpid()}x{next(COUNTER)}")
+    yield here
+    left = here.left_over()
+    for child in here.children:
+        with contextlib.suppress(ProcessLookupError):
+            child.kill()
+        child.communicate()
+    here.remove()
+    assert not left, f"left behind: {', '.join(left)}"
+
+
+@pytest.fixture(autouse=True)
+def nothing_outlives_the_test() -> Iterator[None]:
+    """Fails a test after which more of this process's worlds or children are there than before."""
+    own = f"t{os.getpid()}"
+    before = _present(own)
+    yield
+    left = _present(own) - before
+    assert not left, f"left behind: {', '.join(sorted(left))}"
+
+
+def _present(own: str) -> set[str]:
+    segments = {"~".join(parts) for parts in names_of() if parts[0].startswith(own)}
+    children = set()
+    for child in psutil.Process().children():
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if child.status() != psutil.STATUS_ZOMBIE:
+                children.add(f"process {child.pid} ({child.name()})")
+    return segments | children
