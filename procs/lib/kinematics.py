@@ -1,24 +1,19 @@
 """Forward kinematics and Jacobians of a Denavit-Hartenberg chain, on pinocchio.
 
-How the files are to be read is dVRK's and matters to the last digit: an alpha of exactly ±1.5708 means ±π/2, while
-offsets of 1.5708 are taken as written; the tip transform goes through a unit quaternion and belongs to the full chain
-only. Jacobian rows: linear x y z, then angular x y z.
+The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows: linear x y z, then angular x y z.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from procs.lib.denavit import split_row
 from procs.lib.document import Chain, Link, Tool
 from procs.lib.poses import renormalised
 
 Array = NDArray[np.float64]
-
-QUARTER_TURN_AS_WRITTEN = 1.5708  # in alpha only, this spelling means a right angle
 
 
 class Kinematics:
@@ -97,31 +92,6 @@ class Kinematics:
         return self.spatial
 
 
-def split_rows(convention: str, link: Link) -> tuple[Array, Array]:
-    """(before, after): the link's transform is before · joint motion about or along z · after, each (4, 4)."""
-    alpha = math.copysign(math.pi / 2, link.alpha) if abs(link.alpha) == QUARTER_TURN_AS_WRITTEN else link.alpha
-    prismatic = link.joint_type == "prismatic"
-    about_z = screw_z(link.theta + (0.0 if prismatic else link.offset), link.d + (link.offset if prismatic else 0.0))
-    about_x = _screw_x(alpha, link.a)
-    if convention == "standard":
-        return about_z, about_x
-    if convention == "modified":
-        return about_x @ about_z, np.eye(4)
-    raise ValueError(f"DH convention {convention!r}: must be standard or modified")
-
-
-def screw_z(angle: float, distance: float) -> Array:
-    """Turn about z by `angle` and shift along z by `distance` (they commute), (4, 4)."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, -s, 0.0, 0.0), (s, c, 0.0, 0.0), (0.0, 0.0, 1.0, distance), (0.0, 0.0, 0.0, 1.0)))
-
-
-def _screw_x(angle: float, distance: float) -> Array:
-    quarter = abs(angle) == math.pi / 2  # cos would leave 6e-17, and the zero is exact in the files' meaning
-    c, s = (0.0 if quarter else math.cos(angle)), math.sin(angle)
-    return np.array(((1.0, 0.0, 0.0, distance), (0.0, c, -s, 0.0), (0.0, s, c, 0.0), (0.0, 0.0, 0.0, 1.0)))
-
-
 def _model(chain: Chain, links: tuple[Link, ...], tip: Array) -> tuple[pinocchio.Model, tuple[int, ...]]:
     """The pinocchio model and the ids of its frames: base, after each link, tip."""
     model = pinocchio.Model()
@@ -129,7 +99,7 @@ def _model(chain: Chain, links: tuple[Link, ...], tip: Array) -> tuple[pinocchio
     frames = [_frame(model, "base", 0, before_next)]
     joint = 0
     for index, link in enumerate(links):
-        before, after = split_rows(chain.convention, link)
+        before, after = split_row(chain.convention, link)
         kind = pinocchio.JointModelPZ() if link.joint_type == "prismatic" else pinocchio.JointModelRZ()
         placement = pinocchio.SE3(before_next @ before)
         joint = model.addJoint(joint, kind, placement, f"{index} {link.name}")  # numbered: file names may repeat
