@@ -1,6 +1,7 @@
 """Forward kinematics and Jacobians of a Denavit-Hartenberg chain, on pinocchio.
 
-The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows: linear x y z, then angular x y z.
+The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows:
+linear x y z, then angular x y z.
 """
 
 from __future__ import annotations
