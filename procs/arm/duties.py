@@ -1,0 +1,174 @@
+"""What the arm wants of io, by level: asked for until io's record shows it, and never in a flood.
+
+A command may be lost with an io process that dies, so nothing is taken for done before the record says so. Each
+switch is asked for at once when it is wanted, then again every `RETRY_NS`, and slower when io refuses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from procs.arm.readings import Readings
+
+RETRY_NS = 100_000_000
+REFUSED_NS = 1_000_000_000
+MEMORY = 64
+
+Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
+
+
+class Answer(Protocol):
+    """A reply of io."""
+
+    @property
+    def id(self) -> int:
+        """Number of the command answered."""
+
+    @property
+    def outcome(self) -> str:
+        """accepted, refused, done or failed."""
+
+    @property
+    def text(self) -> str:
+        """The reason."""
+
+
+class Sender(Protocol):
+    """The way to io's mailbox."""
+
+    def send(self, name: str, values: Sequence[float], text: str) -> int:
+        """Queue a command; returns its id, 0 when there was no room."""
+
+    def poll(self) -> Sequence[Answer]:
+        """Replies since the last call."""
+
+
+class Switch:
+    """One thing of io that the arm wants on, off, or has no wish about."""
+
+    __slots__ = ("_flag", "_next_ns", "_off", "_on", "refusal", "wanted")
+
+    def __init__(self, flag: NDArray[Any], on: Order, off: Order) -> None:
+        self._flag, self._on, self._off = flag, on, off
+        self.wanted: bool | None = None
+        self.refusal = ""
+        self._next_ns = 0
+
+    def want(self, on: bool | None) -> None:
+        """Change the wish; a new one is sent at once."""
+        if on is not self.wanted:
+            self.wanted = on
+            self.refusal = ""
+            self._next_ns = 0
+
+    @property
+    def settled(self) -> bool:
+        """io's record shows what is wanted."""
+        return self.wanted is None or bool(self._flag.item()) is self.wanted
+
+    def due(self, now_ns: int) -> Order | None:
+        """The command to send now, if any."""
+        if self.wanted is None or bool(self._flag.item()) is self.wanted or now_ns < self._next_ns:
+            return None
+        self._next_ns = now_ns + RETRY_NS
+        return self._on if self.wanted else self._off
+
+    def refused(self, now_ns: int, reason: str) -> bool:
+        """io said no; True when this is news."""
+        news = reason != self.refusal
+        self.refusal = reason
+        self._next_ns = now_ns + REFUSED_NS
+        return news
+
+
+class Duties:
+    """All switches of one robot, and the encoder bias, which is an order and not a level."""
+
+    def __init__(self, io: Readings, sender: Sender, robot: str, warn: Callable[[str], None]) -> None:
+        """`warn` hears of refusals, once each."""
+        self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
+        self.power = Switch(io.power_wanted, ("power_on", ()), ("power_off", (0.0,)))
+        self.pid = _switch(io.pid_enabled, "pid_enable")
+        self.limits = _switch(io.limits_enforced, "enforce_limits")
+        self.tracking = _switch(io.tracking_check, "tracking_check")
+        self.velocity = _switch(io.velocity_used, "use_setpoint_v")
+        self.pots = _switch(io.pot_check, "pot_check")
+        self.no_fault = Switch(io.fault, ("clear_fault", ()), ("clear_fault", ()))
+        self._switches = (self.pid, self.power, self.limits, self.tracking, self.velocity, self.pots, self.no_fault)
+        self._asked: dict[int, Switch] = {}
+        self._samples = 0.0
+        self._bias_next_ns = self._bias_id = 0
+        self._bias_before = 0
+        self._again = False
+        self.bias_refusal = ""
+
+    def want_no_fault(self, wish: bool) -> None:
+        """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
+        self.no_fault.want(False if wish else None)
+
+    def power_again(self) -> None:
+        """Ask for power once more although io shows that it is wanted: the first try has failed."""
+        self._again = True
+
+    def bias(self, samples: float) -> None:
+        """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do."""
+        self._samples = samples
+        self._bias_next_ns = self._bias_id = 0
+        self._bias_before = int(self._io.bias_generation.item())
+        self.bias_refusal = ""
+
+    def forget_bias(self) -> None:
+        """Nobody waits for a bias any more."""
+        self._samples = 0.0
+
+    @property
+    def bias_done(self) -> bool:
+        """The bias that was asked for shows in io's record."""
+        io = self._io
+        counted = int(io.bias_generation.item()) != self._bias_before
+        return bool(self._samples and counted and io.biased.item() and not io.biasing.item())
+
+    def step(self, now_ns: int) -> None:
+        """Send what is due; nothing goes to an io that does not answer."""
+        for answer in self._sender.poll():
+            self._heard(now_ns, answer)
+        if not self._io.fresh:
+            return
+        for switch in self._switches:
+            command = switch.due(now_ns)
+            if command is not None:
+                number = self._sender.send(command[0], command[1], self._robot)
+                if number:
+                    self._remember(number, switch)
+        if self._again:
+            self._again = False
+            self._sender.send("power_on", (), self._robot)
+        if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
+            # asked again only after a second: between acceptance and the first sample io's record shows nothing
+            self._bias_next_ns = now_ns + REFUSED_NS
+            self._bias_id = self._sender.send("bias_encoders", (self._samples,), self._robot)
+
+    def _remember(self, number: int, switch: Switch) -> None:
+        if len(self._asked) >= MEMORY:  # replies that never came: their io has died
+            self._asked.clear()
+        self._asked[number] = switch
+
+    def _heard(self, now_ns: int, answer: Answer) -> None:
+        if answer.outcome == "accepted":
+            return
+        switch = self._asked.pop(answer.id, None)
+        if answer.outcome == "done":
+            return
+        if answer.id == self._bias_id:
+            if answer.text != self.bias_refusal:
+                self._warn(f"io will not bias the encoders: {answer.text}")
+            self.bias_refusal = answer.text
+        elif switch is not None and switch.refused(now_ns, answer.text):
+            self._warn(f"io refused a request: {answer.text}")
+
+
+def _switch(flag: NDArray[Any], command: str) -> Switch:
+    return Switch(flag, (command, (1.0,)), (command, (0.0,)))

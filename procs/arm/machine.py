@@ -1,0 +1,205 @@
+"""The operating state of an arm: the table of `states.py` at work, `state_command`, and what is told about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.states import (
+    BEYOND,
+    BUSY,
+    COMMANDS,
+    DESIRES,
+    PUBLISHED,
+    RESUMES,
+    Event,
+    State,
+    follow,
+    refusal,
+)
+
+UP = frozenset((State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED))
+
+
+class Request(Protocol):
+    """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
+
+    @property
+    def name(self) -> str:
+        """The command's name."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers."""
+
+    @property
+    def text(self) -> str:
+        """Its text."""
+
+    def accept(self, text: str = "") -> None:
+        """It is under way."""
+
+    def refuse(self, reason: str) -> None:
+        """It will not be done."""
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed."""
+
+
+class Reports(Protocol):
+    """The events an arm raises; stamps increase strictly from one to the next."""
+
+    def status(self, text: str, component: str = "") -> None:
+        """Something a person may like to know."""
+
+    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
+                limit: float = ...) -> None:
+        """Something a person should know."""
+
+    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
+              limit: float = ...) -> None:
+        """Something failed."""
+
+    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
+        """The operating state, whenever it changes or is asked for."""
+
+    def goal_reached(self, reached: bool) -> None:
+        """A move has ended."""
+
+
+class Machine:
+    """Current state and the state asked for; `enter` is told of each change with the state that was left."""
+
+    def __init__(
+        self, name: str, reports: Reports, enter: Callable[[State], None], is_homed: Callable[[], bool]
+    ) -> None:
+        """`is_homed` is asked at each publication."""
+        self.name, self.reports = name, reports
+        self._enter, self._is_homed = enter, is_homed
+        self.state = State.DISABLED
+        self.desired = State.DISABLED
+        self.paused = State.ENABLED
+        self.reason = ""
+        self.moving = False
+        self._desired_before = State.ENABLED
+        self._pending: tuple[Request, Event] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """A transition or a move is under way."""
+        return self.moving or self.state in BUSY
+
+    @property
+    def goes_on(self) -> bool:
+        """The state asked for lies beyond the present one."""
+        return self.desired in BEYOND.get(self.state, ())
+
+    def publish(self) -> None:
+        """Tell the operating state."""
+        self.reports.operating_state(PUBLISHED[self.state], self.state, self._is_homed(), self.is_busy)
+
+    def publish_refused_move(self) -> None:
+        """The pair busy, not busy: who waits for a move that was refused goes on at once."""
+        self.reports.operating_state(PUBLISHED[self.state], self.state, self._is_homed(), True)
+        if not self.moving:
+            self.reports.goal_reached(False)
+        self.publish()
+
+    def fire(self, event: Event) -> None:
+        """Something has come true."""
+        target = follow(self.state, event)
+        if self.state is State.PAUSED and event is Event.RESUME:
+            target = RESUMES[self.paused]
+        if target is not self.state:
+            self._set(target)
+
+    def fault(self, code: str, reason: str) -> None:
+        """Something went wrong: say it, and stop driving the arm."""
+        self.reason = reason
+        self.reports.error(code, f"{self.name}: {reason}", self.name)
+        self.fire(Event.PROBLEM)
+
+    def place(self, state: State, paused: State = State.ENABLED) -> None:
+        """Begin in `state`, after a restart."""
+        self.paused = paused
+        self.desired = State.ENABLED if state is State.POWERING else state
+        self._desired_before = paused
+        self._set(state)
+
+    def command(self, request: Request, objection: str) -> None:
+        """A state_command; `objection` is why it cannot be done although the table allows it."""
+        word = request.text.strip()
+        reason = refusal(self.state, word)
+        if not reason and word in (Event.ENABLE, Event.HOME):
+            reason = objection
+        if reason:
+            self.reports.warning("state-command", f"{self.name}: {reason}", self.name)
+            request.refuse(reason)
+            self.publish()
+            return
+        event = next(e for e in COMMANDS if e == word)
+        self._answer_pending(f"{event} was asked for")
+        request.accept()
+        self._pending = (request, event)
+        self.publish()
+        self._desire(event)
+        self.fire(event)
+        self.publish()
+
+    def settle(self, is_power_off: bool) -> None:
+        """Answer the state_command under way when it has come to its end."""
+        if self._pending is None:
+            return
+        request, event = self._pending
+        if self._is_done(event, is_power_off):
+            self._pending = None
+            request.done(self.state)
+        elif self.state is State.FAULT:
+            self._answer_pending(self.reason)
+
+    def _is_done(self, event: Event, is_power_off: bool) -> bool:
+        match event:
+            case Event.ENABLE:
+                return self.state in UP
+            case Event.HOME:
+                return self.state is State.HOMED
+            case Event.DISABLE:
+                return self.state is State.DISABLED and is_power_off
+            case Event.PAUSE:
+                return self.state is State.PAUSED
+            case _:
+                return True
+
+    def _answer_pending(self, reason: str) -> None:
+        if self._pending is not None:
+            self._pending[0].fail(reason)
+            self._pending = None
+
+    def _desire(self, event: Event) -> None:
+        published = PUBLISHED[self.state]
+        if event is Event.RESUME:
+            self.desired = self._desired_before
+        elif event is Event.UNHOME and published != "ENABLED":
+            if self.state is State.PAUSED:
+                self.paused = self._desired_before = State.ENABLED
+        elif event is Event.PAUSE:
+            if self.state is not State.PAUSED:
+                self._desired_before, self.desired = self.desired, State.PAUSED
+        else:
+            self.desired = DESIRES[event]
+
+    def _set(self, target: State) -> None:
+        left, self.state = self.state, target
+        if target is State.PAUSED and left is not State.DISABLED:
+            self.paused = left
+        if target is State.FAULT:
+            self.desired = State.FAULT
+        self._enter(left)
+        self.reports.status(f"{self.name}: {target}", self.name)
+        self.publish()

@@ -1,0 +1,153 @@
+"""Where the joints are to go: the goal that is followed, the trajectory of a move, efforts instead of positions.
+
+Vectors are (7,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of the arm and one
+of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.joints import AXES
+from procs.lib.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+STREAM_NS = 100_000_000  # a servo command older than this is no stream any more: its velocity is no longer fed
+
+
+class Mode(IntEnum):
+    """Control modes, as published."""
+
+    NONE = 0
+    POSITION = 1
+    TRAJECTORY = 2
+    EFFORT = 3
+
+
+class Motion:
+    """The set-point generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
+
+    def __init__(self, v_max: Array, a_max: Array) -> None:
+        """Highest velocity and acceleration of moves at ratio 1, (7,)."""
+        self._v_max, self._a_max = np.array(v_max), np.array(a_max)
+        self.ratio_v = self.ratio_a = 1.0
+        self.mode = Mode.NONE
+        self.goal, self.velocity, self.effort = np.zeros(AXES), np.zeros(AXES), np.zeros(AXES)
+        self.has_velocity = False
+        self.moving = False
+        self.target = np.zeros(AXES)
+        self._trajectory = Trajectory(AXES)
+        self._start_ns = 0
+        self._duration_ns = 0
+        self._served_ns = -STREAM_NS
+
+    @property
+    def ratio(self) -> float:
+        """The common ratio of moves; 0 when velocity and acceleration differ."""
+        return self.ratio_v if self.ratio_v == self.ratio_a else 0.0
+
+    @property
+    def end_ns(self) -> int:
+        """When the move that runs, or ran last, ends."""
+        return self._start_ns + self._duration_ns
+
+    def hold(self, position: Array, mode: Mode = Mode.POSITION) -> bool:
+        """Stay at `position`; returns whether this ended a move."""
+        self.goal[...] = position
+        self.target[...] = position
+        self._served_ns = -STREAM_NS
+        return self._enter(mode)
+
+    def servo(self, position: Array, velocity: Array | None, now_ns: int) -> bool:
+        """Follow `position` from now on, with a velocity feed; returns whether this ended a move."""
+        self.goal[...] = position
+        self.target[...] = position
+        ended = self._enter(Mode.POSITION)
+        self.has_velocity = velocity is not None
+        if velocity is not None:
+            self.velocity[...] = velocity
+        self._served_ns = now_ns
+        return ended
+
+    def push(self, effort: Array) -> bool:
+        """Apply `effort` instead of following positions; returns whether this ended a move."""
+        ended = self._enter(Mode.EFFORT)
+        self.effort[...] = effort
+        return ended
+
+    def move(self, target: Array, measured_velocity: Array, now_ns: int) -> str:
+        """Go to `target` and stop there, starting from what is followed now; a move that runs is bent smoothly.
+
+        Returns why it cannot be done, empty when it is under way; on a refusal nothing changes.
+        """
+        if self.moving:
+            self._evaluate(now_ns)
+        elif self.mode is Mode.POSITION and now_ns - self._served_ns < STREAM_NS:
+            if not self.has_velocity:  # a stream without velocities: the arm moves about as fast as the stream
+                limit = self._v_max * self.ratio_v
+                self.velocity[...] = np.clip(measured_velocity, -limit, limit)
+        else:
+            self.velocity[...] = 0.0
+        reason = self._plan(target, now_ns)
+        if not reason:
+            self.target[...] = target
+            self.mode = Mode.TRAJECTORY
+            self.moving = True
+        return reason
+
+    def set_ratio(self, v: float, a: float, now_ns: int) -> None:
+        """New ratios, in ]0, 1]; what is left of a running move takes them on."""
+        self.ratio_v, self.ratio_a = v, a
+        if self.moving:
+            self._evaluate(now_ns)
+            self._plan(self.target, now_ns)  # should it fail, the move goes on as it was
+
+    def step(self, now_ns: int) -> bool:
+        """Advance to `now_ns`; returns whether a move has reached its end."""
+        if self.moving:
+            return self._advance(now_ns)
+        if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
+            self.has_velocity = False
+            self.velocity[...] = 0.0
+        return False
+
+    def pending_since(self, now_ns: int) -> bool:
+        """A servo goal was given in this very cycle."""
+        return self._served_ns == now_ns
+
+    def _advance(self, now_ns: int) -> bool:
+        if now_ns < self.end_ns:
+            self._evaluate(now_ns)
+            return False
+        self.goal[...] = self.target
+        self.velocity[...] = 0.0
+        self.has_velocity = False
+        self.moving = False
+        return True
+
+    def _enter(self, mode: Mode) -> bool:
+        ended = self.moving
+        self.moving = False
+        self.mode = mode
+        self.has_velocity = False
+        self.velocity[...] = 0.0
+        self.effort[...] = 0.0
+        return ended
+
+    def _evaluate(self, now_ns: int) -> None:
+        self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self.goal, self.velocity)
+
+    def _plan(self, target: Array, now_ns: int) -> str:
+        v_max, a_max = self._v_max * self.ratio_v, self._a_max * self.ratio_a
+        # the trajectory's own time begins at 0: whole monotonic seconds would cost it digits
+        error = self._trajectory.start(self.goal, self.velocity, target, v_max, a_max, 0.0)
+        if error is not None:
+            return error.value
+        self._start_ns = now_ns
+        self._duration_ns = round(self._trajectory.duration * 1e9)
+        self.has_velocity = True
+        return ""

@@ -1,0 +1,94 @@
+"""Taking over from a predecessor: this process may have died and been started again while the arm was held by io.
+
+An arm that is held must neither be dropped nor jump because its process is new: what it was doing stands in its own
+last record, what is true now in io's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.readings import Fields, Readings
+from procs.arm.states import State
+from procs.lib.poses import matrix_from_pose, normalised
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Predecessor:
+    """What the last record of this arm says; `base` is None when its base frame was not known."""
+
+    sub_state: str
+    is_homed: bool
+    bias_generation: int
+    tool: str
+    base: Array | None
+    reference_frame: str
+    ratio_v: float
+    ratio_a: float
+
+
+def predecessor(field: Fields) -> Predecessor | None:
+    """Read the record before anything is written to it; None when no arm has written it yet."""
+    sub_state = _text(field("sub_state"))
+    if not sub_state:
+        return None
+    is_base_known = bool(field("reference_valid").item()) or not bool(field("cartesian_valid").item())
+    try:
+        base = matrix_from_pose(normalised(field("base_frame"))) if is_base_known else None
+    except ValueError:
+        base = np.eye(4)
+    return Predecessor(
+        sub_state,
+        bool(field("is_homed").item()),
+        int(field("bias_generation").item()),
+        _text(field("tool")),
+        base,
+        _text(field("reference_frame")),
+        _ratio(float(field("trajectory_ratio_v").item())),
+        _ratio(float(field("trajectory_ratio_a").item())),
+    )
+
+
+def _text(cell: NDArray[np.bytes_]) -> str:
+    return bytes(cell.item()).rstrip(b"\0").decode(errors="replace")
+
+
+def _ratio(value: float) -> float:
+    return value if 0.0 < value <= 1.0 else 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Beginning:
+    """The state to begin in; `paused` is what a PAUSED arm goes back to, `reason` why it is FAULT."""
+
+    state: State
+    paused: State = State.ENABLED
+    reason: str = ""
+
+
+def beginning(before: Predecessor | None, io: Readings) -> Beginning:
+    """Where to begin, from the last record of a predecessor and the first fresh one of io."""
+    if io.has_power and not io.fault.item():
+        if before is None or not _is_still_homed(before, io):
+            return Beginning(State.ENABLED)  # powered, but nothing is known: the joint controller goes on as it is
+        if before.sub_state == State.PAUSED:
+            return Beginning(State.PAUSED, State.HOMED)
+        return Beginning(State.HOMED)
+    if before is None or before.sub_state == State.DISABLED:
+        return Beginning(State.DISABLED)
+    if before.sub_state == State.POWERING and not io.fault.item():
+        return Beginning(State.POWERING if io.power_wanted.item() else State.DISABLED)
+    if before.sub_state == State.FAULT:
+        return Beginning(State.FAULT, reason="there was a fault before the arm process was restarted")
+    return Beginning(State.FAULT, reason="power was lost while the arm process was away")
+
+
+def _is_still_homed(before: Predecessor, io: Readings) -> bool:
+    generation = int(io.bias_generation.item())
+    same = before.is_homed and generation > 0 and before.bias_generation == generation
+    return bool(same and io.biased.item() and io.pid_enabled.item())

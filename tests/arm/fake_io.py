@@ -1,0 +1,347 @@
+"""An io process as an arm sees it, on a fake clock: flags that follow commands, joints that follow set-points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from procs.arm.psm import PsmArm
+from procs.arm.readings import Readings
+from procs.lib.document import Arm, Chain, Jaw, Link, Tool
+from shm.layout import schema_of
+from shm.mailbox import Reply
+from shm.topics import ARM_STATE, IO_STATE, SETPOINT
+
+AXES = 7
+PERIOD_NS = 2_000_000
+SECOND = 1_000_000_000
+EYE = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
+
+
+def link(name: str, kind: str, alpha: float, a: float, d: float, offset: float, lower: float, upper: float) -> Link:
+    return Link(name, kind, alpha, a, 0.0, d, offset, lower, upper, 1.0)
+
+
+CHAIN = Chain(
+    "modified",
+    (
+        link("yaw", "revolute", 1.5708, 0.0, 0.0, 1.5708, -1.588, 1.588),
+        link("pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -0.925025, 0.925025),
+        link("insertion", "prismatic", 1.5708, 0.0, 0.0, -0.4318, 0.0, 0.24),
+    ),
+    source="PSM.json",
+)
+TOOL = Tool(
+    "LARGE_NEEDLE_DRIVER_400006",
+    (
+        link("roll", "revolute", 0.0, 0.0, 0.4162, 0.0, -4.53786, 4.53786),
+        link("wrist_pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -1.39626, 1.39626),
+        link("wrist_yaw", "revolute", -1.5708, 0.0091, 0.0, -1.5708, -1.39626, 1.39626),
+    ),
+    Jaw(-0.698132, 1.39626, 0.16),
+    ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+    ((-1.5632, 0.0, 0.0, 0.0), (0.0, 1.0186, 0.0, 0.0), (0.0, -0.8306, 0.6089, 0.6089), (0.0, 0.0, -1.2177, 1.2177)),
+    (-4.5378, -0.2618, -0.2618, 0.0),
+    (4.5378, 0.2618, 0.2618, 0.0),
+)
+
+
+def bare_arm(**changes: Any) -> Arm:
+    """A PSM with manual tool detection and nothing on it."""
+    values: dict[str, Any] = {"tools": (TOOL,), **changes}
+    return Arm("PSM1", "PSM", "Classic", "28007", "IO1", "PSM1", "NONE", 1 / 1500, CHAIN, **values)
+
+
+def fixed_arm(**changes: Any) -> Arm:
+    """A PSM with a fixed large needle driver."""
+    return bare_arm(tool_detection="FIXED", tool=TOOL, **changes)
+
+
+class Record:
+    """A record of the topic table without a ring."""
+
+    def __init__(self, topic: Any, **dims: int) -> None:
+        self._array = np.zeros(1, dtype=schema_of(topic, dims).dtype)
+
+    def field(self, name: str) -> Any:
+        view = self._array[name]
+        return view.reshape(view.shape[1:])
+
+    def __getitem__(self, name: str) -> Any:
+        return self.field(name)
+
+    def set(self, name: str, value: Any) -> None:
+        self.field(name)[...] = value
+
+    def text(self, name: str) -> str:
+        return bytes(self.field(name).item()).decode()
+
+
+class FakeIo:
+    """Two robots, the arm's is the second one."""
+
+    def __init__(self) -> None:
+        self.record = Record(IO_STATE, axes=AXES + 2, robots=2, inputs=1)
+        self.stamp_ns = 0
+        self.epoch = 1
+        self.power_cycles, self.bias_cycles = 5, 20
+        self.never_powers = self.never_biases = self.deaf = self.stuck = False
+        self.sent: list[tuple[str, tuple[float, ...]]] = []
+        self.refuses: dict[str, str] = {}
+        self.loses: dict[str, int] = {}
+        self._replies: list[Reply] = []
+        self._queue: list[tuple[int, str, tuple[float, ...]]] = []
+        self._power_left = self._bias_left = 0
+        self.record["position"][2:] = (0.1, -0.2, 0.05, 0.3, 0.1, -0.1, 0.2)
+        self.record["setpoint_position"][...] = self.record["position"]
+
+    def flag(self, name: str, value: Any = None) -> Any:
+        """Read or set a flag of the arm's robot."""
+        if value is not None:
+            self.record[name][1] = value
+        return self.record[name][1].item()
+
+    @property
+    def position(self) -> Any:
+        return self.record["position"][2:]
+
+    @property
+    def setpoint(self) -> Any:
+        return self.record["setpoint_position"][2:]
+
+    def send(self, name: str, values: Any, text: str) -> int:
+        assert text == "PSM1"
+        self.sent.append((name, tuple(values)))
+        number = len(self.sent)
+        if self.loses.get(name, 0) > 0:
+            self.loses[name] -= 1
+        else:
+            self._queue.append((number, name, tuple(values)))
+        return number
+
+    def poll(self) -> list[Reply]:
+        replies, self._replies = self._replies, []
+        return replies
+
+    def drop_power(self) -> None:
+        """What a watchdog or a supply does."""
+        for name in ("powered", "amps_on", "pid_enabled"):
+            self.flag(name, False)
+
+    def restart(self) -> None:
+        """kill -9 and a new process: no power, another epoch, the encoders keep counting."""
+        self.drop_power()
+        self.flag("power_wanted", False)
+        self.flag("fault", 0)
+        self.epoch += 1
+
+    def cycle(self, now_ns: int, setpoint: Record) -> None:
+        """One cycle: commands, power, bias, joint controller."""
+        if self.deaf:
+            return
+        for number, name, values in self._queue:
+            if name in self.refuses:
+                self._replies.append(Reply(number, "refused", self.refuses[name]))
+            else:
+                self._do(name, values)
+                self._replies.append(Reply(number, "done", ""))
+        self._queue.clear()
+        self._power_and_bias()
+        self._control(setpoint)
+        self.stamp_ns = now_ns
+        self.record.set("valid", True)
+
+    def _do(self, name: str, values: tuple[float, ...]) -> None:
+        match name:
+            case "power_on":
+                self.flag("power_wanted", True)
+                self._power_left = self.power_cycles
+            case "power_off":
+                self.flag("power_wanted", False)
+                self.drop_power()
+            case "bias_encoders":
+                self.flag("biasing", True)
+                self._bias_left = self.bias_cycles
+            case "pid_enable":
+                if values[0] and not self.flag("pid_enabled"):
+                    self.flag("pid_generation", self.flag("pid_generation") + 1)
+                self.flag("pid_enabled", bool(values[0]))
+            case "clear_fault":
+                self.flag("fault", 0)
+            case _:
+                flags = {"enforce_limits": "limits_enforced", "tracking_check": "tracking_check",
+                         "pot_check": "pot_check", "use_setpoint_v": "velocity_used"}
+                self.flag(flags[name], bool(values[0]))
+
+    def _power_and_bias(self) -> None:
+        if self._power_left and not self.never_powers:
+            self._power_left -= 1
+            if not self._power_left and self.flag("power_wanted"):
+                self.flag("powered", True)
+                self.flag("amps_on", True)
+        if self._bias_left and not self.never_biases:
+            self._bias_left -= 1
+            if not self._bias_left:
+                self.flag("biasing", False)
+                self.flag("biased", True)
+                self.flag("bias_generation", self.flag("bias_generation") + 1)
+
+    def _control(self, setpoint: Record) -> None:
+        if not self.flag("pid_enabled"):
+            self.setpoint[...] = self.position
+            return
+        tags = all(int(setpoint[tag].item()) == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
+        mode = int(setpoint["mode"].item())
+        self.record["effort_mode"][2:] = mode == 2
+        if mode == 1 and tags:
+            before = self.setpoint.copy()
+            self.setpoint[...] = setpoint["position"][:AXES]
+            self.largest_step = max(self.largest_step, float(np.abs(self.setpoint - before).max()))
+        elif mode == 2:
+            self.setpoint[...] = self.position
+        if not self.stuck:
+            self.position[...] = self.setpoint
+
+    largest_step = 0.0
+
+
+@dataclass
+class FakeReports:
+    """Events as they were raised: (event, …)."""
+
+    events: list[tuple[Any, ...]] = field(default_factory=list)
+
+    def status(self, text: str, component: str = "") -> None:
+        self.events.append(("status", text))
+
+    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+                limit: float = 0.0) -> None:
+        self.events.append(("warning", code, text))
+
+    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+              limit: float = 0.0) -> None:
+        self.events.append(("error", code, text))
+
+    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
+        self.events.append(("operating_state", state, str(sub_state), is_homed, is_busy))
+
+    def goal_reached(self, reached: bool) -> None:
+        self.events.append(("goal_reached", reached))
+
+    def of(self, *kinds: str) -> list[tuple[Any, ...]]:
+        return [e for e in self.events if e[0] in kinds]
+
+
+@dataclass
+class FakeRequest:
+    """A command and what became of it."""
+
+    name: str
+    values: Any = ()
+    text: str = ""
+    replies: list[tuple[str, str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.values = np.array(self.values, dtype=np.float64)
+
+    def accept(self, text: str = "") -> None:
+        self.replies.append(("accepted", text))
+
+    def refuse(self, reason: str) -> None:
+        self.replies.append(("refused", reason))
+
+    def done(self, text: str = "") -> None:
+        self.replies.append(("done", text))
+
+    def fail(self, reason: str) -> None:
+        self.replies.append(("failed", reason))
+
+    @property
+    def outcomes(self) -> list[str]:
+        return [outcome for outcome, _ in self.replies]
+
+
+class Rig:
+    """An arm on a fake io and a fake clock."""
+
+    def __init__(self, arm: Arm | None = None, period_ns: int = PERIOD_NS) -> None:
+        self.document = arm or fixed_arm()
+        self.period_ns = period_ns
+        self.now_ns = 5 * SECOND
+        self.io = FakeIo()
+        self.state = Record(ARM_STATE)
+        self.setpoint = Record(SETPOINT)
+        self.start_arm()
+
+    def start_arm(self) -> None:
+        """A new arm process on the records as they are."""
+        self.reports = FakeReports()
+        self.arm = PsmArm(self.document, Readings(self.io.record.field, 1, 2), self.io, self.state.field,
+                          self.setpoint.field, self.reports, lambda code: f"fault number {code}")
+
+    def step(self, *requests: FakeRequest) -> None:
+        """One cycle of io, then one of the arm."""
+        self.now_ns += self.period_ns
+        self.io.cycle(self.now_ns, self.setpoint)
+        self.arm.step(self.now_ns, self.io.stamp_ns, self.io.epoch, requests)
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds * SECOND / self.period_ns)):
+            self.step()
+
+    def send(self, name: str, values: Any = (), text: str = "") -> FakeRequest:
+        """One cycle with a command in it."""
+        request = FakeRequest(name, values, text)
+        self.step(request)
+        return request
+
+    def until(self, condition: Any, seconds: float = 60.0) -> float:
+        """Let time pass until the condition holds; returns how long that took in s."""
+        start = self.now_ns
+        while not condition():
+            assert self.now_ns - start < seconds * SECOND, f"not within {seconds} s; the arm is {self.arm.state}"
+            self.step()
+        return (self.now_ns - start) / SECOND
+
+    def state_command(self, word: str) -> FakeRequest:
+        return self.send("state_command", (), word)
+
+    def reach(self, state: str) -> None:
+        """Bring the arm to an internal state by the ordinary way."""
+        if state == "DISABLED":
+            self.run(0.1)
+            return
+        if state == "FAULT":
+            self.reach("ENABLED")
+            self.io.drop_power()
+            self.until(lambda: self.arm.state == "FAULT")
+            self.run(0.3)
+            return
+        if state == "PAUSED":
+            self.reach("HOMED")
+            self.state_command("pause")
+            return
+        self.run(0.1)
+        self.state_command("enable")
+        if state in ("POWERING", "ENABLED"):
+            self.until(lambda: self.arm.state == state)
+            return
+        if state == "ENCODERS_BIASED":
+            self.until(lambda: self.arm.state == "ENABLED")
+            self.state_command("home")
+            self.until(lambda: self.arm.state == "CALIBRATING_ENCODERS_FROM_POTS")
+            self.state_command("enable")
+        else:
+            self.until(lambda: self.arm.state == "ENABLED")
+            self.state_command("home")
+        self.until(lambda: self.arm.state == state)
+
+    def homed(self) -> Rig:
+        """Homed, with the events so far forgotten."""
+        self.reach("HOMED")
+        self.run(0.3)
+        self.reports.events.clear()
+        return self
