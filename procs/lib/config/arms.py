@@ -18,6 +18,7 @@ from procs.lib.config.pid_file import PidFile
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import ArmKeys
+from procs.lib.config.trocar_section import TrocarSection
 
 ArmFile = TypeVar("ArmFile", PsmFile, EcmFile, MtmFile)
 
@@ -52,7 +53,12 @@ class ArmPlace:
 
 
 def load_arm(
-    context: Context, source: Source, index: int, keys: ArmKeys, buses: dict[str, BusFiles], *, use_setpoint_v: bool
+    context: Context,
+    source: Source,
+    index: int,
+    keys: ArmKeys,
+    buses: dict[str, BusFiles],
+    options: TrocarSection,
 ) -> LoadedArm | None:
     """One arm with all its files checked; None when it has errors or is of a kind that is not started yet."""
     key: Key = ("arms", index)
@@ -70,7 +76,7 @@ def load_arm(
         context.notes.append(f"not started yet: {keys.name} ({keys.type})")
         return None
     if family == "PSM":
-        return _load_psm(context, place, base_frame, use_setpoint_v)
+        return _load_psm(context, place, base_frame, options)
     if family == "ECM":
         _load_parts(context, place, EcmFile, family)
     else:
@@ -125,13 +131,18 @@ def _load_parts(
         pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
     if opened is None:
         return None
+    return opened, _Parts(opened.source, arm_chain(context, opened), robot, pid)
+
+
+def arm_chain(context: Context, opened: Opened[ArmFile]) -> document.Chain | None:
+    """The chain an arm file names; its other files must at least exist."""
     search = context.search.first(opened.source.path.parent)
-    chain_path = context.find(opened.source, ("kinematic",), (opened.content.kinematic,), search)
-    chain = load_chain(context, chain_path) if chain_path else None
+    path = context.find(opened.source, ("kinematic",), (opened.content.kinematic,), search)
     for name in ("kinematic_gc", "gravity_compensation"):
-        if getattr(opened.content, name, ""):
-            context.find(opened.source, (name,), (getattr(opened.content, name),), search)
-    return opened, _Parts(opened.source, chain, robot, pid)
+        file = getattr(opened.content, name, "")
+        if file:
+            context.find(opened.source, (name,), (file,), search)
+    return load_chain(context, path) if path else None
 
 
 def _load_robot(context: Context, place: ArmPlace, actuators: int) -> tuple[Opened[IoFile], int, RobotKeys] | None:
@@ -195,14 +206,16 @@ def check_pid(context: Context, opened: Opened[PidFile], robot: RobotKeys | None
 
 
 def _load_psm(
-    context: Context, place: ArmPlace, base_frame: document.Matrix | None, use_setpoint_v: bool
+    context: Context, place: ArmPlace, base_frame: document.Matrix | None, options: TrocarSection
 ) -> LoadedArm | None:
     loaded = _load_parts(context, place, PsmFile, "PSM")
     if loaded is None:
         return None
     opened, parts = loaded
     content, keys = opened.content, place.keys
-    tool = _psm_tool(context, opened)
+    tool = psm_tool(context, opened)
+    inserted = _inserted_tool(context, place, opened, options)
+    tools = {item.name: item for item in (tool, inserted) if item is not None}
     if parts.chain is not None and len(parts.chain.links) != _PSM_LINKS:
         text = f"chain of {len(parts.chain.links)} rows for a PSM"
         context.error(parts.arm_source, ("kinematic",), text, f"{_PSM_LINKS} rows, the others come with the tool")
@@ -224,14 +237,14 @@ def _load_psm(
         chain=parts.chain,
         tool_detection=content.tool_detection,
         tool=tool,
-        tools=(tool,) if tool else (),
+        tools=tuple(tools.values()),
         homing_zero_position=bool(content.homing_zero_position),
         mounting_pitch=content.mounting_pitch,
         re_home=content.re_home,
         skip_gravity_compensation=content.skip_gravity_compensation,
         base_frame=base_frame,
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
-        use_setpoint_v=use_setpoint_v,
+        use_setpoint_v=options.arm.use_setpoint_v,
         source=str(parts.arm_source.path),
     )
     io_path = parts.robot[0].source.path
@@ -274,21 +287,40 @@ def _check_drivable(context: Context, found: tuple[Opened[IoFile], int, RobotKey
             context.error(opened.source, where, "must not be 0 for an arm that moves", "A per N·m or N")
 
 
-def _psm_tool(context: Context, opened: Opened[PsmFile]) -> document.Tool | None:
+def psm_tool(context: Context, opened: Opened[PsmFile]) -> document.Tool | None:
     """The tool an arm file names, required when detection is FIXED."""
     source, content = opened.source, opened.content
     if not content.tool:
         if content.tool_detection == "FIXED":
             context.error(source, ("tool",), "this key is required with tool_detection FIXED", "NAME:MODEL")
         return None
+    return _named_tool(context, opened, source, ("tool",), content.tool)
+
+
+def _inserted_tool(
+    context: Context, place: ArmPlace, opened: Opened[PsmFile], options: TrocarSection
+) -> document.Tool | None:
+    """The instrument that emulated boards find in this arm at start."""
+    name = options.emulation.instruments.get(place.keys.name)
+    if name is None:
+        return None
+    key = ("trocar", "emulation", "instruments", place.keys.name)
+    return _named_tool(context, opened, place.source, key, name)
+
+
+def _named_tool(
+    context: Context, opened: Opened[PsmFile], asked_by: Source, key: Key, name: str
+) -> document.Tool | None:
+    """The tool NAME:MODEL, from the indexes that hold for this arm."""
+    source, content = opened.source, opened.content
     search = context.search.first(source.path.parent)
     custom = None
     if content.custom_tool_index:
         names = (content.custom_tool_index, f"tool/{content.custom_tool_index}")
         custom = context.find(source, ("custom_tool_index",), names, search)
     indexes = load_indexes(context, search, custom)
-    path = tool_file(context, source, ("tool",), content.tool, indexes, search)
-    return load_tool(context, path, content.tool) if path else None
+    path = tool_file(context, asked_by, key, name, indexes, search)
+    return load_tool(context, path, name) if path else None
 
 
 def _load_other_files(context: Context, place: ArmPlace) -> None:

@@ -38,6 +38,7 @@ class BusFiles:
             opened = context.open(IoFile, path)
             if opened is not None:
                 check_io_file(context, opened)
+                _check_tables(context, opened)
             self.files[path] = opened
         return self.files[path]
 
@@ -48,6 +49,21 @@ class BusFiles:
             if opened is not None and robot.name == name:
                 return opened, index, robot
         return None
+
+
+def _check_tables(context: Context, opened: Opened[IoFile]) -> None:
+    """Digital potentiometers need a table: beside the IO file, in a `path` of the robot or on the search path."""
+    beside = opened.source.path.parent
+    for index, robot in enumerate(opened.content.robots):
+        pots = robot.potentiometers
+        if pots is None or pots.potentiometers_type != "DIGITAL":
+            continue
+        key: Key = ("robots", index, "potentiometers", "lookup_table_file")
+        if not pots.lookup_table_file:
+            context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
+            continue
+        search = context.search.first(*(Path(text).expanduser() for text in robot.path), beside)
+        context.find(opened.source, key, (pots.lookup_table_file,), search)
 
 
 def load_buses(context: Context, source: Source, system: SystemFile, *, emulated: bool) -> dict[str, BusFiles]:

@@ -12,6 +12,7 @@ from procs.lib import document
 from procs.lib.config import convert
 from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
+from procs.lib.config.consoles import check_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses
 from procs.lib.config.instances import RESERVED, build_processes
@@ -26,6 +27,7 @@ from procs.lib.config.validate import validate
 PROJECT_CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_OLD_KEYS = {"arms", "console", "io", "psm-teleops", "ecm-teleop", "suj"}
 _SYSTEM_ID = "dvrk-system.schema.json"
 
 
@@ -88,20 +90,25 @@ def _load(
     context.search = _with_settings(context, source, content)
     _check_names(context, source, content)
     emulated = (boards or options.boards) == "emulated"
+    if boards not in (None, "real", "emulated"):
+        context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
+    if options.clock == "lockstep" and not emulated:
+        context.error(source, (SECTION, "clock"), "real boards don't wait", "wall, or emulated boards (--boards)")
     buses = load_buses(context, source, content, emulated=emulated)
     add_devices(context, source, content, buses)
     arms = []
     for index, keys in enumerate(content.arms):
-        arm = load_arm(context, source, index, keys, buses, use_setpoint_v=options.arm.use_setpoint_v)
+        arm = load_arm(context, source, index, keys, buses, options)
         if arm is not None:
             arms.append(_with_period(arm, options))
     check_buses(context, buses)
+    check_consoles(context, source, content)
     _note_what_waits(context, content)
     return _assemble(context, source, list(buses.values()), arms, options, emulated, name, bus_address)
 
 
 def _is_old_console(source: Source) -> bool:
-    return "$id" not in source.data and bool({"arms", "console", "io", "psm-teleops"} & set(source.data))
+    return "$id" not in source.data and bool(_OLD_KEYS & set(source.data))
 
 
 def _options(context: Context, source: Source) -> TrocarSection | None:
@@ -140,6 +147,13 @@ def _check_names(context: Context, source: Source, content: SystemFile) -> None:
             text = f"this name is taken by {seen[name]}"
             context.error(source, (kind, index, "name"), text, "a name of its own for every IO, arm and console")
         seen[name] = f"{kind}[{index}]"
+    robots: dict[tuple[str, str], str] = {}
+    for index, arm in enumerate(content.arms):
+        robot = (arm.IO, arm.name_on_IO or arm.name)
+        if arm.IO and robot in robots:
+            key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
+            context.error(source, key, f"{robots[robot]} uses this robot already", "a robot of its own for every arm")
+        robots.setdefault(robot, arm.name)
 
 
 def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
@@ -149,12 +163,6 @@ def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
 
 
 def _note_what_waits(context: Context, content: SystemFile) -> None:
-    for console in content.consoles:
-        context.notes.append(f"not started yet: console {console.name}")
-        for psm in console.teleop_PSMs:
-            context.notes.append(f"not started yet: teleop {psm.MTM}_{psm.PSM}")
-        for ecm in console.teleop_ECMs:
-            context.notes.append(f"not started yet: teleop {ecm.MTML}_{ecm.MTMR}_{ecm.ECM}")
     if content.ISI_focus_controller is not None:
         context.notes.append("not started yet: ISI_focus_controller")
     if content.component_manager is not None:

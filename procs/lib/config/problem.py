@@ -53,6 +53,10 @@ def value_text(value: object) -> str:
         text = json.dumps(value, ensure_ascii=False)
     except (TypeError, ValueError):
         text = repr(value)
-    if len(text) > _LONGEST_VALUE:
+    if len(text) > _LONGEST_VALUE and isinstance(value, list):
+        text = f"a list of {len(value)}"
+    elif len(text) > _LONGEST_VALUE and isinstance(value, dict):
+        text = "an object"
+    elif len(text) > _LONGEST_VALUE:
         text = text[: _LONGEST_VALUE - 1] + "…"
     return text

@@ -37,12 +37,18 @@ class Source:
         """A finding at `key`, placed at the nearest line known."""
         found = self._find(key)
         value = "" if found is _MISSING or not key else value_text(found)
+        file, line = self._place(key)
+        return Problem(file, line, key_text(key), value, text, allowed, severity)
+
+    def _place(self, key: Key) -> tuple[str, int]:
+        if key not in self.lines and any(given[: len(key)] == key for given in self.overrides):
+            return "--set", 0
         for cut in range(len(key), -1, -1):
             if key[:cut] in self.overrides:
-                return Problem("--set", 0, key_text(key), value, text, allowed, severity)
+                return "--set", 0
             if key[:cut] in self.lines:
-                return Problem(str(self.path), self.lines[key[:cut]], key_text(key), value, text, allowed, severity)
-        return Problem(str(self.path), 0, key_text(key), value, text, allowed, severity)
+                return str(self.path), self.lines[key[:cut]]
+        return str(self.path), 0
 
     def _find(self, key: Key) -> object:
         here: object = self.data

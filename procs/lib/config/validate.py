@@ -63,8 +63,11 @@ def _problem(model: type[BaseModel], source: Source, key: Key, error: Any) -> Pr
         return source.problem(where, str(error["ctx"]["error"]), allowed=description)
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
-    if kind.endswith("_type"):
+    of_wrong_type = kind == "literal_error" and not isinstance(error["input"], str)
+    if kind.endswith("_type") or of_wrong_type:
         return source.problem(where, "wrong type", allowed=allowed)
+    if kind == "literal_error":
+        return source.problem(where, "unknown word", allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
 
 

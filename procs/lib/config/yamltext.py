@@ -32,22 +32,31 @@ _Loader.yaml_implicit_resolvers = {}
 
 def parse_yaml(text: str) -> Parsed:
     """Decode one YAML document; TextError says where it is broken."""
-    loader = _Loader(text)
     try:
-        node = loader.get_single_node()
+        node = _compose(text)
     except yaml.MarkedYAMLError as bad:
         mark = bad.problem_mark or bad.context_mark
         what = " ".join(part for part in (bad.context, bad.problem) if part)
         raise TextError(mark.line + 1 if mark else 1, mark.column + 1 if mark else 1, what) from bad
-    except yaml.YAMLError as bad:
-        raise TextError(1, 1, " ".join(str(bad).split())) from bad
-    finally:
-        loader.dispose()
+    except yaml.reader.ReaderError as bad:
+        before = text[: bad.position]
+        column = bad.position - (before.rfind("\n") + 1) + 1
+        raise TextError(before.count("\n") + 1, column, f"character #x{bad.character:04x}: {bad.reason}") from bad
+    except RecursionError as bad:
+        raise TextError(1, 1, "nested too deeply") from bad
     reader = _Reader()
     reader.parsed.lines[()] = 1 if node is None else _line(node)
     if node is not None:
         reader.parsed.data = reader.value(node, ())
     return reader.parsed
+
+
+def _compose(text: str) -> yaml.Node | None:
+    loader = _Loader(text)
+    try:
+        return loader.get_single_node()
+    finally:
+        loader.dispose()
 
 
 class _Reader:
@@ -87,9 +96,9 @@ class _Reader:
 
 def _scalar(node: yaml.ScalarNode) -> object:
     text = str(node.value)
-    if node.tag not in ("tag:yaml.org,2002:str", "!"):
+    if node.tag != "tag:yaml.org,2002:str":
         raise _error(node, f"tag {node.tag} is not used here")
-    if node.style is not None or node.tag == "!":  # quoted or block text
+    if node.style is not None:  # quoted or block text
         return text
     if _NULL.match(text):
         return None

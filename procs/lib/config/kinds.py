@@ -1,0 +1,148 @@
+"""Any configuration file by itself: which kind it is, and everything that is wrong with it and what it names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.config.arms import arm_chain, check_pid, psm_tool
+from procs.lib.config.buses import BusFiles
+from procs.lib.config.chains import check_chain, check_tool
+from procs.lib.config.context import Context
+from procs.lib.config.io_checks import check_bus
+from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
+from procs.lib.config.load import PROJECT_CONFIGS, load_system
+from procs.lib.config.pid_file import PidFile
+from procs.lib.config.problem import WARNING, Problem
+from procs.lib.config.search import search_path
+from procs.lib.config.source import Source, read_source
+from procs.lib.config.system_file import IoKeys
+
+SYSTEM = "system"
+UNKNOWN = "unknown"
+
+_IDS = {
+    "dvrk-system.schema.json": SYSTEM,
+    "saw-robot-io.schema.json": "io",
+    "saw-controllers-pid.schema.json": "pid",
+    "dvrk-psm.schema.json": "psm",
+    "dvrk-ecm.schema.json": "ecm",
+    "dvrk-mtm.schema.json": "mtm",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What one file turned out to be, and what was found."""
+
+    path: Path
+    kind: str
+    problems: tuple[Problem, ...]
+    notes: tuple[str, ...] = ()
+
+
+def check_file(path: Path, *, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Checked:
+    """Check one file of any kind; `search` is what `--path` gives."""
+    source, problems = read_source(path)
+    if source is None:
+        return Checked(path, UNKNOWN, tuple(problems))
+    kind = kind_of(source)
+    if kind == SYSTEM:
+        loaded = load_system(path, search=search, configs=configs)
+        return Checked(path, kind, (*loaded.errors, *loaded.warnings), loaded.system.notes if loaded.system else ())
+    if kind == UNKNOWN:
+        return Checked(path, kind, (*problems, _unknown(source)))
+    context = Context(search_path((Path.cwd(), path.parent, *search, configs)))
+    _CHECKS[kind](context, path)
+    return Checked(path, kind, tuple(dict.fromkeys(context.problems)))
+
+
+def kind_of(source: Source) -> str:
+    """The kind of a file, by its `$id` or else by the keys that only this kind has."""
+    keys = set(source.data)
+    if "$id" in keys:
+        return _IDS.get(str(source.data["$id"]), UNKNOWN)
+    if "instruments" in keys:
+        return "tool index"
+    if {"DH", "tooltip_offset"} <= keys or {"DH", "jaw"} <= keys:
+        return "tool"
+    if "DH" in keys:
+        return "kinematic"
+    if {"robots", "digital_inputs", "digital_outputs"} & keys:
+        return "io"
+    if "pid" in keys:
+        return "pid"
+    if "kinematic" in keys:
+        return "psm"
+    arms = source.data.get("arms")
+    of_suj = {"DH", "measured_cp", "primary_offsets", "simulated_position"}
+    if isinstance(arms, list) and any(isinstance(arm, dict) and of_suj & set(arm) for arm in arms):
+        return UNKNOWN
+    return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
+
+
+def _unknown(source: Source) -> Problem:
+    if "$id" in source.data:
+        return source.problem(("$id",), "no known kind of file", allowed=", ".join(_IDS))
+    return source.problem((), "this kind of file is not checked", severity=WARNING)
+
+
+def _check_io(context: Context, path: Path) -> None:
+    bus = BusFiles(IoKeys(name="IO", port="fw"), ())
+    bus.add(context, path)
+    check_bus(context, bus.opened())
+
+
+def _check_pid(context: Context, path: Path) -> None:
+    opened = context.open(PidFile, path)
+    if opened is not None:
+        check_pid(context, opened, None)
+
+
+def _check_psm(context: Context, path: Path) -> None:
+    opened = context.open(PsmFile, path)
+    if opened is not None:
+        arm_chain(context, opened)
+        psm_tool(context, opened)
+
+
+def _check_ecm(context: Context, path: Path) -> None:
+    opened = context.open(EcmFile, path)
+    if opened is not None:
+        arm_chain(context, opened)
+
+
+def _check_mtm(context: Context, path: Path) -> None:
+    opened = context.open(MtmFile, path)
+    if opened is not None:
+        arm_chain(context, opened)
+
+
+def _check_kinematic(context: Context, path: Path) -> None:
+    opened = context.open(KinematicFile, path)
+    if opened is not None:
+        check_chain(context, opened)
+
+
+def _check_tool(context: Context, path: Path) -> None:
+    opened = context.open(ToolFile, path)
+    if opened is not None:
+        check_tool(context, opened)
+
+
+def _check_index(context: Context, path: Path) -> None:
+    context.open(ToolIndexFile, path)
+
+
+_CHECKS: dict[str, Callable[[Context, Path], None]] = {
+    "io": _check_io,
+    "pid": _check_pid,
+    "psm": _check_psm,
+    "ecm": _check_ecm,
+    "mtm": _check_mtm,
+    "kinematic": _check_kinematic,
+    "tool": _check_tool,
+    "tool index": _check_index,
+}

@@ -1,0 +1,46 @@
+"""A copy of the demo's files that a test may spoil."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from procs.lib.config import PROJECT_CONFIGS, Loaded, Problem, load_system
+
+SYSTEM = "systems/demo.yaml"
+
+
+@dataclass(frozen=True)
+class Home:
+    """A folder like configs/."""
+
+    path: Path
+
+    def edit(self, name: str, old: str, new: str, count: int = 1) -> int:
+        """Replace the first `old` of a file; the line it was in."""
+        file = self.path / name
+        text = file.read_text()
+        assert old in text, f"{old!r} is not in {name}"
+        file.write_text(text.replace(old, new, count))
+        return text[: text.index(old)].count("\n") + 1
+
+    def load(self, file: str = SYSTEM, **options: object) -> Loaded:
+        return load_system(self.path / file, configs=self.path, **options)  # type: ignore[arg-type]
+
+    def error(self, **options: object) -> Problem:
+        """The only error there is."""
+        loaded = self.load(**options)
+        assert loaded.system is None
+        assert len(loaded.errors) == 1, [str(problem) for problem in loaded.errors]
+        return loaded.errors[0]
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
+    shutil.copytree(PROJECT_CONFIGS, tmp_path / "home")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    return Home(tmp_path / "home")

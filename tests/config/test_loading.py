@@ -1,0 +1,196 @@
+"""Where files are found, what the command line changes, and how emulated boards replace real ones."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from procs.lib.config.emulated import default_addresses
+from tests.config.conftest import SYSTEM, Home
+
+IO = "io/PSM1-demo.yaml"
+
+
+def test_set_changes_the_section_of_trocar(home: Home) -> None:
+    sets = [
+        "trocar.io.period_s=1e-3",
+        "io.spin_us=20",
+        "processes.PSM1.cpu=1",
+        "clock=lockstep",
+        "arm.use_setpoint_v=false",
+    ]
+    loaded = home.load(sets=sets)
+    system = loaded.system
+    assert system is not None
+    assert (system.io("IO1").period_s, system.io("IO1").spin_us, system.clock) == (0.001, 20.0, "lockstep")
+    assert system.process("IO1").period_s == 0.001 and system.process("PSM1").cpu == 1
+    assert not system.arm("PSM1").use_setpoint_v
+
+
+def test_set_accepts_a_mapping(home: Home) -> None:
+    system = home.load(sets={"supervisor_lost_s": "2", "group": "robots"}).system
+    assert system is not None and (system.supervisor_lost_s, system.group) == (2.0, "robots")
+
+
+@pytest.mark.parametrize(
+    ("given", "key", "allowed"),
+    [
+        ("io.period=1e-3", "trocar.io.period", "period_s"),
+        ("io.period_s=fast", "trocar.io.period_s", "a number"),
+        ("io.period_s=true", "trocar.io.period_s", "a number"),
+        ("io.spin_us=1000", "trocar.io.spin_us", "up to 50"),
+        ("clock=sundial", "trocar.clock", "lockstep"),
+        ("io.period_s", "", "key=value"),
+        ("io..x=1", "io..x", "dots"),
+        ("io=[", "io", "YAML"),
+        ("clock.x.y=1", "trocar.clock", "wall"),
+        ("IOs.0.port=udp", "trocar.IOs", "clock"),
+        ("processes.PSM9.cpu=1", "trocar.processes.PSM9", "PSM1"),
+    ],
+)
+def test_wrong_set_is_named_as_such(home: Home, given: str, key: str, allowed: str) -> None:
+    problem = home.error(sets=[given])
+    assert problem.file == "--set" and problem.key == key and allowed in problem.allowed
+    assert str(problem).startswith("--set: error: ")
+
+
+def test_values_of_single_processes_win(home: Home) -> None:
+    home.edit(
+        SYSTEM,
+        "boards: emulated",
+        """boards: emulated
+  io: {period_s: 0.0005, priority: 40}
+  arm: {priority: 30, period_s: 0.0005}
+  processes:
+    IO1: {priority: 50, on_exit: stay-down, restart_limit: 1, backoff_s: 0.5}
+    PSM1: {period_s: 0.002, cpu: 0}""",
+    )
+    system = home.load().system
+    assert system is not None
+    io, arm = system.process("IO1"), system.process("PSM1")
+    assert (io.period_s, io.priority, io.on_exit, io.restart_limit, io.backoff_s) == (0.0005, 50, "stay-down", 1, 0.5)
+    assert (arm.period_s, arm.priority, arm.cpu) == (0.002, 30, 0)
+    assert system.arm("PSM1").period_s == 0.002 and system.io("IO1").period_s == 0.0005
+
+
+def test_written_period_is_used_as_written(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: udp\n    period: 0.000606667")
+    system = home.load().system
+    assert system is not None and system.io("IO1").period_s == 0.000606667
+    assert system.process("IO1").period_s == 0.000606667
+
+
+def test_working_folder_comes_first_and_path_before_configs(home: Home, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    for folder in (other, tmp_path / "elsewhere"):
+        (folder / "pid").mkdir(parents=True)
+        shutil.copy(home.path / "pid/PSM.yaml", folder / "pid/PSM.yaml")
+    system = home.load(search=[other]).system
+    assert system is not None and system.ios[0].pids[0].source == str(tmp_path / "elsewhere/pid/PSM.yaml")
+    (tmp_path / "elsewhere/pid/PSM.yaml").unlink()
+    system = home.load(search=[other]).system
+    assert system is not None and system.ios[0].pids[0].source == str(other / "pid/PSM.yaml")
+
+
+def test_settings_path_is_meant_from_the_system_file(home: Home) -> None:
+    (home.path / "systems/mine/pid").mkdir(parents=True)
+    shutil.copy(home.path / "pid/PSM.yaml", home.path / "systems/mine/pid/PSM.yaml")
+    home.edit(SYSTEM, "\ntrocar:", "\nsettings: {path: [mine]}\ntrocar:")
+    system = home.load().system
+    assert system is not None and system.ios[0].pids[0].source == str(home.path / "systems/mine/pid/PSM.yaml")
+
+
+def test_default_names_are_built_from_name_and_serial(home: Home) -> None:
+    home.edit(SYSTEM, "    arm_file: arms/PSM1-demo.yaml\n", "")
+    home.edit(SYSTEM, "    IO_file: io/PSM1-demo.yaml\n", "")
+    home.edit(SYSTEM, "    PID_file: pid/PSM.yaml\n", "")
+    shutil.copy(home.path / "arms/PSM1-demo.yaml", home.path / "systems/PSM1-demo.yaml")
+    shutil.copy(home.path / IO, home.path / "systems/sawRobotIO1394-PSM1-demo.yaml")
+    loaded = home.load()
+    assert loaded.errors == () and loaded.system is not None
+    assert loaded.system.ios[0].pids[0].source.endswith("pid/PSM.yaml")
+
+
+def test_null_and_empty_count_as_absent(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: udp\n    protocol: null\n    configuration_files: []")
+    home.edit(IO, "tolerances:  # 5°, 5 mm", "coupling: {}\n      tolerances:")
+    system = home.load().system
+    assert system is not None and system.ios[0].protocol == "broadcast-query-read-write"
+
+
+def test_short_protocol_names_are_spelled_out(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: udp\n    protocol: srw")
+    system = home.load().system
+    assert system is not None and system.ios[0].protocol == "sequential-read-write"
+
+
+def test_real_boards_keep_their_port(home: Home) -> None:
+    home.edit(SYSTEM, "boards: emulated", "boards: real")
+    system = home.load().system
+    assert system is not None and system.emulation is None and system.notes == ()
+    assert system.ios[0].port == "udp"
+    assert [row.name for row in system.processes] == ["IO1", "PSM1"] and system.process("IO1").after == ()
+
+
+def test_command_line_decides_over_the_file(home: Home) -> None:
+    real = home.load(boards="real").system
+    assert real is not None and real.emulation is None
+    assert home.error(boards="simulated").file == "--boards"
+
+
+def test_port_that_cannot_be_opened_yet_warns(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: fw")
+    loaded = home.load(boards="real")
+    assert loaded.system is not None
+    assert [problem.key for problem in loaded.warnings] == ["IOs[0].port"]
+    assert home.load().warnings == ()
+
+
+def test_every_bus_has_an_address_of_its_own(home: Home) -> None:
+    second = (home.path / IO).read_text().replace("PSM1", "PSM2").replace("board_id: 6", "board_id: 8")
+    (home.path / "io/PSM2-demo.yaml").write_text(second)
+    home.edit(SYSTEM, "    port: udp\n", "    port: udp\n  - {name: IO2, port: udp}\n")
+    arm = "  - {name: PSM2, type: PSM, serial: demo, IO: IO2, arm_file: arms/PSM1-demo.yaml,\n"
+    home.edit(SYSTEM, "\ntrocar:", f"{arm}     IO_file: io/PSM2-demo.yaml, PID_file: pid/PSM.yaml}}\n\ntrocar:")
+    loaded = home.load(bus_address=lambda index: f"127.9.9.{16 * (index + 1)}")
+    assert loaded.errors == () and loaded.system is not None and loaded.system.emulation is not None
+    rows = [(bus.io, bus.address, [c.board_id for c in bus.controllers]) for bus in loaded.system.emulation.buses]
+    assert rows == [("IO1", "127.9.9.16", [6, 7]), ("IO2", "127.9.9.32", [7, 8])]
+    assert [io.port for io in loaded.system.ios] == ["udp:127.9.9.16", "udp:127.9.9.32"]
+    assert loaded.system.process("PSM2").after == ("IO2",)
+
+
+def test_addresses_depend_on_the_system_and_stay_in_127() -> None:
+    first, again, other = default_addresses("one"), default_addresses("one"), default_addresses("two")
+    assert first(0) == again(0) != other(0)
+    assert first(0).startswith("127.") and [first(k).rsplit(".", 1)[1] for k in range(3)] == ["16", "32", "48"]
+    assert not any(default_addresses(str(n))(0).startswith("127.0.") for n in range(2000))
+
+
+def test_instrument_put_into_a_manual_arm_is_loaded(home: Home) -> None:
+    home.edit("arms/PSM1-demo.yaml", "tool_detection: FIXED\ntool:", "tool_detection: MANUAL\n#")
+    home.edit(SYSTEM, "boards: emulated", 'boards: emulated\n  emulation: {instruments: {PSM1: ":400006"}}')
+    system = home.load().system
+    assert system is not None and system.emulation is not None
+    assert system.arms[0].tool is None
+    assert [tool.name for tool in system.arms[0].tools] == [":400006"]
+    assert system.emulation.instruments == (("PSM1", ":400006"),)
+
+
+def test_system_name_must_be_usable(home: Home) -> None:
+    named = home.load(name="or-3").system
+    assert named is not None and named.name == "or-3"
+    assert "letters" in home.error(name="a b").allowed
+    odd = home.path / "systems/my system.v2.yaml"
+    shutil.copy(home.path / SYSTEM, odd)
+    stem = home.load("systems/my system.v2.yaml").system
+    assert stem is not None and stem.name == "my_system_v2"
+
+
+def test_unreadable_file_beside_others_does_not_hide_them(home: Home) -> None:
+    (home.path / "pid/PSM.yaml").write_text("pid: [")
+    (home.path / "kinematic/PSM.yaml").write_text("DH: 3")
+    files = {Path(problem.file).name + str(problem.line) for problem in home.load().errors}
+    assert files == {"PSM.yaml1"} and len(home.load().errors) == 2

@@ -1,0 +1,339 @@
+"""Every class of mistake names file, line, key, value and what is allowed, and all of them at once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.config.conftest import SYSTEM, Home
+
+IO = "io/PSM1-demo.yaml"
+PID = "pid/PSM.yaml"
+ARM = "arms/PSM1-demo.yaml"
+CHAIN = "kinematic/PSM.yaml"
+TOOL = "tool/LARGE_NEEDLE_DRIVER_400006.yaml"
+INDEX = "tool/index.yaml"
+
+DRIVE = "robots[0].actuators[0].drive"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "key", "value", "allowed"),
+    [
+        # wrong type
+        (IO, "maximum_current: 1.34", 'maximum_current: "1.34"', f"{DRIVE}.maximum_current", '"1.34"', "a number"),
+        (IO, "maximum_current: 1.34", "maximum_current: true", f"{DRIVE}.maximum_current", "true", "a number"),
+        (IO, "maximum_current: 1.34", "maximum_current: .nan", f"{DRIVE}.maximum_current", "NaN", "a number"),
+        (IO, "maximum_current: 1.34", "maximum_current: 1e400", f"{DRIVE}.maximum_current", "Infinity", "a number"),
+        (IO, "board_id: 6", "board_id: 6.5", "robots[0].actuators[0].board_id", "6.5", "a whole number from 0"),
+        (SYSTEM, "serial: demo", "serial: 1", "arms[0].serial", "1", "a text"),
+        (IO, "pressed_value: true", "pressed_value: yes", "digital_inputs[0].pressed_value", '"yes"', "true or false"),
+        (SYSTEM, "port: udp", "port: 3", "IOs[0].port", "3", "a text"),
+        (SYSTEM, "- name: IO1\n    port: udp", "- 7", "IOs[0]", "7", "an object with name, port"),
+        (TOOL, "lower: [-4.5378, -0.261799, -0.261799, 0]", "lower: 3", "tool_engage_position.lower", "3", "a list"),
+        # range
+        (IO, "board_id: 6", "board_id: 16", "robots[0].actuators[0].board_id", "16", "from 0 and up to 15"),
+        (IO, "axis_id: 0", "axis_id: 4", "robots[0].actuators[0].axis_id", "4", "0 to 3 on QLA1"),
+        (IO, "maximum_current: 1.34", "maximum_current: -1", f"{DRIVE}.maximum_current", "-1", "from 0"),
+        (IO, "latency: 0.01", "latency: -1", "robots[0].potentiometers.tolerances[0].latency", "-1", "from 0"),
+        (PID, "p_gain: 120", "p_gain: -120", "pid[0].p_gain", "-120", "from 0"),
+        (PID, "i_gain: 0,", "i_gain: 0, v_low_pass_cutoff: 0,", "pid[0].v_low_pass_cutoff", "0", "above 0"),
+        (SYSTEM, "port: udp", "port: udp\n    period: 0", "IOs[0].period", "0", "from 0.0001 and up to 0.1"),
+        (SYSTEM, "serial: demo", "serial: demo\n    period: 2", "arms[0].period", "2", "up to 0.1"),
+        # words
+        (IO, "hardware_version: QLA1", "hardware_version: QLA2", "robots[0].hardware_version", '"QLA2"', '"QLA1"'),
+        (IO, "joint_type: REVOLUTE", "joint_type: round", "robots[0].actuators[0].joint_type", '"round"', "REVOLUTE"),
+        (SYSTEM, "port: udp", "port: usb", "IOs[0].port", '"usb"', "fw[:N], udp[:IP]"),
+        (SYSTEM, "port: udp", "port: udp\n    protocol: fast", "IOs[0].protocol", '"fast"', "srbw"),
+        (SYSTEM, "type: PSM", "type: PSN", "arms[0].type", '"PSN"', '"MTM"'),
+        (SYSTEM, "name: PSM1", "name: PSM 1", "arms[0].name", '"PSM 1"', "letters, digits, _ and -"),
+        (ARM, "generation: Classic", "generation: Xi", "generation", '"Xi"', '"Classic", "Si"'),
+        (ARM, "tool_detection: FIXED", "tool_detection: FIX", "tool_detection", '"FIX"', "MANUAL"),
+        # versions and kinds
+        (IO, '$version: "6"', "$version: 6", "$version", "6", 'the text "6"'),
+        (IO, '$version: "6"', '$version: "5"', "$version", '"5"', 'the text "6"'),
+        (SYSTEM, '$version: "1"', "$version: 1", "$version", "1", 'the text "1"'),
+        (PID, '$version: "1"', "$version: 1", "$version", "1", 'the text "1"'),
+        (ARM, "$id: dvrk-psm.schema.json", "$id: dvrk-ecm.schema.json", "$id", '"dvrk-ecm.schema.json"', "dvrk-psm"),
+        # serial numbers and names
+        (SYSTEM, "serial: demo", 'serial: "28007"', "robots[0].serial_number", '"demo"', '"28007"'),
+        (SYSTEM, "serial: demo", "serial: demo\n    name_on_IO: PSM2", "robots", "a list of 1", "PSM2"),
+        (SYSTEM, "IO: IO1", "IO: IO2", "arms[0].IO", '"IO2"', "one of IO1"),
+        (SYSTEM, "serial: demo\n    IO: IO1", "IO: IO1", "arms[0].serial", "", "a text"),
+        (SYSTEM, "name: PSM1", "name: boards\n    name_on_IO: PSM1", "arms[0].name", '"boards"', "a name of its own"),
+        (SYSTEM, "name: PSM1", "name: IO1\n    name_on_IO: PSM1", "arms[0].name", '"IO1"', "a name of its own"),
+        # what must fit together
+        (IO, "axis_id: 1", "axis_id: 0", "robots[0].actuators[1].axis_id", "0", "only once"),
+        (IO, "name: PSM1_tool", "name: PSM1_adapter", "digital_inputs[3].name", '"PSM1_adapter"', "only once"),
+        (IO, "number_of_actuators: 7", "number_of_actuators: 6", "robots[0].number_of_actuators", "6", "7"),
+        (IO, "number_of_brakes: 0", "number_of_brakes: 3", "robots[0].number_of_brakes", "3", "0"),
+        (
+            IO,
+            "lower: -1.58825",
+            "lower: 1.6",
+            "robots[0].actuators[0].encoder.position_limits_soft.lower",
+            "1.6",
+            "1.588",
+        ),
+        (IO, "scale: -1.907", "scale: 1.907", f"{DRIVE}.bits_to_current.scale", "0.00019", ""),
+        (
+            IO,
+            "effort_to_current: {scale: 0.40408938}",
+            "effort_to_current: {offset: 0}",
+            f"{DRIVE}.effort_to_current.scale",
+            "",
+            "A per N·m",
+        ),
+        (IO, "scale: -7.722695805e-6", "scale: 0", "robots[0].actuators[0].encoder.bits_to_position.scale", "0", ""),
+        (
+            IO,
+            "version: QLA1",
+            "version: HARDWARE_UNDEFINED",
+            "robots[0].hardware_version",
+            '"HARDWARE_UNDEFINED"',
+            "QLA1, DQLA or dRA1",
+        ),
+        (PID, "index: 2", "index: 3", "pid[2].index", "3", "2"),
+        (PID, "type: PRISMATIC", "type: REVOLUTE", "pid[2].type", '"REVOLUTE"', "PRISMATIC"),
+        (PID, "name: disc_2", "name: disc_1", "pid[4].name", '"disc_1"', "a name of its own"),
+        (CHAIN, "qmin: -1.588", "qmin: 1.6", "DH.joints[0].qmin", "1.6", "at most 1.588"),
+        (CHAIN, "convention: modified", "convention: classic", "DH.convention", '"classic"', '"standard", "modified"'),
+        (TOOL, "- [0, 0, 1, 0]", "- [0, 0, 1.1, 0]", "tooltip_offset", "[[0", "orthonormal"),
+        (
+            TOOL,
+            "- [0, 0, -1.2177, 1.2177]",
+            "- [0, 0, 0, 0]",
+            "coupling.ActuatorToJointPosition",
+            "a list of 4",
+            "invertible",
+        ),
+        (
+            TOOL,
+            "- [0, 0, -1.2177, 1.2177]",
+            "- [0, 0, 1]",
+            "coupling.ActuatorToJointPosition",
+            "a list of 4",
+            "4 rows of 4",
+        ),
+        (ARM, "LARGE_NEEDLE_DRIVER:400006", "SCISSORS:1", "tool", '"SCISSORS:1"', "LARGE_NEEDLE_DRIVER:400006"),
+        (ARM, 'tool: "LARGE_NEEDLE_DRIVER:400006"', "re_home: true", "tool", "", "NAME:MODEL"),
+        # missing keys and files
+        (IO, "velocity_source: FIRMWARE", "has: 1", "robots[0].actuators[0].encoder.velocity_source", "", "SOFTWARE"),
+        (PID, "p_gain: 120, ", "", "pid[0].p_gain", "", "a number"),
+        (SYSTEM, "pid/PSM.yaml", "pid/PSM9.yaml", "arms[0].PID_file", '"pid/PSM9.yaml"', "search path"),
+        (SYSTEM, "io/PSM1-demo.yaml", "io/x.json", "arms[0].IO_file", '"io/x.json"', "search path"),
+        (SYSTEM, "arms/PSM1-demo.yaml", "arms/x.json", "arms[0].arm_file", '"arms/x.json"', "search path"),
+        (ARM, "kinematic/PSM.yaml", "kinematic/x.json", "kinematic", '"kinematic/x.json"', "search path"),
+        (INDEX, "file: LARGE_NEEDLE_DRIVER_400006.yaml", "file: x.json", "tool", '"LARGE_', "search path"),
+        # the section of Trocar
+        (SYSTEM, "boards: emulated", "board: emulated", "trocar.board", '"emulated"', "boards"),
+        (SYSTEM, "boards: emulated", "boards: simulated", "trocar.boards", '"simulated"', '"real", "emulated"'),
+        (SYSTEM, "boards: emulated", "clock: lockstep", "trocar.clock", '"lockstep"', "wall"),
+        (SYSTEM, "boards: emulated", "io: {spin_us: 51}", "trocar.io.spin_us", "51", "up to 50"),
+        (SYSTEM, "boards: emulated", "processes: {PSM2: {cpu: 1}}", "trocar.processes.PSM2", '{"cpu": 1}', "IO1, PSM1"),
+        (
+            SYSTEM,
+            "serial: demo",
+            "serial: demo\n    simulation: KINEMATIC",
+            "arms[0].simulation",
+            '"KINEMATIC"',
+            "NONE",
+        ),
+    ],
+)
+def test_mistake_is_named_with_its_place(
+    home: Home, file: str, old: str, new: str, key: str, value: str, allowed: str
+) -> None:
+    line = home.edit(file, old, new)
+    problem = home.error()
+    assert problem.key == key
+    assert problem.value.startswith(value) and bool(problem.value) == bool(value)
+    assert allowed in problem.allowed
+    placed_in = Path(problem.file).relative_to(home.path)
+    assert problem.line > 0
+    if str(placed_in) == file and problem.value and "\n" not in old:
+        assert abs(problem.line - line) <= 4  # a missing key or a list stands at what surrounds it
+    assert "\n" not in str(problem) and f"{problem.file}:{problem.line}: error: {key}" in str(problem)
+
+
+def test_exact_line_of_a_plain_value(home: Home) -> None:
+    line = home.edit(IO, "maximum_current: 0.67", "maximum_current: lots")
+    problem = home.error()
+    assert problem.line == line
+    assert str(problem) == (
+        f'{home.path / IO}:{line}: error: robots[0].actuators[2].drive.maximum_current = "lots": wrong type; '
+        "allowed: a number from 0.0 and up to 20.0 (A)"
+    )
+
+
+def test_serial_mismatch_names_both(home: Home) -> None:
+    home.edit(SYSTEM, "serial: demo", 'serial: "28007"')
+    text = str(home.error())
+    assert "28007" in text and "demo" in text and "PSM1" in text
+
+
+def test_all_mistakes_are_told_at_once(home: Home) -> None:
+    home.edit(IO, "board_id: 6", "board_id: 60")
+    home.edit(PID, "p_gain: 120", "p_gain: much")
+    home.edit(TOOL, "qmin: -0.698132", "qmin: 7")
+    home.edit(SYSTEM, "boards: emulated", "bords: emulated")
+    keys = {problem.key for problem in home.load().errors}
+    assert keys >= {"robots[0].actuators[0].board_id", "pid[0].p_gain", "jaw.qmin", "trocar.bords"}
+
+
+def test_uncalibrated_controllers_are_refused(home: Home) -> None:
+    file = home.path / IO
+    lines = [
+        line.split("offset:")[0] + "offset: 32768.4}" if "current_to_bits" in line else line
+        for line in file.read_text().splitlines()
+    ]
+    file.write_text("\n".join(lines))
+    problem = home.error()
+    assert "not calibrated" in problem.text
+    assert problem.key == f"{DRIVE}.current_to_bits.offset"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ('{"$id": "dvrk-system.schema.json",\n "$version" "1"}', 2, "a colon must follow"),
+        ('{\n "$id": "dvrk-system.schema.json"\n "$version": "1"\n}', 3, "a comma or }"),
+        ("[1, 2]", 1, "must be an object"),
+    ],
+)
+def test_broken_json_is_one_clear_error(home: Home, text: str, line: int, what: str) -> None:
+    (home.path / "broken.json").write_text(text)
+    loaded = home.load("broken.json")
+    assert loaded.system is None
+    (problem,) = loaded.errors
+    assert problem.line == line and what in str(problem)
+
+
+def test_files_that_cannot_be_read(home: Home) -> None:
+    (home.path / "bytes.json").write_bytes(b'{"a": "\xff"}')
+    for name, what in (("nowhere.json", "No such file"), ("bytes.json", "not UTF-8"), ("systems", "Is a directory")):
+        (problem,) = home.load(name).errors
+        assert what in str(problem) and str(home.path / name) in str(problem)
+
+
+def test_console_file_of_old_days_is_refused_plainly(home: Home) -> None:
+    (home.path / "console.json").write_text('{"arms": [{"name": "PSM1", "arm": "x.json"}]}')
+    (problem,) = home.load("console.json").errors
+    assert "before dVRK 2.4" in problem.text and "dvrk-system.schema.json" in problem.allowed
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "key", "nearest"),
+    [
+        (IO, "velocity_source: FIRMWARE", "velocity_source: FIRMWARE\n          ofset: 1", "encoder.ofset", ""),
+        (PID, "i_gain: 0,", "i_gain: 0, p_deadbnd: 1,", "pid[0].p_deadbnd", "p_deadband"),
+        (SYSTEM, "serial: demo", "serial: demo\n    Serail: 3", "arms[0].Serail", "serial"),
+        (TOOL, "qmin: -0.698132", "qmin: -0.698132, Qmin: 1", "jaw.Qmin", "qmin"),
+        (ARM, "generation:", "mountingPitch: 0\ngeneration:", "mountingPitch", "mounting_pitch"),
+    ],
+)
+def test_unknown_key_warns_with_nearest_name(home: Home, file: str, old: str, new: str, key: str, nearest: str) -> None:
+    home.edit(file, old, new)
+    loaded = home.load()
+    assert loaded.system is not None
+    (warning,) = loaded.warnings
+    assert warning.key.endswith(key) and warning.file == str(home.path / file) and warning.line > 0
+    assert warning.severity == "warning"
+    if nearest:
+        assert f'did you mean "{nearest}"?' in warning.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("port: udp", "port: udp\n    period: 0.002", "1 ms or less"),
+        ("port: udp", "port: udp\n    watchdog_timeout: 0.5", "0.3 s is used instead"),
+        ("port: udp", "port: udp\n    watchdog_timeout: 0", "watchdog of the boards is off"),
+        ("trocar:", "settings: {path: [nowhere]}\ntrocar:", "no such folder"),
+    ],
+)
+def test_doubtful_values_only_warn(home: Home, old: str, new: str, text: str) -> None:
+    home.edit(SYSTEM, old, new)
+    loaded = home.load()
+    assert loaded.system is not None
+    (warning,) = loaded.warnings
+    assert text in warning.text
+
+
+def test_watchdog_is_capped_and_can_be_off(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: udp\n    watchdog_timeout: 0.5")
+    capped = home.load().system
+    home.edit(SYSTEM, "watchdog_timeout: 0.5", "watchdog_timeout: -1")
+    off = home.load().system
+    assert capped is not None and off is not None
+    assert (capped.ios[0].watchdog_s, off.ios[0].watchdog_s) == (0.3, 0.0)
+
+
+def test_repeated_key_in_json_warns(home: Home) -> None:
+    system = {
+        "$id": "dvrk-system.schema.json",
+        "$version": "1",
+        "IOs": [{"name": "IO1", "port": "udp"}],
+        "arms": [{"name": "PSM1", "type": "PSM", "serial": "demo", "IO": "IO1", "arm_file": ARM, "IO_file": IO}],
+    }
+    text = json.dumps(system, indent=1).replace('"port": "udp"', '"port": "fw",\n "port": "udp"')
+    (home.path / "twice.json").write_text(text)
+    loaded = home.load("twice.json")
+    assert loaded.system is not None and loaded.system.ios[0].port == "udp"
+    (warning,) = loaded.warnings
+    assert warning.key == "IOs[0].port" and "occurs twice" in warning.text
+
+
+def test_two_arms_cannot_share_a_robot(home: Home) -> None:
+    arm = "  - {name: PSM2, name_on_IO: PSM1, type: PSM, serial: demo, IO: IO1, arm_file: arms/PSM1-demo.yaml,\n"
+    arm += "     IO_file: io/PSM1-demo.yaml}\n"
+    home.edit(SYSTEM, "\ntrocar:", f"{arm}\ntrocar:")
+    problem = home.error()
+    assert problem.key == "arms[1].name_on_IO" and "PSM1" in problem.text
+
+
+def test_arms_on_one_bus_cannot_share_axes(home: Home) -> None:
+    second = (home.path / IO).read_text().replace("PSM1", "PSM2")
+    (home.path / "io/PSM2-demo.yaml").write_text(second)
+    arm = "  - {name: PSM2, type: PSM, serial: demo, IO: IO1, arm_file: arms/PSM1-demo.yaml,\n"
+    arm += "     IO_file: io/PSM2-demo.yaml}\n"
+    home.edit(SYSTEM, "\ntrocar:", f"{arm}\ntrocar:")
+    errors = home.load().errors
+    assert len(errors) == 7
+    assert "board 6 axis 0 is used twice" in errors[0].text and "PSM1-demo.yaml:" in errors[0].text
+
+
+@pytest.mark.parametrize(
+    ("console", "key"),
+    [
+        ("{name: c, input_type: PEDALS_ONLY}", "consoles[0].IO_pedals"),
+        ("{name: c, input_type: SIMULATED, teleop_PSMs: [{MTM: M, PSM: PSM1}]}", "consoles[0].teleop_PSMs[0].MTM"),
+        (
+            "{name: c, input_type: PEDALS_ONLY, IO_pedals: {IO: IO9, IO_file: io/PSM1-demo.yaml}}",
+            "consoles[0].IO_pedals.IO",
+        ),
+        ("{name: PSM1, input_type: SIMULATED}", "consoles[0].name"),
+        ("{name: c, input_type: FEET}", "consoles[0].input_type"),
+    ],
+)
+def test_consoles_are_checked_though_not_started(home: Home, console: str, key: str) -> None:
+    home.edit(SYSTEM, "\ntrocar:", f"\nconsoles: [{console}]\ntrocar:")
+    assert home.error().key == key
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        "{reference_frame: ECM}",
+        "{component: SUJ}",
+        "{reference_frame: ECM, transform: [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]], component: SUJ, interface: PSM1}",
+        "{reference_frame: ECM, transform: [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]}",
+        "{reference_frame: ECM, transform: [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]}",
+        "{reference_frame: ECM, transform: [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}",
+    ],
+)
+def test_half_or_crooked_base_frame_is_refused(home: Home, frame: str) -> None:
+    home.edit(SYSTEM, "serial: demo", f"serial: demo\n    base_frame: {frame}")
+    assert home.error().key.startswith("arms[0].base_frame")

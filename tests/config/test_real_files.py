@@ -1,0 +1,155 @@
+"""Files of a real site and the stock share load as they are and stay as they are."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from procs.lib import document
+from procs.lib.config import check_file, load_system
+from tests import stock
+
+KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index")
+NOT_MODELLED = ("suj", "gc-", "LookupTable")
+
+
+def dvrk_files() -> list[Path]:
+    folders = (stock.find("dvrk-share"), stock.find("dvrk-site"))
+    return sorted(path for folder in folders for path in folder.rglob("*.json"))
+
+
+def site() -> Path:
+    return stock.find("dvrk-site/jhu-dVRK/system-PSM1.json")
+
+
+def test_every_file_is_read_without_unknown_keys() -> None:
+    share = stock.find("dvrk-share")
+    seen = set()
+    for path in dvrk_files():
+        result = check_file(path, search=[share])
+        texts = [str(problem) for problem in result.problems]
+        if any(part in path.name for part in NOT_MODELLED):
+            assert result.kind == "unknown" and len(texts) == 1 and "not checked" in texts[0]
+            continue
+        seen.add(result.kind)
+        expected = ("KINEMATIC simulation is not available yet", "only UDP can be opened", "before dVRK 2.4")
+        assert all(any(part in text for part in expected) for text in texts), texts
+    assert seen == set(KINDS)
+
+
+def test_site_system_loads_with_emulated_boards() -> None:
+    folder = site().parent
+    before = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+    loaded = load_system(site(), search=[stock.find("dvrk-share")], boards="emulated", name="site")
+    assert loaded.errors == () and loaded.warnings == ()
+    system = loaded.system
+    assert system is not None and system.emulation is not None
+    (bus,) = system.emulation.buses
+    assert [controller.board_id for controller in bus.controllers] == [6, 7]
+    assert system.ios[0].port == f"udp:{bus.address}"
+    assert system.notes == (f"IO1: port fw replaced by emulated boards 6, 7 at {bus.address}",)
+    assert [(row.name, row.kind, row.after) for row in system.processes] == [
+        ("boards", "boards", ()),
+        ("IO1", "io", ("boards",)),
+        ("PSM1", "arm", ("IO1",)),
+    ]
+    assert {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()} == before
+
+
+def test_site_numbers_arrive_unchanged() -> None:
+    system = load_system(site(), search=[stock.find("dvrk-share")], boards="emulated").system
+    assert system is not None
+    io, arm = system.ios[0], system.arms[0]
+    first = io.robots[0].actuators[0]
+    assert (first.board_id, first.axis_id, first.joint_type) == (6, 0, "REVOLUTE")
+    assert first.current_to_bits == document.Linear(-5242.88, 33032.43877763718)
+    assert first.encoder is not None and first.encoder.bits_to_position == document.Linear(-7.722695805e-06, 0.0)
+    assert [tolerance.latency_s for tolerance in io.robots[0].tolerances] == [0.01] * 5 + [0.05, 0.5]
+    assert [button.name for button in io.digital_inputs][-1] == "PSM1_adapter"
+    assert io.digital_inputs[0].debounce_s == 0.2 and io.digital_inputs[0].debounce_click_s == 0.0
+    assert (io.protocol, io.watchdog_s, io.period_s) == ("broadcast-query-read-write", 0.03, 1 / 1500)
+    assert (arm.tool_detection, arm.tool, arm.serial, arm.io, arm.robot) == ("MANUAL", None, "28007", "IO1", "PSM1")
+    assert [link.name for link in arm.chain.links] == ["yaw", "pitch", "insertion"]
+    assert arm.chain.convention == "modified" and arm.use_setpoint_v
+
+
+def test_document_survives_json() -> None:
+    system = load_system(site(), search=[stock.find("dvrk-share")], boards="emulated").system
+    assert system is not None
+    assert document.from_json(document.to_json(system)) == system
+
+
+def test_site_system_needs_only_our_own_files() -> None:
+    system = load_system(site(), boards="emulated").system
+    assert system is not None
+    assert system.arms[0].chain.source.endswith("configs/kinematic/PSM.yaml")
+    assert system.ios[0].pids[0].source.endswith("configs/pid/PSM.yaml")
+
+
+def test_system_with_parts_that_wait_says_so() -> None:
+    path = stock.find("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json")
+    loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
+    system = loaded.system
+    assert system is not None and system.emulation is not None
+    assert [arm.name for arm in system.arms] == ["PSM1"]
+    assert set(system.notes) >= {
+        "not started yet: MTML (MTM)",
+        "not started yet: console console1",
+        "not started yet: teleop MTML_PSM1",
+    }
+    boards = [controller.board_id for controller in system.emulation.buses[0].controllers]
+    assert boards == [0, 1, 3, 6, 7], "masters, gripper and pedals have boards too"
+    assert system.arms[0].reference_frame == "ECM" and system.arms[0].base_frame is not None
+
+
+def test_arms_of_other_kinds_are_checked_and_wait() -> None:
+    for name in (
+        "jhu-daVinci/system-ECM",
+        "jhu-daVinci/system-SUJ",
+        "jhu-daVinci-Si/system-PSM1",
+        "jhu-dVRK/system-MTML",
+    ):
+        path = stock.find(f"dvrk-site/{name}.json")
+        loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
+        assert loaded.errors == () and loaded.system is not None
+        assert loaded.system.processes == () and loaded.system.emulation is None
+        assert any(note.startswith("not started yet") for note in loaded.system.notes)
+
+
+def test_table_of_digital_potentiometers_must_exist(tmp_path: Path) -> None:
+    io = stock.find("dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json")
+    copy = tmp_path / io.name
+    copy.write_bytes(io.read_bytes())
+    (problem,) = check_file(copy).problems
+    assert problem.key == "robots[0].potentiometers.lookup_table_file" and "no file" in problem.text
+
+
+def test_missing_share_files_are_named(tmp_path: Path) -> None:
+    path = stock.find("dvrk-site/jhu-dVRK/system-MTML.json")
+    loaded = load_system(path, configs=tmp_path, boards="emulated")
+    files = {problem.key: problem.text for problem in loaded.errors}
+    assert "pid/sawControllersPID-MTM.json" in files["arms[0].PID_file"]
+    assert "kinematic/MTML.json" in files["kinematic"]
+
+
+def test_our_own_kinematics_and_tool_equal_the_stock_ones() -> None:
+    share = load_system(_demo(), search=[]).system
+    assert share is not None
+    chain, tool = share.arms[0].chain, share.arms[0].tool
+    assert tool is not None
+    assert chain.links == stock.chain("PSM").links
+    other = stock.tool("LARGE_NEEDLE_DRIVER_400006")
+    for name in ("links", "jaw", "tip", "actuator_to_joint", "engage_lower", "engage_upper"):
+        assert getattr(tool, name) == getattr(other, name), name
+
+
+def _demo() -> Path:
+    return stock.ROOT / "configs/systems/demo.yaml"
+
+
+@pytest.mark.parametrize("name", ["PSM", "ECM", "MTM", "PSM-Si", "ECM-Si"])
+def test_stock_gains_are_read_for_all_axes(name: str) -> None:
+    result = check_file(stock.find(f"dvrk-share/pid/sawControllersPID-{name}.json"))
+    assert (result.kind, result.problems) == ("pid", ())

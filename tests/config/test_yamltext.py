@@ -1,0 +1,84 @@
+"""YAML by the rules of 1.2."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from procs.lib.config.jsontext import TextError
+from procs.lib.config.yamltext import parse_yaml
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 0.001),
+        ("1.5E+3", 1500.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("-7", -7),
+        ("010", 10),
+        ("0x1F", 31),
+        ("0o17", 15),
+        ("on", "on"),
+        ("yes", "yes"),
+        ("no", "no"),
+        ("off", "off"),
+        ("y", "y"),
+        ("1:30", "1:30"),
+        ("1_000", "1_000"),
+        ("2024-01-02", "2024-01-02"),
+        ("true", True),
+        ("False", False),
+        ("~", None),
+        ("", None),
+        ("'1'", "1"),
+        ('"true"', "true"),
+        ("-.inf", -math.inf),
+    ],
+)
+def test_plain_words_mean_what_yaml_12_says(text: str, value: object) -> None:
+    data = parse_yaml(f"key: {text}").data
+    assert data == {"key": value}
+    assert isinstance(data, dict) and type(data["key"]) is type(value)
+
+
+def test_not_a_number_stays_a_float() -> None:
+    data = parse_yaml(".nan").data
+    assert isinstance(data, float) and math.isnan(data)
+
+
+def test_every_key_keeps_its_line() -> None:
+    lines = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n").lines
+    assert (lines[("a",)], lines[("a", "b")], lines[("a", "b", 0)], lines[("a", "b", 1, "c")]) == (1, 2, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("a: 1\nb: 2\na: 3", 3, "occurs twice, first in line 1"),
+        ("a: [1, 2\nb: 3", 2, "expected"),
+        ("a: !!python/name:os.system x", 1, "tag"),
+        ("1: 2", 1, "a key must be a text"),
+        ("? [1, 2]\n: 3", 1, "a key must be a text"),
+        ("a: 1\n---\nb: 2", 2, "single document"),
+        ("a: &x [*x]", 1, "alias that contains itself"),
+        ("a: *nobody", 1, "undefined alias"),
+        ("b: 1\na: \x07", 2, "special characters"),
+        ("[" * 3000, 1, ""),
+    ],
+)
+def test_broken_yaml_names_the_line(text: str, line: int, what: str) -> None:
+    with pytest.raises(TextError) as caught:
+        parse_yaml(text)
+    assert caught.value.line == line
+    assert what in caught.value.what
+
+
+def test_aliases_cannot_explode() -> None:
+    bomb = "a0: &a0 [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
+        f"a{n}: &a{n} [{','.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9)
+    )
+    with pytest.raises(TextError):
+        parse_yaml(bomb)

@@ -1,0 +1,68 @@
+"""`trocar check`: what it prints and its exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from procs.lib.config import PROJECT_CONFIGS
+from tools import check
+
+DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
+
+
+def test_fine_files_exit_zero(capsys: pytest.CaptureFixture[str]) -> None:
+    files = sorted(PROJECT_CONFIGS.rglob("*.yaml"))
+    assert check.run(files, [], False) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert f"{DEMO}: system file, fine" in lines
+    assert sum(line.endswith("fine") for line in lines) == len(files)
+
+
+def test_mistake_exits_one_and_is_printed_on_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = tmp_path / "pid.yaml"
+    wrong.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace('"1"', "1"))
+    assert check.run([wrong, DEMO], [], False) == 1
+    out = capsys.readouterr().out
+    assert f'{wrong}:4: error: $version = 1: wrong type; allowed: the text "1"' in out
+    assert f"{wrong}: pid file, 1 error" in out
+
+
+def test_json_output_is_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    broken = tmp_path / "broken.json"
+    broken.write_text('{"$id": 1,\n}')
+    assert check.run([broken, DEMO], [], True) == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["errors"], printed["warnings"]) == (1, 0)
+    first, second = printed["files"]
+    assert (first["file"], first["ok"], second["ok"], second["kind"]) == (str(broken), False, True, "system")
+    (problem,) = first["problems"]
+    assert (problem["line"], problem["severity"]) == (1, "error") and "comma before }" in problem["text"]
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "code"),
+    [
+        ('{"$id": "dvrk-sistem.schema.json"}', "unknown", 1),
+        ('{"arms": [{"name": "ECM", "measured_cp": []}]}', "unknown", 0),
+        ('{"arms": [{"name": "PSM1", "arm": "x.json"}]}', "system", 1),
+        ('{"robots": []}', "io", 1),
+        ('{"pid": []}', "pid", 1),
+        ('{"DH": {"joints": []}}', "kinematic", 1),
+        ('{"instruments": []}', "tool index", 1),
+        ("{}", "unknown", 0),
+    ],
+)
+def test_kind_is_told_from_id_or_keys(tmp_path: Path, text: str, kind: str, code: int) -> None:
+    file = tmp_path / "file.json"
+    file.write_text(text)
+    (result,) = check.check([file])
+    assert result.kind == kind
+    assert check.run([file], [], True) == code
+
+
+def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert check.run([tmp_path / "nowhere.json"], [], False) == 1
+    assert "No such file" in capsys.readouterr().out
