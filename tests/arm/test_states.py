@@ -1,0 +1,169 @@
+"""The table of states, pair by pair, and every state_command in every state on a fake io."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from procs.arm.states import ACCEPTED, BEYOND, BUSY, COMMANDS, DESIRES, PUBLISHED, RESUMES, Event, State, follow, refusal
+from tests.arm.fake_io import Rig
+
+POWERED = (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED)
+
+# The table once more, as a person reads the specification: rows are states, columns the events that change them.
+EXPECTED = {
+    State.DISABLED: {Event.ONWARD: State.POWERING, Event.PROBLEM: State.FAULT},
+    State.POWERING: {Event.POWERED: State.ENABLED, Event.DISABLE: State.DISABLED, Event.PROBLEM: State.FAULT},
+    State.ENABLED: {Event.ONWARD: State.CALIBRATING, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
+                    Event.PROBLEM: State.FAULT},
+    State.CALIBRATING: {Event.BIASED: State.BIASED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
+                        Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
+    State.BIASED: {Event.ONWARD: State.HOMING, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
+                   Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
+    State.HOMING: {Event.ARRIVED: State.HOMED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
+                   Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
+    State.HOMED: {Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED, Event.UNHOME: State.ENABLED,
+                  Event.PROBLEM: State.FAULT},
+    State.PAUSED: {Event.RESUME: State.ENABLED, Event.DISABLE: State.DISABLED, Event.PROBLEM: State.FAULT},
+    State.FAULT: {Event.DISABLE: State.DISABLED, Event.ENABLE: State.DISABLED},
+}
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
+def test_every_pair_leads_where_the_specification_says(state: State, event: Event) -> None:
+    assert follow(state, event) is EXPECTED[state].get(event, state)
+
+
+def test_every_state_is_published_and_every_word_is_known() -> None:
+    assert set(PUBLISHED) == set(State) and set(PUBLISHED.values()) == set(ACCEPTED)
+    assert {word for words in ACCEPTED.values() for word in words} == set(COMMANDS)
+    assert set(DESIRES) == set(COMMANDS) - {Event.RESUME}
+    assert set(RESUMES) == set(POWERED) and set(RESUMES.values()) <= set(POWERED) - BUSY
+    assert BUSY.isdisjoint(BEYOND)
+
+
+@pytest.mark.parametrize(("state", "word"), list(itertools.product(State, COMMANDS)))
+def test_a_refusal_names_command_state_and_sub_state(state: State, word: Event) -> None:
+    reason = refusal(state, word)
+    assert (word in ACCEPTED[PUBLISHED[state]]) is (not reason)
+    if reason:
+        assert word in reason and PUBLISHED[state] in reason and state in reason
+
+
+def test_an_unknown_word_is_refused_with_the_known_ones() -> None:
+    assert "enable" in refusal(State.HOMED, "fly") and "fly" in refusal(State.HOMED, "fly")
+
+
+AFTER = {  # where a command leads in the end; not listed: stays
+    ("DISABLED", "enable"): "ENABLED",
+    ("POWERING", "enable"): "ENABLED",
+    ("POWERING", "unhome"): "ENABLED",
+    ("CALIBRATING_ENCODERS_FROM_POTS", "enable"): "ENCODERS_BIASED",
+    ("CALIBRATING_ENCODERS_FROM_POTS", "home"): "HOMED",
+    ("HOMING", "enable"): "HOMED",
+    ("HOMING", "home"): "HOMED",
+    ("ENABLED", "home"): "HOMED",
+    ("ENCODERS_BIASED", "home"): "HOMED",
+    ("PAUSED", "resume"): "HOMED",
+    ("FAULT", "enable"): "ENABLED",
+}
+
+
+def where_to(state: str, word: str) -> str:
+    published = PUBLISHED[State(state)]
+    if word not in ACCEPTED[published]:  # nothing changes: what was under way goes on
+        return {"POWERING": "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS": "HOMED", "HOMING": "HOMED"}.get(state, state)
+    if word == "disable":
+        return "DISABLED"
+    if word == "pause":
+        return "PAUSED"
+    if word == "unhome" and published == "ENABLED":
+        return "ENABLED"
+    return AFTER.get((state, word), state)
+
+
+@pytest.mark.parametrize(("state", "word"), list(itertools.product((str(s) for s in State), (*COMMANDS, "fly", ""))))
+def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word: str) -> None:
+    rig = Rig()
+    rig.reach(state)
+    rig.reports.events.clear()
+    request = rig.state_command(str(word))
+    accepted = word in ACCEPTED[PUBLISHED[State(state)]]
+    assert request.outcomes[0] == ("accepted" if accepted else "refused")
+    assert len(rig.reports.of("operating_state")) >= (2 if accepted else 1)
+    assert len(rig.reports.of("warning")) == (0 if accepted else 1)
+    rig.until(lambda: rig.arm.state == where_to(state, word), 10.0)
+    rig.run(1.0)
+    assert rig.arm.state == where_to(state, word)
+    if accepted:
+        assert request.outcomes == ["accepted", "done"]
+    else:
+        assert len(request.outcomes) == 1 and request.replies[0][1]
+    assert bool(rig.state["is_homed"]) is (rig.arm.state == "HOMED" or (rig.arm.state == "PAUSED" and state in (
+        "HOMED", "PAUSED") and word != "unhome"))
+    assert not rig.reports.of("error")
+
+
+def test_an_accepted_command_without_change_is_answered_twice() -> None:
+    rig = Rig().homed()
+    rig.state_command("home")
+    state = ("operating_state", "ENABLED", "HOMED", True, False)
+    assert rig.reports.events == [state, state]
+
+
+def test_unhome_takes_homing_away_and_home_biases_again() -> None:
+    rig = Rig().homed()
+    biases = rig.io.flag("bias_generation")
+    rig.state_command("unhome")
+    assert rig.arm.state == "ENABLED" and not rig.state["is_homed"]
+    rig.run(0.2)
+    assert not rig.io.flag("pid_enabled") and rig.io.flag("powered")
+    rig.state_command("home")
+    rig.until(lambda: rig.arm.state == "HOMED")
+    assert rig.io.flag("bias_generation") == biases + 1
+
+
+@pytest.mark.parametrize("state", ("CALIBRATING_ENCODERS_FROM_POTS", "HOMING", "HOMED"))
+def test_resume_goes_on_to_what_was_asked_before(state: str) -> None:
+    rig = Rig()
+    rig.reach(state)
+    rig.state_command("pause")
+    rig.run(0.5)
+    assert rig.arm.state == "PAUSED" and rig.state.text("state") == "PAUSED"
+    rig.state_command("resume")
+    rig.until(lambda: rig.arm.state == "HOMED")
+    rig.run(0.5)
+    assert rig.arm.state == "HOMED" and rig.state["is_homed"]
+
+
+def test_unhome_while_paused_is_not_undone_by_resume() -> None:
+    rig = Rig()
+    rig.reach("PAUSED")
+    rig.state_command("unhome")
+    rig.state_command("resume")
+    rig.run(0.3)
+    assert rig.arm.state == "ENABLED" and not rig.state["is_homed"]
+
+
+def test_is_homed_is_false_as_soon_as_power_goes() -> None:
+    rig = Rig().homed()
+    rig.state_command("disable")
+    disabled = [e for e in rig.reports.of("operating_state") if e[1] == "DISABLED"]
+    assert disabled and not any(homed for *_, homed, _ in disabled)
+
+
+def test_a_newer_state_command_fails_the_older() -> None:
+    rig = Rig()
+    rig.run(0.1)
+    enable = rig.state_command("enable")
+    disable = rig.state_command("disable")
+    rig.run(0.1)
+    assert enable.outcomes == ["accepted", "failed"] and disable.outcomes == ["accepted", "done"]
+
+
+def test_enable_without_io_is_refused_with_the_reason() -> None:
+    rig = Rig()
+    rig.io.deaf = True
+    rig.run(0.1)
+    assert rig.state_command("enable").replies == [("refused", "io does not answer")]
