@@ -118,9 +118,10 @@ class PsmArm:
         self._duties.step(now_ns)
         machine.settle(self._is_off())
         self._setpoint.show(motion, self.joints, io, self._drives)
-        self._record.show_state(
-            machine.state, machine.desired, self._is_homed(), machine.is_busy, self._homed_generation, motion.mode
-        )
+        if self._started or self._predecessor is None:  # till then its state stands, should we die as well
+            self._record.show_state(
+                machine.state, machine.desired, self._is_homed(), machine.is_busy, self._homed_generation, motion.mode
+            )
         self._record.show_motion(io, self.joints)
 
     # what commands change
@@ -167,6 +168,7 @@ class PsmArm:
         """The first fresh record of io: take over what a predecessor left, or begin anew."""
         self._started = True
         io, machine = self._io, self._machine
+        self._epoch = io.epoch
         begin = beginning(self._predecessor, io)
         machine.reason = begin.reason
         self._motion.hold(io.setpoint, Mode.NONE)
@@ -210,7 +212,8 @@ class PsmArm:
         if PUBLISHED[state] != "ENABLED" or state is State.ENABLED:
             mode = Mode.POSITION if state is State.PAUSED else Mode.NONE
             here = self._io.setpoint if self._motion.mode is Mode.EFFORT else self._motion.goal
-            self._commands.stop(here, mode, f"the arm went {state}")
+            reason = f": {self._machine.reason}" if state is State.FAULT else ""
+            self._commands.stop(here, mode, f"the arm went {state}{reason}")
         self._enters[state]()
 
     def _let_go(self) -> None:

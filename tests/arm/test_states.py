@@ -6,7 +6,19 @@ import itertools
 
 import pytest
 
-from procs.arm.states import ACCEPTED, BEYOND, BUSY, COMMANDS, DESIRES, PUBLISHED, RESUMES, Event, State, follow, refusal
+from procs.arm.states import (
+    ACCEPTED,
+    BEYOND,
+    BUSY,
+    COMMANDS,
+    DESIRES,
+    PUBLISHED,
+    RESUMES,
+    Event,
+    State,
+    follow,
+    refusal,
+)
 from tests.arm.fake_io import Rig
 
 POWERED = (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED)
