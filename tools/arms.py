@@ -1,0 +1,137 @@
+"""Arms brought to a state through their `state_command`, several at a time: enabled, homed or disabled.
+
+Faulty arms are disabled first. Everything is judged by the arms' own state records.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from shm.clock import monotonic_ns, pause
+from tools.errors import Problem, Refused
+from tools.printing import Say
+from tools.remote import Remote
+from tools.watch import Watch, arm_names
+
+POLL_S = 0.02
+ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
+LIMITS_S = {ENABLED: 7.0, HOMED: 60.0, DISABLED: 7.0}
+NEXT_WORD = {ENABLED: "enable", HOMED: "home", DISABLED: "disable"}
+
+
+def silent(text: str, fraction: float | None) -> None:
+    """Progress that nobody wants to see."""
+
+
+@dataclass(slots=True)
+class Climb:
+    """One arm on its way to a goal; `step` until `over`."""
+
+    watch: Watch
+    remote: Remote
+    goal: str
+    limit_s: float
+    over: bool = False
+    problem: str = ""
+    asked: list[str] = field(default_factory=list)
+    deadline_ns: int = 0
+
+    def step(self, now_ns: int) -> None:
+        """Look, and ask for the next thing once."""
+        if not self.watch.look():
+            self._check_time(now_ns, "it has not shown its state")
+            return
+        state, busy = self.watch.state, self.watch.busy
+        if self._reached(state, busy):
+            self.over = True
+        elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
+            self._fail(self.watch.last_error() or "it went to FAULT and did not say why")
+        else:
+            word = self._next_word(state, busy)
+            if word and word not in self.asked:
+                self._ask(word, now_ns)
+            else:
+                self._check_time(now_ns, f"it is {state} ({self.watch.text('sub_state')})")
+
+    def _reached(self, state: str, busy: bool) -> bool:
+        if self.goal == DISABLED:
+            return state == "DISABLED" and not busy
+        if self.goal == ENABLED:
+            return state == "ENABLED"
+        return state == "ENABLED" and self.watch.homed and not busy
+
+    def _next_word(self, state: str, busy: bool) -> str:
+        if self.goal == DISABLED or state == "FAULT":
+            return "disable"
+        if state == "PAUSED":
+            self._fail(f"it is PAUSED; first: trocar send {self.watch.name} state_command resume")
+        elif state == "DISABLED" and not busy:
+            return "enable"
+        elif state == "ENABLED" and self.goal == HOMED:
+            return "home"
+        return ""
+
+    def _ask(self, word: str, now_ns: int) -> None:
+        self.asked.append(word)
+        reached = next(goal for goal, command in NEXT_WORD.items() if command == word)
+        self.deadline_ns = now_ns + round((self.limit_s or LIMITS_S[reached]) * 1e9)
+        self.watch.forget_errors()
+        try:
+            self.remote.ask("state_command", text=word)
+        except Refused as refusal:
+            self._fail(f"{word} was refused: {refusal}")
+        except Problem as problem:
+            self._fail(str(problem))
+
+    def _check_time(self, now_ns: int, how: str) -> None:
+        self.deadline_ns = self.deadline_ns or now_ns + round((self.limit_s or LIMITS_S[self.goal]) * 1e9)
+        if now_ns >= self.deadline_ns:
+            error = self.watch.last_error()
+            self._fail(f"not {self.goal} in time; {how}" + (f": {error}" if error else ""))
+
+    def _fail(self, why: str) -> None:
+        self.over, self.problem = True, why
+
+    def line(self) -> str:
+        """The arm in a word or two, for a progress line."""
+        return f"{self.watch.name} {self.watch.text('sub_state') or self.watch.state}"
+
+
+def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say) -> dict[str, str]:
+    """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there."""
+    with contextlib.ExitStack() as stack:
+        climbs = [
+            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)), goal, limit_s)
+            for name in names
+        ]
+        while not all(climb.over for climb in climbs):
+            for climb in climbs:
+                if not climb.over:
+                    climb.step(monotonic_ns())
+            say(", ".join(climb.line() for climb in climbs), sum(c.over for c in climbs) / len(climbs))
+            pause(POLL_S)
+        return {climb.watch.name: climb.problem for climb in climbs}
+
+
+def power_on(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Enable arms (none named: all); Problem says which are not and why. `timeout` (s): of each step, 0: usual."""
+    _all(system, names, ENABLED, timeout, say)
+
+
+def home(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Home arms, enabling those that are not."""
+    _all(system, names, HOMED, timeout, say)
+
+
+def power_off(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Disable arms."""
+    _all(system, names, DISABLED, timeout, say)
+
+
+def _all(system: str, names: Sequence[str], goal: str, timeout: float, say: Say) -> None:
+    problems = bring(system, arm_names(system, names), goal, timeout, say)
+    said = [f"{name}: {problem}" for name, problem in problems.items() if problem]
+    if said:
+        raise Problem("; ".join(said))

@@ -1,0 +1,15 @@
+"""What can go wrong for a person at the command line, and the exit code each of it means."""
+
+from __future__ import annotations
+
+
+class Problem(Exception):
+    """Something is wrong with the robot or its surroundings: exit code 1. The message says what and what to do."""
+
+
+class Misuse(Exception):
+    """The verb was used wrongly: exit code 2."""
+
+
+class Refused(Problem):
+    """The component took the command and refused it, or failed to carry it out; the message is its reason."""

@@ -1,0 +1,95 @@
+"""How verbs talk: JSON lines for programs, tables for eyes, progress on the error stream."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from shm.clock import monotonic_ns
+
+SLOW_NS = 2_000_000_000
+Say = Callable[[str, float | None], None]
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON knows it: arrays as lists, bytes as text, what is not finite as None."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, bytes):
+        return value.rstrip(b"\0").decode(errors="replace")
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    return value
+
+
+def emit(row: Any) -> None:
+    """One JSON object on one line, out at once."""
+    print(json.dumps(plain(row), ensure_ascii=False), flush=True)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
+    """A table for eyes; the columns named in `right` are flush right."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=False)
+    if not console.is_terminal:  # a pipe has no width of its own: nothing is cut
+        console = Console(highlight=False, width=240)
+    console.print(made_table(title, columns, rows, right))
+
+
+def made_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> Any:
+    """The same table as a rich object, for live displays."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    made = Table(title=title or None, box=SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for column in columns:
+        made.add_column(column, justify="right" if column in right else "left", no_wrap=column in right)
+    for row in rows:
+        made.add_row(*(Text(cell) for cell in row))
+    return made
+
+
+def note(text: str) -> None:
+    """A line for a person, on the error stream: it never mixes with data."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def progress(what: str) -> Iterator[Say]:
+    """`say(text, fraction)` shows a bar once two seconds are over; a fraction of None means it is not known."""
+    if not sys.stderr.isatty():
+        yield lambda text, fraction: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task(what, total=None)
+    begin = monotonic_ns()
+
+    def say(text: str, fraction: float | None) -> None:
+        if not bar.live.is_started and monotonic_ns() - begin > SLOW_NS:
+            bar.start()
+        total = None if fraction is None else 1.0
+        bar.update(task, description=text, total=total, completed=fraction or 0.0)
+
+    try:
+        yield say
+    finally:
+        bar.stop()
+
+
+def number(value: float | None, form: str = ".1f") -> str:
+    """A number for a table; a dash when there is none."""
+    return "–" if value is None or not math.isfinite(value) else format(value, form)

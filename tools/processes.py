@@ -1,0 +1,129 @@
+"""How the processes of a system are doing, from their control pages and the supervisor's record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from procs.manifest import proc
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.pulse import Pulse
+from shm.segment import SegmentError, names_of
+from tools.printing import number, plain
+from tools.systems import alive
+
+LOOK_AGAIN_S = 0.02
+TRIES = 5
+COLUMNS = ("process", "kind", "state", "pid", "Hz", "period p99 ms", "work p99 ms", "missed", "overruns", "restarts",
+           "scheduling", "last exit", "trouble")
+RIGHT = ("pid", "Hz", "period p99 ms", "work p99 ms", "missed", "overruns", "restarts")
+FIGURES = ("cycles", "missed", "overruns", "period_avg", "period_p99", "work_avg", "work_p99")
+
+
+@dataclass(frozen=True, slots=True)
+class Life:
+    """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well."""
+
+    name: str
+    kind: str
+    state: str
+    pid: int
+    rate_hz: float | None
+    period_p99_s: float | None
+    work_p99_s: float | None
+    cycles: int
+    missed: int
+    overruns: int
+    restarts: int
+    exit_reason: str
+    scheduling: str
+    silent_s: float | None
+    trouble: str
+
+
+def lives(system: str) -> list[Life]:
+    """Every process of a system, the supervisor first."""
+    ledger = _ledger(system)
+    simulated = (system, "supervisor", "clock") in names_of(system)
+    found = []
+    for name in directory.instances(system):
+        try:
+            pulse = Pulse(system, name)
+        except SegmentError:  # the system went down while we looked
+            continue
+        try:
+            found.append(_life(name, pulse, ledger.get(name, {}), simulated))
+        finally:
+            pulse.close()
+    return found
+
+
+def _ledger(system: str) -> dict[str, dict[str, Any]]:
+    """What the supervisor wrote about each instance."""
+    try:
+        reader = directory.reader(system, "supervisor", "state")
+    except SegmentError:
+        return {}
+    try:
+        if not reader.newest():
+            return {}
+        names = ("instance", "kind", "lifecycle", "restarts", "exit_reason")
+        columns = {name: plain(reader.field(name)) for name in names}
+    finally:
+        reader.close()
+    rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+    return {str(row["instance"]): row for row in rows if row["instance"]}
+
+
+def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool) -> Life:
+    kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
+    state, lives_on = pulse.state, alive(pulse.segment.identity())
+    figures = {figure: pulse.get(figure) for figure in FIGURES}
+    measured = bool(figures["period_avg"]) and lives_on
+    beat = int(pulse.get("heartbeat_ns"))
+    wall = not simulated or name == "supervisor"
+    return Life(
+        name=name, kind=kind, state=state, pid=int(pulse.get("pid")),
+        rate_hz=1.0 / figures["period_avg"] if measured else None,
+        period_p99_s=figures["period_p99"] if measured else None,
+        work_p99_s=figures["work_p99"] if measured else None,
+        cycles=figures["cycles"], missed=figures["missed"], overruns=figures["overruns"],
+        restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
+        scheduling=str(plain(pulse.get("policy"))),
+        silent_s=(monotonic_ns() - beat) * 1e-9 if wall and beat else None,
+        trouble=_trouble(kind, state, lives_on, pulse, wall),
+    )
+
+
+def _trouble(kind: str, state: str, lives_on: bool, pulse: Pulse, wall: bool) -> str:
+    if state == "FAILED":
+        return f"failed: {plain(pulse.get('error'))}"
+    if not lives_on:
+        return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
+    if state == "RUNNING" and wall and _stalled(kind, pulse):
+        return "stalled"
+    return ""
+
+
+def _stalled(kind: str, pulse: Pulse) -> bool:
+    """Silent for longer than the manifest allows, and still so when looked at again: one late cycle is no stall."""
+    try:
+        late_ns = proc(kind).late_s * 1e9
+    except KeyError:
+        return False
+    beat = int(pulse.get("heartbeat_ns"))
+    if not beat or monotonic_ns() - beat <= late_ns:
+        return False
+    for _ in range(TRIES):
+        pause(LOOK_AGAIN_S)
+        if int(pulse.get("heartbeat_ns")) != beat:
+            return False
+    return True
+
+
+def cells(life: Life) -> tuple[str, ...]:
+    """A process as a row of a table with COLUMNS."""
+    in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
+    return (life.name, life.kind, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed),
+            str(life.overruns), str(life.restarts), life.scheduling, life.exit_reason, life.trouble)

@@ -1,0 +1,80 @@
+"""Commands to one component, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from shm.clock import monotonic_ns, pause
+from shm.mailbox import Client, Reply
+from tools.errors import Problem, Refused
+
+POLL_S = 0.001
+ENDINGS = ("refused", "done", "failed")
+
+
+class Remote:
+    """A place in the mailbox of one component; a context manager."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        """Claim the place; SegmentError when there is no such component or all places are taken."""
+        self.instance = instance
+        self._client = Client(system, instance)
+        self._waiting: list[Reply] = []
+
+    @property
+    def commands(self) -> list[dict[str, Any]]:
+        """The component's command table."""
+        return self._client.commands
+
+    def post(self, command: str, values: Sequence[float] | Any = (), text: str = "") -> int:
+        """Queue a command without waiting for an answer; returns its number. MailboxFull when it is not taken."""
+        return self._client.send(command, values, text)
+
+    def replies(self) -> list[Reply]:
+        """Answers that came since the last call."""
+        found, self._waiting = self._waiting + self._client.poll(), []
+        return found
+
+    def answered(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+        """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
+        return self._reply_to(self.post(command, values, text), command, timeout, ())
+
+    def settled(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 60.0) -> Reply:
+        """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
+        return self._reply_to(self.post(command, values, text), command, timeout, ENDINGS)
+
+    def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> int:
+        """Send and make sure that it was accepted: Refused carries the reason. Returns the command's number."""
+        number = self.post(command, values, text)
+        reply = self._reply_to(number, command, timeout, ())
+        if reply.outcome not in ("accepted", "done"):
+            raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
+        return number
+
+    def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
+        end = monotonic_ns() + round(timeout * 1e9)
+        last: Reply | None = None
+        while True:
+            for reply in self.replies():
+                if reply.id != number:
+                    continue
+                last = reply
+                if not wanted or reply.outcome in wanted:
+                    return reply
+            if monotonic_ns() >= end:
+                break
+            pause(POLL_S)
+        if last is not None:
+            raise Problem(f"{self.instance}: {command} was {last.outcome}, but is not done after {timeout:g} s")
+        raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s; is it running? (trocar status)")
+
+    def close(self) -> None:
+        """Free the place."""
+        self._client.close()
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

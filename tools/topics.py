@@ -1,0 +1,99 @@
+"""Topics by the names people use: whole records (PSM1/state), CRTK views (PSM1/measured_js), events (PSM1/error).
+
+The catalogue is read from what is in shared memory, each ring's header describing itself; which CRTK names are views
+on which fields stands in `shm/topics.py`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from shm.directory import rings, topic_of
+from shm.segment import Segment, segment_name
+from shm.topics import Field, View
+from tools.systems import unknown
+
+SAID_BY_ALL = ("status", "warning", "error")
+SAID_BY_KIND = {"arm": ("operating_state", "goal_reached", "tool_type"), "io": ("button", "operating_state")}
+RECORD, EVENT = "record", "event"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One topic: the ring it lives in, and how it is seen.
+
+    `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes.
+    """
+
+    name: str
+    instance: str
+    ring: str
+    kind: str
+    rate_hz: float
+    fields: tuple[Field, ...] = ()
+    view: View | None = None
+    event: str = ""
+    robot: str = ""
+    first: int = 0
+    count: int = 0
+    labels: tuple[str, ...] = field(default=())
+
+
+def catalogue(system: str) -> list[Entry]:
+    """All topics of a system, records first, then views, then events, of one instance after the other."""
+    found: list[Entry] = []
+    for instance, ring in rings(system):
+        found += _entries(system, instance, ring)
+    return found
+
+
+def find(system: str, topic: str) -> Entry:
+    """The topic of this name; Problem names the nearest ones."""
+    entries = catalogue(system)
+    for entry in entries:
+        if entry.name == topic:
+            return entry
+    raise unknown("topic", topic, [entry.name for entry in entries])
+
+
+def _entries(system: str, instance: str, ring: str) -> list[Entry]:
+    with Segment(segment_name(system, instance, ring)) as segment:
+        info = segment.header.info
+        text = segment.header.schema.text
+    rate = float(info.get("rate_hz", 0.0))
+    fields = tuple(_field(row) for row in json.loads(text)["fields"])
+    known = {f.name: f for f in fields}
+    kind = str(info.get("kind", ""))
+    record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
+    if ring == "events":
+        said = SAID_BY_KIND.get(kind, ()) + SAID_BY_ALL
+        return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
+    try:
+        views = topic_of(kind, ring).views
+    except KeyError:
+        views = ()
+    found = [record]
+    for view in views:
+        seen = tuple(known[name] for _, name in view.fields if name in known)
+        if view.per == "robot":
+            found += _of_robots(view, instance, ring, rate, seen, info)
+        else:
+            found.append(Entry(f"{instance}/{view.name}", instance, ring, view.kind, rate, seen, view))
+    return found
+
+
+def _of_robots(
+    view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], info: dict[str, Any]
+) -> list[Entry]:
+    found = []
+    for robot, cut in dict(info.get("robots", {})).items():
+        labels = tuple(str(label) for label in cut.get("names", ()))
+        found.append(Entry(f"{instance}/{robot}/{view.name}", instance, ring, view.kind, rate, seen, view, robot=robot,
+                           first=int(cut["first"]), count=int(cut["count"]), labels=labels))
+    return found
+
+
+def _field(row: dict[str, Any]) -> Field:
+    return Field(str(row["name"]), str(row["dtype"]), str(row.get("unit", "")), str(row.get("text", "")))

@@ -1,0 +1,97 @@
+"""An arm as others see it: its state record and its last words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.document import Arm, from_json
+from shm import directory
+from shm.ring import RingReader
+from tools.printing import plain
+from tools.systems import instances_of_kind, unknown
+
+
+def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
+    """The arms of a system, or those wanted of them; Problem when one is not there."""
+    known = instances_of_kind(system, "arm")
+    for name in wanted or []:
+        if name not in known:
+            raise unknown("arm", name, known)
+    return list(wanted or known)
+
+
+def arm_document(system: str, name: str) -> Arm:
+    """What the configuration says of an arm."""
+    return from_json(directory.document(system)).arm(name)
+
+
+class Watch:
+    """The newest state of one arm; a context manager. Fields are those of the record last read."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Attach to the arm's state."""
+        self.name = name
+        self.reader: RingReader = directory.reader(system, name, "state", "arm")
+        self._events: RingReader = directory.reader(system, name, "events", "arm")
+        self._since = self._events.head
+
+    def look(self) -> bool:
+        """Read the newest record; False when there is none."""
+        return self.reader.newest()
+
+    def text(self, field: str) -> str:
+        """A text field."""
+        return str(plain(self.reader.field(field).item()))
+
+    def flag(self, field: str) -> bool:
+        """A flag."""
+        return bool(self.reader.field(field)[()])
+
+    def joints(self, field: str) -> NDArray[np.float64]:
+        """A joint field (n,), cut to the joints in use; a new array."""
+        return np.array(self.reader.field(field)[: self.count], dtype=np.float64)
+
+    @property
+    def count(self) -> int:
+        """Joints in use."""
+        return int(self.reader.field("count")[()])
+
+    @property
+    def state(self) -> str:
+        """The published operating state."""
+        return self.text("state")
+
+    @property
+    def busy(self) -> bool:
+        """A move or transition is under way."""
+        return self.flag("is_busy")
+
+    @property
+    def homed(self) -> bool:
+        """Homed, and powered."""
+        return self.flag("is_homed")
+
+    def forget_errors(self) -> None:
+        """`last_error` tells only of what comes from now on."""
+        self._since = self._events.head
+
+    def last_error(self) -> str:
+        """Text of the newest error since we attached (or `forget_errors`); empty: there was none."""
+        kept: NDArray[Any] = self._events.last(1024)
+        ours = kept[(kept["sequence"] > self._since) & (kept["event"] == b"error")]
+        return str(plain(bytes(ours[-1]["text"]))) if len(ours) else ""
+
+    def close(self) -> None:
+        """Unmap."""
+        self.reader.close()
+        self._events.close()
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
