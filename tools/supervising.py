@@ -1,0 +1,121 @@
+"""Starting and ending a supervisor from outside: it is a module to us, not an import."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.lib.paths import log_folder
+from shm.clock import monotonic_ns, pause
+from shm.pulse import Pulse
+from shm.segment import SegmentError, names_of
+from tools.errors import Problem
+from tools.logs import tail
+from tools.printing import Say
+from tools.remote import Remote
+from tools.systems import ROOT, is_up
+
+MODULE = "procs.supervisor.loop"
+POLL_S = 0.05
+START_S = 90.0
+STOP_S = 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a system is started with."""
+
+    file: Path
+    system: str
+    boards: str = ""
+    paths: tuple[Path, ...] = ()
+    sets: tuple[str, ...] = ()
+    seconds: float | None = None
+
+    def command(self) -> list[str]:
+        """The supervisor's command line."""
+        words = [sys.executable, "-m", MODULE, str(self.file), "--system", self.system]
+        words += ["--boards", self.boards] if self.boards else []
+        for path in self.paths:
+            words += ["--path", str(path)]
+        for each in self.sets:
+            words += ["--set", each]
+        return words + (["--for", f"{self.seconds:g}"] if self.seconds is not None else [])
+
+
+def environment() -> dict[str, str]:
+    """Ours, with the project found whatever the working folder is (which relative paths are meant for)."""
+    rest = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
+
+
+class Background:
+    """A supervisor in a session of its own, its output in its log file."""
+
+    def __init__(self, request: Request) -> None:
+        """Start it; returns at once."""
+        if is_up(request.system):
+            raise Problem(f"system {request.system} is up already; trocar down stops it, --system gives another name")
+        self.system = request.system
+        folder = log_folder(os.environ, request.system)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.log = folder / "supervisor.log"
+        with self.log.open("wb") as log:
+            self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                                          env=environment(), start_new_session=True)
+
+    def wait_until_up(self, say: Say, timeout: float = START_S) -> None:
+        """Until every process is up; Problem carries what the supervisor said when it is not."""
+        end = monotonic_ns() + round(timeout * 1e9)
+        while (shown := self.state()) != "RUNNING":
+            if self.popen.poll() is not None:
+                raise Problem(f"system {self.system} did not come up:\n{tail(self.log, 30)}")
+            if monotonic_ns() >= end:
+                raise Problem(f"system {self.system} is not up after {timeout:g} s ({shown or 'no shared memory'})")
+            say(f"starting {self.system}", None)
+            pause(POLL_S)
+
+    def state(self) -> str:
+        """The state our supervisor shows; empty before it has shared memory."""
+        try:
+            pulse = Pulse(self.system, "supervisor")
+        except SegmentError:
+            return ""
+        try:
+            return pulse.state if pulse.segment.identity().pid == self.popen.pid else ""
+        finally:
+            pulse.close()
+
+    def stop(self, say: Say) -> int:
+        """End it on every path: ask, then terminate, then kill; returns its exit code."""
+        if self.popen.poll() is None:
+            self.popen.terminate()
+        for seconds, last in ((STOP_S, self.popen.kill), (5.0, lambda: None)):
+            end = monotonic_ns() + round(seconds * 1e9)
+            while self.popen.poll() is None and monotonic_ns() < end:
+                say(f"stopping {self.system}", None)
+                pause(POLL_S)
+            if self.popen.poll() is None:
+                last()
+        return self.popen.wait()
+
+
+def stop_system(system: str, say: Say, timeout: float = STOP_S) -> None:
+    """Ask a supervisor to stop and wait until its shared memory is gone; Problem when it is not in time."""
+    try:
+        with Remote(system, "supervisor") as remote:
+            remote.post("stop")
+    except SegmentError:
+        if is_up(system):
+            raise
+    end = monotonic_ns() + round(timeout * 1e9)
+    while names_of(system):
+        if monotonic_ns() >= end:
+            raise Problem(f"system {system} is not down after {timeout:g} s; trocar status shows what holds it up")
+        if not is_up(system):
+            return  # it died, or was just replaced; what is left is cleared by the caller
+        say(f"stopping {system}", None)
+        pause(POLL_S)
