@@ -1,0 +1,125 @@
+"""A hand-made system for the tests of the tools: one io, one arm, played by the test itself."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+
+import numpy as np
+
+from procs.lib.document import (
+    Actuator,
+    Arm,
+    Chain,
+    Io,
+    Jaw,
+    Linear,
+    Link,
+    Pid,
+    PidAxis,
+    Process,
+    Robot,
+    System,
+    Tool,
+)
+from procs.supervisor import memory
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.events import Events
+from shm.mailbox import Mailbox
+from shm.pulse import Pulse
+from shm.segment import names_of, segment_name, unlink
+
+JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+IDENTITY = tuple(tuple(float(i == k) for k in range(4)) for i in range(4))
+
+
+def _link(name: str) -> Link:
+    return Link(name, "revolute", 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 1.0)
+
+
+def _document(name: str) -> System:
+    actuator = Actuator(3, 0, "REVOLUTE", 1.0, Linear(1.0), Linear(1.0), 1.0)
+    robot = Robot("PSM1", "1", "QLA1", (actuator,) * 7)
+    pid = Pid("PSM1", "PSM1", tuple(PidAxis(joint, "REVOLUTE", 1.0, 0.0, 0.0) for joint in (*JOINTS, "jaw")))
+    tool = Tool("TEST:1", tuple(_link(j) for j in JOINTS[3:]), Jaw(-0.5, 1.0, 0.16), IDENTITY, IDENTITY, (), ())
+    io = Io("IO1", "udp:127.0.0.1", "broadcast-query-read-write", 1 / 1500, 0.03, False, (robot,), (pid,), ())
+    chain = Chain("modified", tuple(_link(j) for j in JOINTS[:3]))
+    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1 / 1500, chain, tool=tool)
+    processes = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
+    return System(name, "made by a test", "wall", (io,), (arm,), None, processes)
+
+
+class Played:
+    """The segments of one system, and the writing ends of its arm and io."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        memory.create_all(_document(name))
+        self.pulses = {i: Pulse(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
+        for instance, pulse in self.pulses.items():
+            pulse.segment.claim(instance)
+            pulse.field("pid")[...] = os.getpid()
+            pulse.show("RUNNING")
+        self.arm = directory.writer(name, "PSM1", "state", "arm")
+        self.io = directory.writer(name, "IO1", "state", "io")
+        self.supervisor = directory.writer(name, "supervisor", "state", "supervisor")
+        self.events = Events(directory.writer(name, "PSM1", "events", "arm"), monotonic_ns)
+        self.mailbox = Mailbox(name, "PSM1", "arm")
+        self.beat()
+        self._ledger()
+
+    def beat(self) -> None:
+        """Every process shows that it lives."""
+        for pulse in self.pulses.values():
+            pulse.field("heartbeat_ns")[...] = monotonic_ns()
+
+    def _ledger(self) -> None:
+        for i, (instance, kind) in enumerate((("IO1", b"io"), ("PSM1", b"arm"))):
+            self.supervisor.field("instance")[i] = instance.encode()
+            self.supervisor.field("kind")[i] = kind
+            self.supervisor.field("lifecycle")[i] = b"RUNNING"
+        self.supervisor.publish(monotonic_ns())
+
+    def restarted(self, times: int, reason: str) -> None:
+        """The supervisor notes deaths of PSM1."""
+        self.supervisor.field("restarts")[1] = times
+        self.supervisor.field("exit_reason")[1] = reason.encode()
+        self.supervisor.publish(monotonic_ns())
+
+    def show_arm(self, position: float = 0.1, state: str = "DISABLED", *, valid: bool = True, homed: bool = False,
+                 busy: bool = False, jaw: bool = True) -> None:
+        """One record of the arm, every joint at `position`."""
+        values = {"valid": valid, "cartesian_valid": valid, "reference_valid": valid, "count": 6,
+                  "state": state.encode(), "sub_state": state.encode(), "is_homed": homed, "is_busy": busy, "has_jaw": jaw,
+                  "jaw_position": position, "jacobian": np.ones((6, 8))}
+        for field, value in values.items():
+            self.arm.field(field)[...] = value
+        self.arm.field("names")[:6] = [joint.encode() for joint in JOINTS]
+        self.arm.field("position")[:6] = position
+        self.arm.field("velocity")[:6] = np.nan
+        self.arm.field("measured_cp")[...] = (1, 2, 3, 0, 0, 0, 1)
+        self.arm.publish(monotonic_ns())
+
+    def close(self) -> None:
+        """Give everything back and remove the segments."""
+        for pulse in self.pulses.values():
+            pulse.close()
+        for end in (self.arm, self.io, self.supervisor, self.mailbox):
+            end.close()
+        for part in names_of(self.name):
+            unlink(segment_name(*part))
+
+
+@contextlib.contextmanager
+def robot(name: str) -> Iterator[Played]:
+    """A system that is gone afterwards, whatever happens."""
+    made = Played(name)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+__all__ = ["JOINTS", "Played", "robot"]

@@ -1,0 +1,361 @@
+"""The command line on a system that the test plays itself."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from shm.clock import monotonic_ns, pause
+from tests.tools.robot import JOINTS, Played, robot
+from tools import cli
+from tools.errors import Misuse
+from tools.send import parsed
+from tools.systems import clear, left_over
+
+APP = cli.build()
+
+
+@pytest.fixture
+def played(world: Any) -> Iterator[Played]:
+    with robot(world.name) as made:
+        yield made
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(APP, list(words))
+
+
+def lines(result: Result) -> list[dict[str, Any]]:
+    assert result.exit_code == 0, result.output + result.stderr
+    return [json.loads(line) for line in result.stdout.splitlines()]
+
+
+def test_every_verb_has_help_with_an_example() -> None:
+    for verb in cli.VERBS:
+        result = run(verb.name, "--help")
+        assert result.exit_code == 0, result.output
+        assert "Example: trocar " + verb.name in " ".join(result.output.split()), verb.name
+
+
+def test_help_marks_verbs_that_may_change_the_robot() -> None:
+    text = run("--help").output
+    moving, looking = text.split(cli.PANELS[False])
+    for verb in cli.VERBS:
+        part = moving if verb.moves else looking
+        assert f" {verb.name} " in part
+
+
+def test_a_wrong_verb_is_misuse() -> None:
+    done = subprocess.run([sys.executable, "-m", "tools", "fly"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "fly" in done.stderr
+
+
+def test_help_imports_no_verb() -> None:
+    code = "import sys; sys.argv=['trocar','--help']\nfrom tools.cli import main\n"
+    code += "try: main()\nexcept SystemExit: pass\n"
+    code += "print([m for m in ('numpy', 'tools.status', 'pinocchio') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_an_absent_system_is_named(world: Any) -> None:
+    result = run("status", "--system", world.name)
+    assert result.exit_code == 1
+    assert f"no system {world.name} is up" in result.stderr
+
+
+def test_echo_prints_a_view_as_json(played: Played) -> None:
+    played.show_arm(0.25)
+    (row,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", played.name))
+    assert row["name"] == list(JOINTS)
+    assert row["position"] == [0.25] * 6
+    assert row["velocity"] == [None] * 6  # not finite
+    assert row["valid"] is True
+    assert row["sequence"] == 1
+
+
+def test_invalid_values_are_null(played: Played) -> None:
+    played.show_arm(valid=False, jaw=False)
+    (js,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", played.name))
+    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", played.name))
+    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", played.name))
+    assert (js["valid"], js["position"]) == (False, None)
+    assert (cp["position"], cp["orientation"]) == (None, None)
+    assert (jaw["valid"], jaw["position"]) == (False, None)
+
+
+def test_echo_knows_poses_jaws_and_jacobians(played: Played) -> None:
+    played.show_arm(0.5)
+    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", played.name))
+    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", played.name))
+    (jacobian,) = lines(run("echo", "PSM1/body/jacobian", "--once", "--json", "--system", played.name))
+    assert cp["position"] == [1, 2, 3]
+    assert cp["orientation"] == [0, 0, 0, 1]
+    assert (jaw["name"], jaw["position"]) == (["jaw"], [0.5])
+    assert np.shape(jacobian["data"]) == (6, 6)
+
+
+def test_echo_cuts_a_robot_out_of_io(played: Played) -> None:
+    played.io.field("valid")[...] = True
+    played.io.field("position")[...] = np.arange(7)
+    played.io.publish(monotonic_ns())
+    (row,) = lines(run("echo", "IO1/PSM1/measured_js", "--once", "--json", "--system", played.name))
+    assert row["position"] == list(range(7))
+    assert row["name"] == [*JOINTS, "jaw"]
+
+
+def test_echo_prints_a_whole_record(played: Played) -> None:
+    played.show_arm(state="ENABLED")
+    (row,) = lines(run("echo", "PSM1/state", "--once", "--json", "--system", played.name))
+    assert row["state"] == "ENABLED"
+    assert row["names"][:6] == list(JOINTS)
+
+
+def test_operating_state_comes_from_history(played: Played) -> None:
+    played.events.operating_state("ENABLED", "HOMED", True, False)
+    played.events.status("something else")
+    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", played.name))
+    assert (row["state"], row["sub_state"], row["is_homed"], row["is_busy"]) == ("ENABLED", "HOMED", True, False)
+    assert row["sequence"] == 1
+
+
+def test_operating_state_without_events_comes_from_the_record(played: Played) -> None:
+    played.show_arm(state="FAULT")
+    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", played.name))
+    assert (row["state"], row["is_homed"], row["is_busy"]) == ("FAULT", False, False)
+
+
+def test_error_events_carry_their_numbers(played: Played) -> None:
+    played.events.error("tracking", "joint 2 is off", "PSM1", 2, 0.3)
+    (row,) = lines(run("echo", "PSM1/error", "--once", "--json", "--system", played.name))
+    assert (row["code"], row["axis"], row["value"], row["limit"]) == ("tracking", 2, 0.3, None)
+
+
+def test_an_unknown_topic_names_the_nearest(played: Played) -> None:
+    result = run("echo", "PSM1/mesured_js", "--once", "--system", played.name)
+    assert result.exit_code == 1
+    assert "PSM1/measured_js" in result.stderr
+
+
+def test_a_topic_nobody_wrote_is_an_error(played: Played) -> None:
+    result = run("echo", "PSM1/state", "--once", "--timeout", "0", "--system", played.name)
+    assert result.exit_code == 1
+    assert "nothing was written yet" in result.stderr
+
+
+def test_echo_is_readable_for_people(played: Played) -> None:
+    played.show_arm(0.25)
+    text = run("echo", "PSM1/measured_js", "--once", "--system", played.name).stdout
+    assert "0.25 0.25" in text
+    assert "rad|m" in text
+
+
+def test_list_shows_records_views_and_events(played: Played) -> None:
+    rows = {row["topic"]: row for row in lines(run("list", "--json", "--system", played.name))}
+    assert rows["PSM1/measured_js"]["kind"] == "js"
+    assert rows["IO1/PSM1/measured_js"]["rate_hz"] == 1500
+    assert rows["PSM1/operating_state"]["kind"] == "event"
+    assert {f["unit"] for f in rows["PSM1/state"]["fields"]} >= {"rad|m", "m, -"}
+    assert "PSM1/jaw/measured_js" in run("list", "--system", played.name).stdout
+    assert "measured joint position" in run("list", "-v", "--system", played.name).stdout
+
+
+def test_hz_counts_what_comes(played: Played) -> None:
+    stop = threading.Event()
+
+    def write() -> None:
+        while not stop.is_set():
+            played.show_arm()
+            pause(0.002)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        (row,) = lines(run("hz", "PSM1/measured_js", "--window", "0.2", "--json", "--system", played.name))
+    finally:
+        stop.set()
+        writer.join()
+    assert row["records"] > 1
+    assert row["hz"] > 0
+
+
+def test_hz_of_a_silent_topic_is_wrong(played: Played) -> None:
+    result = run("hz", "PSM1/state", "--window", "0.05", "--json", "--system", played.name)
+    assert result.exit_code == 1
+
+
+def test_status_shows_every_process(played: Played) -> None:
+    stop = threading.Event()
+
+    def beat() -> None:
+        while not stop.is_set():
+            played.beat()
+            pause(0.001)
+
+    beating = threading.Thread(target=beat)
+    beating.start()
+    played.restarted(2, "killed by SIGKILL")
+    try:
+        rows = {row["name"]: row for row in lines(run("status", "--json", "--system", played.name))}
+    finally:
+        stop.set()
+        beating.join()
+    assert set(rows) == {"supervisor", "IO1", "PSM1"}
+    assert (rows["PSM1"]["restarts"], rows["PSM1"]["exit_reason"]) == (2, "killed by SIGKILL")
+    assert rows["IO1"]["kind"] == "io"
+
+
+def test_status_finds_stalled_and_failed_processes(played: Played) -> None:
+    played.pulses["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
+    played.pulses["PSM1"].show("FAILED", "no such file")
+    result = run("status", "--json", "--system", played.name)
+    rows = {row["name"]: row for row in map(json.loads, result.stdout.splitlines())}
+    assert result.exit_code == 1
+    assert rows["IO1"]["trouble"] == "stalled"
+    assert rows["PSM1"]["trouble"] == "failed: no such file"
+
+
+def test_attach_prints_one_page(played: Played) -> None:
+    played.show_arm(state="ENABLED")
+    played.events.error("x", "something broke")
+    text = run("attach", "--once", "--system", played.name).stdout
+    assert "PSM1/state" in text
+    assert "something broke" in text
+
+
+def answer(played: Played, how: str) -> threading.Thread:
+    """One command is answered, as an arm would."""
+
+    def loop() -> None:
+        end = monotonic_ns() + 10 * 10**9
+        while monotonic_ns() < end:
+            for command in played.mailbox.drain():
+                received.append((command.name, command.values.tolist(), command.text))
+                command.done() if how == "done" else command.refuse(how)
+                return
+            pause(0.001)
+
+    received: list[Any] = []
+    thread = threading.Thread(target=loop)
+    thread.received = received  # type: ignore[attr-defined]
+    thread.start()
+    return thread
+
+
+def test_send_prints_the_answer(played: Played) -> None:
+    thread = answer(played, "done")
+    result = run("send", "PSM1", "servo_jp", "-0.1", "0", "0.12", "0", "0", "-1e-3", "--system", played.name)
+    thread.join()
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.strip() == "done"
+    assert thread.received == [("servo_jp", [-0.1, 0, 0.12, 0, 0, -1e-3], "")]  # type: ignore[attr-defined]
+
+
+def test_send_tells_why_it_was_refused(played: Played) -> None:
+    thread = answer(played, "home is not allowed in DISABLED")
+    result = run("send", "PSM1", "state_command", "home", "--system", played.name)
+    thread.join()
+    assert result.exit_code == 1
+    assert "home is not allowed in DISABLED" in result.stderr
+    assert thread.received == [("state_command", [], "home")]  # type: ignore[attr-defined]
+
+
+def test_send_names_the_nearest_command(played: Played) -> None:
+    result = run("send", "PSM1", "move_jq", "--system", played.name)
+    assert result.exit_code == 1
+    assert "move_jp" in result.stderr
+    assert "PSM1" in run("send", "PSM9", "hold", "--system", played.name).stderr
+
+
+def test_send_without_an_owner_times_out(played: Played) -> None:
+    result = run("send", "PSM1", "hold", "--timeout", "0.05", "--system", played.name)
+    assert result.exit_code == 1
+    assert "did not answer hold" in result.stderr
+
+
+def test_words_become_numbers_and_text() -> None:
+    both = {"name": "x", "values": "on", "text": "robot"}
+    assert parsed(both, ["1", "PSM1"]) == ([1.0], "PSM1")
+    assert parsed({"name": "x", "values": "", "text": "robot"}, ["7"]) == ([], "7")
+    with pytest.raises(Misuse, match="takes on"):
+        parsed({"name": "x", "values": "on", "text": ""}, ["yes"])
+    with pytest.raises(Misuse, match="finite"):
+        parsed(both, ["nan"])
+
+
+def play_arm(played: Played, script: dict[str, tuple[str, bool]], commands: int) -> threading.Thread:
+    """An arm that answers state commands by going to the state the script gives for the word."""
+
+    def loop() -> None:
+        left, end = commands, monotonic_ns() + 10 * 10**9
+        while left and monotonic_ns() < end:
+            for command in played.mailbox.drain():
+                left -= 1
+                command.done()
+                state, homed = script[command.text]
+                if state == "FAULT":
+                    played.events.error("power", "the supply is off")
+                played.show_arm(state=state, homed=homed)
+            pause(0.001)
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    return thread
+
+
+def test_home_disables_faults_and_enables_first(played: Played) -> None:
+    played.show_arm(state="FAULT")
+    script = {"disable": ("DISABLED", False), "enable": ("ENABLED", False), "home": ("ENABLED", True)}
+    thread = play_arm(played, script, 3)
+    (row,) = lines(run("home", "--json", "--system", played.name))
+    thread.join()
+    assert row == {"arm": "PSM1", "goal": "homed", "done": True, "problem": None}
+
+
+def test_power_on_tells_the_arms_error(played: Played) -> None:
+    played.show_arm(state="DISABLED")
+    thread = play_arm(played, {"enable": ("FAULT", False)}, 1)
+    result = run("power-on", "PSM1", "--json", "--system", played.name)
+    thread.join()
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["problem"] == "the supply is off"
+
+
+def test_power_off_that_takes_too_long_says_so(played: Played) -> None:
+    played.show_arm(state="ENABLED")
+    thread = play_arm(played, {"disable": ("ENABLED", False)}, 1)
+    result = run("power-off", "--timeout", "0.1", "--json", "--system", played.name)
+    thread.join()
+    assert result.exit_code == 1
+    assert "not disabled in time; it is ENABLED" in json.loads(result.stdout)["problem"]
+
+
+def test_home_of_an_unknown_arm_names_those_there_are(played: Played) -> None:
+    result = run("home", "PSM7", "--system", played.name)
+    assert result.exit_code == 1
+    assert "PSM1" in result.stderr
+
+
+def test_down_clears_what_a_dead_system_left(world: Any) -> None:
+    made = Played(world.name)
+    assert left_over(world.name) == []
+    for pulse in made.pulses.values():
+        pulse.close()
+    assert left_over(world.name) == [world.name]
+    result = run("down", "--json", "--system", world.name)
+    made.close()
+    assert json.loads(result.stdout)["cleared"][world.name] > 5
+    assert clear(world.name) == 0
+
+
+def test_up_with_a_wrong_option_is_misuse() -> None:
+    assert run("up", "--boards", "wooden").exit_code == 2

@@ -1,0 +1,114 @@
+"""`trocar attach`: a live table of processes and topics; q or Ctrl-C leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+
+from tools.errors import Problem
+from tools.listing import measured
+from tools.options import SystemOption
+from tools.printing import made_table, number
+from tools.processes import COLUMNS, RIGHT, cells, lives
+from tools.systems import chosen_system, is_up
+from tools.topics import EVENT, RECORD, Entry, catalogue
+from tools.views import Source
+
+WINDOW_S = 0.4
+EVENTS_SHOWN = 8
+SEVERITY = ("", "status", "warning", "error")
+
+
+def attach(
+    once: Annotated[bool, typer.Option("--once", help="Print it once and leave.")] = False,
+    system: SystemOption = None,
+) -> int:
+    """Watch a running system: processes, topics and the newest events. Changes nothing.
+
+    Example: trocar attach
+    """
+    name = chosen_system(system)
+    entries = catalogue(name)
+    console = Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=240)
+    if once:
+        console.print(_page(name, entries))
+        return 0
+    with contextlib.suppress(KeyboardInterrupt), _keys() as pressed, Live(console=console, screen=True) as live:
+        while pressed() not in ("q", "Q"):
+            if not is_up(name):
+                raise Problem(f"system {name} went down")
+            live.update(_page(name, entries), refresh=True)
+    return 0
+
+
+def _page(system: str, entries: list[Entry]) -> Group:
+    records = [entry for entry in entries if entry.kind == RECORD]
+    rates = [(str(row["topic"]), number(row["hz"], ".1f"), number(row["max_ms"], ".2f"))
+             for row in measured(system, records, WINDOW_S)]
+    return Group(
+        made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in lives(system)], RIGHT),
+        made_table("topics", ("topic", "Hz", "longest ms"), rates, ("Hz", "longest ms")),
+        made_table("arms", ("arm", "state", "homed", "busy", "joints"), list(_arms(system, entries))),
+        made_table("newest events", ("from", "event", "about", "text"), _events(system, entries)),
+    )
+
+
+def _arms(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
+    for entry in entries:
+        if entry.kind == EVENT and entry.event == "operating_state":
+            with contextlib.suppress(Problem), contextlib.ExitStack() as stack:
+                state = next(e for e in entries if e.name == f"{entry.instance}/state")
+                joints = next((e for e in entries if e.name == f"{entry.instance}/measured_js"), None)
+                source = stack.enter_context(Source(system, state))
+                if joints is None or "sub_state" not in {f.name for f in state.fields} or not source.newest():
+                    continue
+                row = source.as_dict()
+                view = stack.enter_context(Source(system, joints))
+                view.newest()
+                values = " ".join(f"{q:+.4f}" for q in view.part("position")) if view.valid else "–"
+                yield (entry.instance, f"{row['state']} ({row['sub_state']})", _yes(row["is_homed"]),
+                       _yes(row["is_busy"]), values)
+
+
+def _yes(flag: bool) -> str:
+    return "yes" if flag else "no"
+
+
+def _events(system: str, entries: list[Entry]) -> list[tuple[str, ...]]:
+    found: list[tuple[int, tuple[str, ...]]] = []
+    for entry in entries:
+        if entry.ring == "events" and entry.kind == RECORD:
+            with Source(system, entry) as source:
+                found += [(int(row["stamp_ns"]), _event(entry.instance, row)) for row in source.history(EVENTS_SHOWN)]
+    return [row for _, row in sorted(found)[-EVENTS_SHOWN:]]
+
+
+def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:
+    severity = SEVERITY[row["severity"]] if row["severity"] < len(SEVERITY) else ""
+    kind = severity or row["event"]
+    text = row["text"] or f"{row['state']} {row['sub_state']}".strip()
+    return instance, kind, row["component"], text
+
+
+@contextlib.contextmanager
+def _keys() -> Iterator[Callable[[], str]]:
+    """`pressed()` gives the key that was pressed, or nothing; without a terminal nothing is ever pressed."""
+    if not sys.stdin.isatty():
+        yield lambda: ""
+        return
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield lambda: sys.stdin.read(1) if select.select([sys.stdin], [], [], 0.05)[0] else ""
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

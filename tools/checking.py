@@ -1,0 +1,23 @@
+"""`trocar check`: validate configuration files without starting anything."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tools.options import JsonOption
+
+
+def check(
+    files: Annotated[list[Path], typer.Argument(help="System files, or any file a system names.")],
+    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    as_json: JsonOption = False,
+) -> Any:
+    """Validate configuration files: each mistake with file, line, key, value and what is allowed.
+
+    Example: trocar check configs/systems/demo.yaml
+    """
+    return importlib.import_module("tools.check").run(files, path or [], as_json)

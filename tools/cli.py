@@ -1,0 +1,123 @@
+"""THE TABLE of what a person can ask: one row per verb. `trocar VERB` and `python -m tools VERB` are the same.
+
+A verb's module is imported when the verb is used, so that help and completion are quick. Looking never changes the
+robot; the rows marked `moves` are those that may start, stop, power or move something.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import typer
+
+from tools.errors import Misuse, Problem
+
+FINE, WRONG, MISUSED = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One verb: `door` is module:function, `moves` marks those after which the robot may be another."""
+
+    name: str
+    door: str
+    text: str
+    moves: bool = False
+    raw: bool = False  # arguments that look like options are taken as they are (negative numbers)
+
+
+VERBS: tuple[Verb, ...] = (
+    Verb("demo", "tools.demo:demo", "Start an emulated robot, home it and trace a slow circle.", moves=True),
+    Verb("up", "tools.up:up", "Start a system; powers and moves nothing.", moves=True),
+    Verb("down", "tools.down:down", "Stop a system, and clear what dead ones left.", moves=True),
+    Verb("power-on", "tools.power:power_on", "Enable the arms.", moves=True),
+    Verb("home", "tools.power:home", "Power on where needed and home the arms.", moves=True),
+    Verb("power-off", "tools.power:power_off", "Disable the arms.", moves=True),
+    Verb("send", "tools.send:send", "Send any command to a component.", moves=True, raw=True),
+    Verb("stream", "tools.stream:stream", "Follow joint set-points from a CSV file.", moves=True),
+    Verb("status", "tools.status:status", "Processes: states, rates, missed deadlines, deaths."),
+    Verb("logs", "tools.logs:logs", "What the processes said."),
+    Verb("list", "tools.listing:list_topics", "Topics with their rates and fields."),
+    Verb("hz", "tools.listing:hz", "Measured rates of topics."),
+    Verb("echo", "tools.echo:echo", "Values of a topic."),
+    Verb("attach", "tools.attach:attach", "Live table of processes and topics."),
+    Verb("check", "tools.checking:check", "Validate configuration files."),
+    Verb("bench", "tools.bench:bench", "Measure the machine and the software."),
+)
+
+PANELS = {True: "Verbs that may change the robot", False: "Verbs that only look"}
+
+
+def build(only: str | None = None) -> typer.Typer:
+    """The command line. With `only`, that verb's module is imported and the others stand as names in the help."""
+    app = typer.Typer(
+        name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
+        pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
+        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 20",
+    )
+    app.callback()(_nothing)
+    for verb in VERBS:
+        function = _stub if only is not None and verb.name != only else guarded(_load(verb.door))
+        settings = {"ignore_unknown_options": True} if verb.raw else None
+        app.command(verb.name, short_help=verb.text, rich_help_panel=PANELS[verb.moves],
+                    context_settings=settings)(function)
+    return app
+
+
+def _nothing() -> None:
+    """Drive and inspect da Vinci research robots."""
+
+
+def _stub() -> None:
+    """Stands for a verb that was not asked for."""
+
+
+def _load(door: str) -> Callable[..., Any]:
+    module, function = door.split(":")
+    loaded: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return loaded
+
+
+def guarded(function: Callable[..., Any]) -> Callable[..., None]:
+    """The verb with its errors turned into one line and an exit code; the verb may return its exit code."""
+    from shm.mailbox import MailboxFull
+    from shm.ring import RingError
+    from shm.segment import SegmentError
+
+    @functools.wraps(function)
+    def run(*arguments: Any, **named: Any) -> None:
+        try:
+            code = function(*arguments, **named)
+        except Misuse as error:
+            code = _said(error, MISUSED)
+        except (Problem, SegmentError, RingError, MailboxFull) as error:
+            code = _said(error, WRONG)
+        except BrokenPipeError:  # the reader of our output has seen enough
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  # the interpreter flushes it at exit
+            code = FINE
+        raise typer.Exit(code or FINE)
+
+    return run
+
+
+def _said(error: Exception, code: int) -> int:
+    print(f"trocar: {error}", file=sys.stderr, flush=True)
+    return code
+
+
+def _verb_asked(arguments: Sequence[str]) -> str | None:
+    """The verb that is going to run: the first word; None means that all may be needed (completion)."""
+    if any(key.endswith("_COMPLETE") for key in os.environ):
+        return None
+    return next((word for word in arguments if not word.startswith("-")), "")
+
+
+def main() -> None:
+    """The command `trocar`."""
+    build(_verb_asked(sys.argv[1:]))(prog_name="trocar")

@@ -1,0 +1,7 @@
+"""x."""
+def demo() -> int:
+    """x
+
+    Example: trocar demo
+    """
+    return 0

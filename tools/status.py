@@ -1,0 +1,25 @@
+"""`trocar status`: the processes of a system."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, table
+from tools.processes import COLUMNS, RIGHT, cells, lives
+from tools.systems import chosen_system
+
+
+def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
+    """Show every process: state, rate, missed deadlines, restarts, why it last ended. Exit code 1: one is in trouble.
+
+    Example: trocar status --json
+    """
+    name = chosen_system(system)
+    found = lives(name)
+    if as_json:
+        for life in found:
+            emit({"system": name} | dataclasses.asdict(life))
+    else:
+        table(f"system {name}", COLUMNS, [cells(life) for life in found], RIGHT)
+    return 1 if any(life.trouble for life in found) else 0
