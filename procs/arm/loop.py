@@ -1,0 +1,81 @@
+"""An arm's process: io's newest record and the commands in, the set-points and the arm's state out, once a cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from procs import runtime
+from procs.arm.joints import AXES
+from procs.arm.psm import PsmArm
+from procs.arm.readings import Readings
+from procs.lib.document import Arm, Io
+from shm.mailbox import Client, MailboxFull, Reply
+from shm.ring import RingReader
+
+BEHIND_IO_NS = 40_000  # io's record is out by then
+EVENTS_LOOKED_AT = 64
+
+
+class IoMailbox:
+    """io's mailbox; a full one is no error here, what is wanted is asked for again."""
+
+    def __init__(self, client: Client) -> None:
+        """`client` is our place in it."""
+        self._client = client
+
+    def send(self, name: str, values: Sequence[float], text: str) -> int:
+        """Queue a command; returns its id, 0 when there was no room."""
+        try:
+            return self._client.send(name, values, text)
+        except MailboxFull:
+            return 0
+
+    def poll(self) -> list[Reply]:
+        """Replies since the last call."""
+        return self._client.poll()
+
+
+def fault_text(events: RingReader, robot: str) -> Callable[[int], str]:
+    """What io said last about a fault of `robot`, in its own words."""
+
+    def text(code: int) -> str:
+        for row in events.last(EVENTS_LOOKED_AT)[::-1]:
+            if row["event"] == b"error" and row["component"] in (robot.encode(), b""):
+                return f"{row['text'].decode(errors='replace')} (fault {code})"
+        return f"io reports fault {code}"
+
+    return text
+
+
+def place_in(io: Io, arm: Arm) -> tuple[int, int]:
+    """The arm's robot among io's: (its number, its first axis)."""
+    first = 0
+    for number, robot in enumerate(io.robots):
+        if robot.name == arm.robot:
+            if len(robot.actuators) != AXES:
+                raise ValueError(f"{arm.name}: {arm.robot} has {len(robot.actuators)} actuators; a PSM has {AXES}")
+            return number, first
+        first += len(robot.actuators)
+    raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}")
+
+
+def main() -> None:
+    """Run one arm until asked to stop; its robot is then held by io."""
+    with runtime.process("arm") as me:
+        arm = me.document.arm(me.name)
+        if arm.type != "PSM":
+            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available in this version; PSM is")
+        io, setpoint, state = me.reads(arm.io, "state"), me.writes("setpoint"), me.writes("state")
+        readings = Readings(io.field, *place_in(me.document.io(arm.io), arm))
+        events = fault_text(me.reads(arm.io, "events"), arm.robot)
+        orders = IoMailbox(me.commands(arm.io))
+        psm = PsmArm(arm, readings, orders, state.field, setpoint.field, me.events, events)
+        mailbox = me.mailbox()
+        written = io.field("write_ns")
+        me.ready()
+        while me.tick():
+            io.newest()
+            psm.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain())
+            setpoint.publish(me.now_ns)
+            state.publish(me.now_ns)
+            me.follow(int(written), BEHIND_IO_NS)
