@@ -34,13 +34,13 @@ DRIVE = "robots[0].actuators[0].drive"
         (SYSTEM, "- name: IO1\n    port: udp", "- 7", "IOs[0]", "7", "an object with name, port"),
         (TOOL, "lower: [-4.5378, -0.261799, -0.261799, 0]", "lower: 3", "tool_engage_position.lower", "3", "a list"),
         # range
-        (IO, "board_id: 6", "board_id: 16", "robots[0].actuators[0].board_id", "16", "from 0 and up to 15"),
+        (IO, "board_id: 6", "board_id: 16", "robots[0].actuators[0].board_id", "16", "from 0 up to 15"),
         (IO, "axis_id: 0", "axis_id: 4", "robots[0].actuators[0].axis_id", "4", "0 to 3 on QLA1"),
         (IO, "maximum_current: 1.34", "maximum_current: -1", f"{DRIVE}.maximum_current", "-1", "from 0"),
         (IO, "latency: 0.01", "latency: -1", "robots[0].potentiometers.tolerances[0].latency", "-1", "from 0"),
         (PID, "p_gain: 120", "p_gain: -120", "pid[0].p_gain", "-120", "from 0"),
         (PID, "i_gain: 0,", "i_gain: 0, v_low_pass_cutoff: 0,", "pid[0].v_low_pass_cutoff", "0", "above 0"),
-        (SYSTEM, "port: udp", "port: udp\n    period: 0", "IOs[0].period", "0", "from 0.0001 and up to 0.1"),
+        (SYSTEM, "port: udp", "port: udp\n    period: 0", "IOs[0].period", "0", "from 0.0001 up to 0.1"),
         (SYSTEM, "serial: demo", "serial: demo\n    period: 2", "arms[0].period", "2", "up to 0.1"),
         # words
         (IO, "hardware_version: QLA1", "hardware_version: QLA2", "robots[0].hardware_version", '"QLA2"', '"QLA1"'),
@@ -164,7 +164,7 @@ def test_exact_line_of_a_plain_value(home: Home) -> None:
     assert problem.line == line
     assert str(problem) == (
         f'{home.path / IO}:{line}: error: robots[0].actuators[2].drive.maximum_current = "lots": wrong type; '
-        "allowed: a number from 0.0 and up to 20.0 (A)"
+        "allowed: a number from 0.0 up to 20.0 (A)"
     )
 
 
@@ -337,3 +337,21 @@ def test_consoles_are_checked_though_not_started(home: Home, console: str, key: 
 def test_half_or_crooked_base_frame_is_refused(home: Home, frame: str) -> None:
     home.edit(SYSTEM, "serial: demo", f"serial: demo\n    base_frame: {frame}")
     assert home.error().key.startswith("arms[0].base_frame")
+
+
+def test_one_board_cannot_be_of_two_kinds(home: Home) -> None:
+    other = (home.path / IO).read_text().replace("QLA1", "DQLA").replace("PSM1", "OTHER")
+    for axis in range(4):
+        other = other.replace(f"axis_id: {axis}\n", f"axis_id: {axis + 4}\n")
+    (home.path / "io/other.yaml").write_text(other)
+    home.edit(SYSTEM, "port: udp", "port: udp\n    configuration_files: [io/other.yaml]")
+    problem = home.error()
+    assert problem.key == "robots[0].hardware_version"
+    assert "board 6 is DQLA for robot OTHER" in problem.text and problem.value == '"QLA1"'
+
+
+def test_absurd_file_names_are_only_not_found(home: Home) -> None:
+    for name in ("x" * 300, "~nobody-of-this-name/x", "a\\0b"):
+        home.edit(SYSTEM, "PID_file: pid/PSM.yaml", f'PID_file: "{name}"')
+        assert "no file" in home.error().text
+        home.edit(SYSTEM, f'PID_file: "{name}"', "PID_file: pid/PSM.yaml")

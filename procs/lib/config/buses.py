@@ -10,6 +10,7 @@ from procs.lib.config.context import Context, Opened
 from procs.lib.config.io_checks import check_bus, check_io_file
 from procs.lib.config.io_file import IoFile, RobotKeys
 from procs.lib.config.problem import Key
+from procs.lib.config.search import expanded
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import IoDeviceKeys, IoKeys, SystemFile
 
@@ -62,7 +63,7 @@ def _check_tables(context: Context, opened: Opened[IoFile]) -> None:
         if not pots.lookup_table_file:
             context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
             continue
-        search = context.search.first(*(Path(text).expanduser() for text in robot.path), beside)
+        search = context.search.first(*(expanded(text) for text in robot.path), beside)
         context.find(opened.source, key, (pots.lookup_table_file,), search)
 
 

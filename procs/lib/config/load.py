@@ -18,7 +18,7 @@ from procs.lib.config.emulated import build_emulation, default_addresses
 from procs.lib.config.instances import RESERVED, build_processes
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
-from procs.lib.config.search import SearchPath, search_path
+from procs.lib.config.search import SearchPath, expanded, is_folder, search_path
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import PROTOCOLS, SystemFile
 from procs.lib.config.trocar_section import TrocarSection
@@ -125,8 +125,8 @@ def _with_settings(context: Context, source: Source, content: SystemFile) -> Sea
     beside = source.path.parent
     more: list[Path] = []
     for index, text in enumerate(content.settings.path):
-        given = Path(text).expanduser()
-        hits = [folder for folder in (given, beside / given) if folder.is_dir()]
+        given = expanded(text)
+        hits = [folder for folder in (given, beside / given) if is_folder(folder)]
         if not hits:
             context.warning(source, ("settings", "path", index), "no such folder", "a folder")
         more += hits

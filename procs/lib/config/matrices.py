@@ -32,8 +32,10 @@ def check_rigid(context: Context, source: Source, key: Key, matrix: Rows) -> boo
     if not np.array_equal(values[3], [0.0, 0.0, 0.0, 1.0]):
         context.error(source, key, f"last row is {list(matrix[3])}", "0, 0, 0, 1")
         return False
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if not off <= _ORTHONORMAL or np.linalg.det(rotation) < 0:
+    with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused like any other
+        off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        handed = float(np.linalg.det(rotation))
+    if not off <= _ORTHONORMAL or not handed > 0.0:
         context.error(source, key, f"not a rotation (off by {off:.2g})", "orthonormal right-handed axes, to 0.001")
         return False
     return True
@@ -43,7 +45,9 @@ def check_invertible(context: Context, source: Source, key: Key, matrix: Rows, s
     """Whether `matrix` is size × size and has an inverse; an error otherwise."""
     if not check_size(context, source, key, matrix, size):
         return False
-    if abs(float(np.linalg.det(np.array(matrix)))) < _LEAST_DETERMINANT:
+    with np.errstate(all="ignore"):
+        determinant = abs(float(np.linalg.det(np.array(matrix))))
+    if not _LEAST_DETERMINANT <= determinant < np.inf:
         context.error(source, key, "has no inverse", "an invertible matrix")
         return False
     return True

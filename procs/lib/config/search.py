@@ -36,7 +36,7 @@ class SearchPath:
         hits = []
         for folder in self.folders:
             for candidate in (name, *_other_names(name)):
-                if (folder / candidate).is_file():
+                if _is_file(folder / candidate):
                     hits.append(folder / candidate)
                     break
         return tuple(hits)
@@ -45,15 +45,39 @@ class SearchPath:
         return ", ".join(str(folder) for folder in self.folders)
 
     def _exact(self, name: str) -> Path | None:
-        direct = Path(name).expanduser()
+        direct = expanded(name)
         if direct.is_absolute():
-            return direct if direct.is_file() else None
-        return next((folder / name for folder in self.folders if (folder / name).is_file()), None)
+            return direct if _is_file(direct) else None
+        return next((folder / name for folder in self.folders if _is_file(folder / name)), None)
 
 
 def search_path(folders: tuple[Path, ...]) -> SearchPath:
     """A search path without repetitions."""
     return SearchPath(_unique(folders))
+
+
+def expanded(name: str) -> Path:
+    """A path as people write it, with `~`; a `~` that means nobody stays."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether `path` is a folder that can be looked into."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def _is_file(path: Path) -> bool:
+    """A path that cannot even be asked about (too long, not allowed) is no file of ours."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _unique(folders: tuple[Path, ...]) -> tuple[Path, ...]:

@@ -105,7 +105,9 @@ def _describe_at(model: type[BaseModel], inner: Key) -> tuple[Any, list[Any], st
         if isinstance(part, int):
             annotation, metadata, description = _unwrap(typing.get_args(annotation)[0])
         elif _is_model(annotation):
-            field = _fields(annotation)[part]
+            field = _fields(annotation).get(part)
+            if field is None:
+                break
             annotation, metadata, description = _unwrap(field.annotation)
             metadata = metadata + field.metadata
             description = field.description or description
@@ -131,7 +133,7 @@ def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
         text = "an object"
     else:
         text = _PLAIN.get(annotation, "a value")
-    limits = " and ".join(_limit(item) for item in metadata if _limit(item))
+    limits = " ".join(_limit(item) for item in metadata if _limit(item))
     text = f"{text} {limits}" if limits else text
     return f"{text} ({description})" if description else text
 
