@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -106,7 +107,7 @@ def nothing_outlives_the_test() -> Iterator[None]:
 
 
 def _present(own: str) -> set[str]:
-    segments = {"~".join(parts) for parts in names_of() if parts[0].startswith(own)}
+    segments = {"~".join(parts) for parts in names_of() if re.match(f"{own}[x-]", parts[0])}
     children = set()
     for child in psutil.Process().children():
         with contextlib.suppress(psutil.NoSuchProcess):
