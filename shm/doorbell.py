@@ -20,6 +20,7 @@ import platform
 import struct
 import threading
 from collections.abc import Callable
+from functools import partial
 
 from shm.segment import Segment, SegmentError
 
@@ -95,6 +96,8 @@ def claim_place(segment: Segment, first: int, count: int) -> int:
             if error.errno in (errno.EAGAIN, errno.EACCES):
                 continue
             raise
+        free = LOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, first + place, 1, 0)
+        segment.at_close(partial(fcntl.fcntl, segment.fd, OFD_SETLK, free))
         return place
     raise SegmentError(f"{segment.name}: all {count} places are taken")
 
@@ -127,6 +130,11 @@ class Waiter:
         self._flag[0] = 0
         self._futex = Futex(segment, counters_at + 4 * place)
         self._fence = Fence()
+        segment.at_close(self._leave)
+
+    def _leave(self) -> None:
+        self._flag[0] = 0
+        self._flag.release()
 
     def wait(self, ready: Callable[[], bool], timeout_ns: int) -> bool:
         """Sleep until rung or `timeout_ns`; returns `ready()`. May return early without it."""

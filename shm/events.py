@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from shm.layout import cut_text
 from shm.ring import RingWriter
 
 STATUS, WARNING, ERROR = 1, 2, 3
@@ -26,10 +27,10 @@ class Events:
         value: float = math.nan, limit: float = math.nan, state: str = "", sub_state: str = "", is_homed: bool = False,
         is_busy: bool = False,
     ) -> None:
-        """Write one event; texts longer than their field are cut."""
+        """Write one event; texts longer than their field are cut between characters."""
         for name, content in (("event", event), ("code", code), ("component", component), ("text", text),
                               ("state", state), ("sub_state", sub_state)):
-            self._fields[name][...] = content.encode()[: self._fields[name].dtype.itemsize]
+            self._fields[name][...] = cut_text(content, self._fields[name].dtype.itemsize)
         for name, number in (("severity", severity), ("axis", axis), ("value", value), ("limit", limit),
                              ("is_homed", is_homed), ("is_busy", is_busy)):
             self._fields[name][...] = number

@@ -62,7 +62,7 @@ def schema_from_json(text: bytes) -> Schema:
         document = json.loads(text)
         topic = str(document["topic"])
         rows = [(str(f["name"]), str(f["dtype"])) for f in document["fields"]]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise LayoutError(f"the schema is not readable: {error}") from None
     names, formats = ["sequence", "stamp_ns"], ["<u8", "<i8"]
     for name, scalar in rows:
@@ -79,6 +79,12 @@ def schema_from_json(text: bytes) -> Schema:
         raise LayoutError(f"topic {topic}: a record of {dtype.itemsize} bytes; allowed are {MAX_STRIDE}")
     digest = hashlib.blake2b(text, digest_size=8).digest()
     return Schema(topic, dtype, stride, text, int.from_bytes(digest, "little"))
+
+
+def cut_text(text: str, size: int) -> bytes:
+    """UTF-8 of `text`, at most `size` bytes, cut between characters."""
+    encoded = text.encode(errors="replace")
+    return encoded if len(encoded) <= size else encoded[:size].decode(errors="ignore").encode()
 
 
 def _filled(dtype: str, sizes: Mapping[str, int], topic: str, field: str) -> str:

@@ -1,17 +1,22 @@
 """The mailbox: commands to one owner from up to 16 clients; each client has a queue and a reply ring of its own.
 
-One segment. Each place has: a command queue (single producer, single consumer), a reply queue, and four cursors.
+One segment. Each place has: a command queue (single producer, single consumer), a reply ring, and three cursors.
 
 Submit (client):  M1 sent − taken < depth, else MailboxFull   M2 write the slot   M3 sent := sent + 1
 Drain (owner):    N1 sent ≠ taken?   N2 copy the slot   N3 taken := taken + 1   N4 run it, write the reply, answered + 1
+Reply (owner):    slot.sequence := 0, payload, slot.sequence := n, answered := n; read as a ring is read (shm/ring.py)
 
 N3 comes before N4: a command runs at most once, also when the owner dies in between; the client then gets no reply and
 sees the owner's epoch change. A client claims a place with a lock that the kernel frees when it dies; its successor
 goes on from the cursors, commands that were accepted (M3 done) are still run.
+
+Nothing here is looked up by name or built by numpy while commands travel: a slot is one `struct` call into the map on
+the way in, one copy of the bytes in use on the way out; values and text are decoded when somebody asks for them.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.commands import COMMANDS, Command, code_of
+from shm.commands import COMMANDS, Command
 from shm.doorbell import claim_place
-from shm.layout import LINE, schema_from_json, schema_of
+from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
 from shm.ring import attach
 from shm.segment import Segment, SegmentError, create, segment_name
 from shm.topics import COMMAND, REPLY
@@ -35,8 +40,21 @@ REPLY_SCHEMA = schema_of(REPLY)
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
 OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
 
+# What the rows of the topic table come to; tests compare these with the schemas.
+COMMAND_HEAD = struct.Struct("<QHH64s")  # id, code, count, text
+HEAD_START = COMMAND_SCHEMA.offset("id")
+TEXT_START = COMMAND_SCHEMA.offset("text")
+VALUES_START = COMMAND_SCHEMA.offset("values")
+ID_WORD = HEAD_START // 8
+COUNT_WORD = COMMAND_SCHEMA.offset("code") // 8  # code in its lowest 16 bits, count in the next
+MAX_VALUES, MAX_TEXT = 64, 64
+VALUES = tuple(struct.Struct(f"<{n}d") for n in range(MAX_VALUES + 1))
+REPLY_BODY = struct.Struct("<QB200s")  # id, outcome, text
+REPLY_START = REPLY_SCHEMA.offset("id")
+REPLY_TEXT = 199
+
 # The segment's one "slot": cursors (arrays over the places, each cell with one writer), then the queues.
-CURSORS = ("sent", "taken", "answered", "client_pid")
+CURSORS = ("sent", "taken", "answered", "place")  # the bytes of "place" are never written: clients lock them
 CURSOR_BYTES = LINE * 2
 QUEUES_AT = CURSOR_BYTES * len(CURSORS)
 PLACE_BYTES = COMMANDS_DEPTH * COMMAND_SCHEMA.stride + REPLIES_DEPTH * REPLY_SCHEMA.stride
@@ -44,6 +62,8 @@ WHOLE = schema_from_json(
     b'{"topic":"mailbox","fields":[{"name":"cursors","dtype":"(4,16)<u8"},{"name":"queues","dtype":"(%d,)u1"}]}'
     % (CLIENTS * PLACE_BYTES)
 )
+CURSOR_BITS = tuple((2**64 - 1) << 64 * place for place in range(CLIENTS))
+NOBODY = bytes(8 * CLIENTS)
 
 
 class MailboxFull(Exception):
@@ -68,12 +88,16 @@ def create_mailbox(system: str, instance: str, kind: str, *, mode: int = 0o600, 
 
 
 class _Places:
-    """Cursor words and queue slots of all places."""
+    """Where the cursors and slots of all places lie: cursors as indices of words, slots as byte offsets."""
 
     def __init__(self, system: str, instance: str) -> None:
         self.segment = Segment(segment_name(system, instance, "mailbox"), write=True)
-        attach(self.segment, "mailbox", WHOLE)
-        self.first = self.segment.header.first + 16  # the slot's own sequence and stamp
+        try:
+            attach(self.segment, "mailbox", WHOLE)
+        except BaseException:
+            self.segment.close()
+            raise
+        self.first = self.segment.header.first + 16  # behind the slot's own sequence and stamp
         self.words = self.segment.words()
         self.view = self.segment.view
 
@@ -81,33 +105,47 @@ class _Places:
         """Index of a cursor in `words`."""
         return (self.first + CURSORS.index(which) * CURSOR_BYTES) // 8 + place
 
-    def commands(self, place: int) -> NDArray[Any]:
-        """The command slots of a place."""
-        return self._array(COMMAND_SCHEMA, place, 0, COMMANDS_DEPTH)
+    def commands(self, place: int) -> list[int]:
+        """Offsets of the command slots of a place."""
+        return self._slots(COMMAND_SCHEMA, place, 0, COMMANDS_DEPTH)
 
-    def replies(self, place: int) -> NDArray[Any]:
-        """The reply slots of a place."""
-        return self._array(REPLY_SCHEMA, place, COMMANDS_DEPTH * COMMAND_SCHEMA.stride, REPLIES_DEPTH)
+    def replies(self, place: int) -> list[int]:
+        """Offsets of the reply slots of a place."""
+        return self._slots(REPLY_SCHEMA, place, COMMANDS_DEPTH * COMMAND_SCHEMA.stride, REPLIES_DEPTH)
 
-    def _array(self, schema: Any, place: int, offset: int, depth: int) -> NDArray[Any]:
+    def _slots(self, schema: Schema, place: int, offset: int, depth: int) -> list[int]:
         start = self.first + QUEUES_AT + place * PLACE_BYTES + offset
-        raw = np.frombuffer(self.view, dtype=np.uint8, count=depth * schema.stride, offset=start)
-        return np.ndarray((depth,), dtype=schema.dtype, buffer=raw.data, strides=(schema.stride,))
+        return [start + i * schema.stride for i in range(depth)]
 
 
 class Received:
     """One command on the owner's side; answer it once with accept/refuse, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_place", "command", "id", "text", "values")
+    __slots__ = ("_box", "_place", "_raw", "_values", "command", "id")
 
-    def __init__(self, box: Mailbox, place: int, number: int, command: Command, values: NDArray[np.float64], text: str):
-        self._box, self._place = box, place
-        self.id, self.command, self.values, self.text = number, command, values, text
+    def __init__(
+        self, box: Mailbox, place: int, number: int, command: Command, raw: bytearray
+    ) -> None:
+        self._box, self._place, self._raw = box, place, raw
+        self.id, self.command = number, command
+        self._values: NDArray[np.float64] | None = None
 
     @property
     def name(self) -> str:
         """The command's name."""
         return self.command.name
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers, as many as were sent; our own copy."""
+        if self._values is None:
+            self._values = np.frombuffer(self._raw, np.float64, -1, VALUES_START - TEXT_START)
+        return self._values
+
+    @property
+    def text(self) -> str:
+        """Its text argument."""
+        return self._raw[:MAX_TEXT].rstrip(b"\0").decode(errors="replace")
 
     def accept(self, text: str = "") -> None:
         """It is under way; `done` or `fail` follows when it takes time."""
@@ -131,60 +169,84 @@ class Mailbox:
 
     def __init__(self, system: str, instance: str, kind: str) -> None:
         """Claim the mailbox of `instance`."""
-        self._places = _Places(system, instance)
-        self._places.segment.claim(instance)
+        places = self._places = _Places(system, instance)
+        try:
+            places.segment.claim(instance)
+        except BaseException:
+            places.segment.close()
+            raise
         self._table = COMMANDS.get(kind, ())
-        start = self._places.first
-        self._sent_bytes = self._places.view[start : start + 8 * CLIENTS]
-        self._words = self._places.words
-        self._sent = [self._places.cursor("sent", p) for p in range(CLIENTS)]
-        self._taken = [self._places.cursor("taken", p) for p in range(CLIENTS)]
-        self._answered = [self._places.cursor("answered", p) for p in range(CLIENTS)]
-        self._queues = [self._places.commands(p) for p in range(CLIENTS)]
-        self._replies = [self._places.replies(p) for p in range(CLIENTS)]
-        self._taken_bytes = self._places.view[start + CURSOR_BYTES : start + CURSOR_BYTES + 8 * CLIENTS]
+        self._view, self._words = places.view, places.words
+        self._sent_bytes = places.segment.keep(places.view[places.first : places.first + len(NOBODY)])
+        self._sent = [places.cursor("sent", p) for p in range(CLIENTS)]
+        self._taken_at = [places.cursor("taken", p) for p in range(CLIENTS)]
+        self._answered_at = [places.cursor("answered", p) for p in range(CLIENTS)]
+        # ours alone, the cells in the segment only tell the clients: whatever they write there, our loop goes on
+        self._taken = [_sane(self._words[i]) for i in self._taken_at]
+        self._answered = [_sane(self._words[i]) for i in self._answered_at]
+        self._queues = [places.commands(p) for p in range(CLIENTS)]
+        self._replies = [places.replies(p) for p in range(CLIENTS)]
+        self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
 
     def drain(self) -> Iterator[Received]:
         """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here."""
-        if self._sent_bytes.tobytes() == self._taken_bytes.tobytes():  # N1 for all places at once
-            return
-        for place in range(CLIENTS):
-            waiting = self._words[self._sent[place]] - self._words[self._taken[place]]
-            if waiting > COMMANDS_DEPTH or waiting < 0:  # a cursor no honest client writes
-                self._words[self._taken[place]] = self._words[self._sent[place]]
-                continue
-            for _ in range(min(waiting, PER_CYCLE)):
-                received = self._take(place)
-                if received is not None:
-                    yield received
+        sent = self._sent_bytes.tobytes()
+        if sent == self._seen and not self._backlog:  # N1 for all places at once
+            return iter(())
+        cursors = int.from_bytes(sent, "little")
+        changed = cursors ^ self._seen_cursors | self._backlog
+        self._seen, self._seen_cursors, self._backlog = sent, cursors, changed
+        return self._drain(changed)
 
-    def _take(self, place: int) -> Received | None:
-        n = self._words[self._taken[place]] + 1
-        slot = self._queues[place][n % COMMANDS_DEPTH].copy()  # N2
-        self._words[self._taken[place]] = n  # N3
-        number, code, count = int(slot["id"]), int(slot["code"]), int(slot["count"])
-        if code >= len(self._table):
-            self.answer(place, number, REFUSED, f"command {code} is not in the table")
-            return None
-        values = slot["values"]
-        if count > len(values):
-            self.answer(place, number, REFUSED, f"{count} values; allowed are {len(values)}")
-            return None
-        text = bytes(slot["text"]).rstrip(b"\0").decode(errors="replace")
-        return Received(self, place, number, self._table[code], values[:count], text)
+    def _drain(self, changed: int) -> Iterator[Received]:
+        """Visit the places whose cursor bits are set in `changed`; they stay in the backlog until nothing waits."""
+        while changed:
+            place = (changed & -changed).bit_length() - 1 >> 6
+            changed &= ~CURSOR_BITS[place]
+            taken = self._taken[place]
+            waiting = self._words[self._sent[place]] - taken
+            if 0 < waiting <= COMMANDS_DEPTH:  # other cursors no honest client writes; they are left alone
+                for n in range(taken + 1, taken + 1 + min(waiting, PER_CYCLE)):
+                    received = self._take(place, n)
+                    if received is not None:
+                        yield received
+            if not PER_CYCLE < waiting <= COMMANDS_DEPTH:
+                self._backlog &= ~CURSOR_BITS[place]
+
+    def _take(self, place: int, n: int) -> Received | None:
+        at = self._queues[place][n % COMMANDS_DEPTH]
+        number: int = self._words[(at >> 3) + ID_WORD]
+        counted = self._words[(at >> 3) + COUNT_WORD]
+        code, count = counted & 0xFFFF, counted >> 16 & 0xFFFF
+        end = at + VALUES_START + 8 * min(count, MAX_VALUES)
+        raw = bytearray(self._view[at + TEXT_START : end])  # N2
+        self._taken[place] = self._words[self._taken_at[place]] = n  # N3
+        if count > MAX_VALUES:
+            wrong = f"{count} values; allowed are {MAX_VALUES}"
+        elif code >= len(self._table):
+            wrong = f"command {code} is not in the table"
+        else:
+            return Received(self, place, number, self._table[code], raw)
+        self.answer(place, number, REFUSED, wrong)
+        return None
 
     def answer(self, place: int, number: int, outcome: int, text: str) -> None:
         """Write a reply; the oldest is overwritten when a client does not read its replies."""
-        n = self._words[self._answered[place]] + 1
-        slot = self._replies[place][n % REPLIES_DEPTH]
-        slot["sequence"] = 0
-        slot["id"], slot["outcome"], slot["text"] = number, outcome, text.encode()[:199]
-        slot["sequence"] = n
-        self._words[self._answered[place]] = n
+        words = self._words
+        n = self._answered[place] + 1
+        at = self._replies[place][n % REPLIES_DEPTH]
+        words[at >> 3] = 0
+        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, cut_text(text, REPLY_TEXT))
+        words[at >> 3] = n
+        self._answered[place] = words[self._answered_at[place]] = n
 
     def close(self) -> None:
         """Give the claim back."""
         self._places.segment.close()
+
+
+def _sane(cursor: int) -> int:
+    return cursor if cursor < 2**62 else 0
 
 
 class Client:
@@ -192,15 +254,22 @@ class Client:
 
     def __init__(self, system: str, instance: str) -> None:
         """Claim a free place; SegmentError when the instance has no mailbox or all places are taken."""
-        self._places = _Places(system, instance)
-        segment = self._places.segment
+        places = self._places = _Places(system, instance)
+        segment = places.segment
         self.instance = instance
         self.kind = str(segment.header.info.get("kind", ""))
-        place = claim_place(segment, self._places.first + CURSOR_BYTES * 3, CLIENTS)
-        self._words = self._places.words
-        self._sent, self._taken = self._places.cursor("sent", place), self._places.cursor("taken", place)
-        self._answered = self._places.cursor("answered", place)
-        self._queue, self._replies = self._places.commands(place), self._places.replies(place)
+        self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
+        try:
+            place = claim_place(segment, places.first + CURSOR_BYTES * CURSORS.index("place"), CLIENTS)
+        except BaseException:
+            segment.close()
+            raise
+        self._view, self._words = places.view, places.words
+        self._sent, self._taken = places.cursor("sent", place), places.cursor("taken", place)
+        self._answered = places.cursor("answered", place)
+        self._queue, self._replies = places.commands(place), places.replies(place)
+        if not 0 <= self._words[self._sent] - self._words[self._taken] <= COMMANDS_DEPTH:
+            self._words[self._sent] = self._words[self._taken]  # a predecessor left garbage
         self._seen: int = self._words[self._answered]
         self.lost = 0
 
@@ -210,25 +279,35 @@ class Client:
         return list(self._places.segment.header.info.get("commands", []))
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command."""
-        code = code_of(self.kind, name)
-        numbers = np.asarray(values, dtype=np.float64).reshape(-1)
-        if len(numbers) > 64:
-            raise ValueError(f"{name}: {len(numbers)} values; allowed are 64")
-        if len(text.encode()) > 64:
-            raise ValueError(f"{name}: the text has {len(text.encode())} bytes; allowed are 64")
-        n = self._words[self._sent] + 1
+        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
+
+        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8.
+        """
+        code = self._codes.get(name)
+        if code is None:
+            raise KeyError(f"{self.kind} has no command {name}; it has: {', '.join(self._codes)}")
+        numbers = values if isinstance(values, tuple | list) else np.asarray(values, dtype=np.float64).reshape(-1)
+        count = len(numbers)
+        encoded = text.encode()
+        if count > MAX_VALUES:
+            raise ValueError(f"{name}: {count} values; allowed are {MAX_VALUES}")
+        if len(encoded) > MAX_TEXT:
+            raise ValueError(f"{name}: the text has {len(encoded)} bytes; allowed are {MAX_TEXT}")
+        n: int = self._words[self._sent] + 1
         if n - self._words[self._taken] > COMMANDS_DEPTH:  # M1
             raise MailboxFull(f"{self.instance} has not taken the last {COMMANDS_DEPTH} commands")
-        slot = self._queue[n % COMMANDS_DEPTH]  # M2
-        slot["id"], slot["code"], slot["count"], slot["text"] = n, code, len(numbers), text.encode()
-        slot["values"][: len(numbers)] = numbers
+        at = self._queue[n % COMMANDS_DEPTH]  # M2
+        try:
+            VALUES[count].pack_into(self._view, at + VALUES_START, *numbers)
+        except struct.error:
+            raise ValueError(f"{name}: {values!r} are not numbers") from None
+        COMMAND_HEAD.pack_into(self._view, at + HEAD_START, n, code, count, encoded)
         self._words[self._sent] = n  # M3
-        return int(n)
+        return n
 
     def poll(self) -> list[Reply]:
         """Replies that came since the last call, in order; what was overwritten is counted in `lost`."""
-        head = self._words[self._answered]
+        head: int = self._words[self._answered]
         if head == self._seen:
             return []
         begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)
@@ -236,10 +315,11 @@ class Client:
         self._seen = head
         found = []
         for n in range(begin, head + 1):
-            slot = self._replies[n % REPLIES_DEPTH].copy()
-            if slot["sequence"] == n:
-                text = bytes(slot["text"]).rstrip(b"\0").decode(errors="replace")
-                found.append(Reply(int(slot["id"]), OUTCOMES.get(int(slot["outcome"]), "unknown"), text))
+            at = self._replies[n % REPLIES_DEPTH]
+            number, outcome, raw = REPLY_BODY.unpack_from(self._view, at + REPLY_START)
+            if self._words[at >> 3] == n:  # after the copy: the owner may have come round meanwhile
+                text = raw.rstrip(b"\0").decode(errors="replace")
+                found.append(Reply(number, OUTCOMES.get(outcome, "unknown"), text))
             else:
                 self.lost += 1
         return found

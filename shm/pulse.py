@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm.doorbell import PLACES, Bell, Futex, Waiter
-from shm.layout import schema_of
+from shm.layout import cut_text, schema_of
 from shm.ring import attach
 from shm.segment import Segment, create, segment_name
 from shm.topics import Field, Topic
@@ -72,7 +72,11 @@ class Pulse:
         """Attach; SegmentError when there is no such instance."""
         self.instance = instance
         self.segment = Segment(segment_name(system, instance, "control"), write=write)
-        attach(self.segment, "control", SCHEMA)
+        try:
+            attach(self.segment, "control", SCHEMA)
+        except BaseException:
+            self.segment.close()
+            raise
         self._record = np.frombuffer(self.segment.view, dtype=SCHEMA.dtype, count=1, offset=self.segment.header.first)
 
     def field(self, name: str) -> NDArray[Any]:
@@ -92,7 +96,7 @@ class Pulse:
 
     def show(self, state: str, error: str = "") -> None:
         """Set the lifecycle state (the instance only)."""
-        self._record["error"][0] = error.encode()[:399]
+        self._record["error"][0] = cut_text(error, 399)
         self._record["state"][0] = STATES.index(state)
 
     def bell(self) -> Bell:

@@ -4,7 +4,7 @@ The supervisor creates a segment, sizes it with posix_fallocate (a full /dev/shm
 loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies.
 A reader maps it read-only. Everything in the header is checked against the file before anything is mapped.
 
-Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by the writer in its loop):
+Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by its loop):
 
     0    8  W  magic             "TROCAR" 0 1
     8    4  W  header version    1
@@ -33,6 +33,7 @@ import mmap
 import os
 import re
 import struct
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,8 +51,9 @@ IDENTITY_AT = 64
 HEAD_AT = 128
 TEXT_AT = 256
 MAX_TEXT = 1 << 20
-NAME = re.compile(r"^[A-Za-z0-9_-]{1,64}$")
+NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 FOLDER = Path("/dev/shm")
+CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 10, 0.002
 
 
 class SegmentError(Exception):
@@ -84,7 +86,7 @@ class Identity:
 def segment_name(system: str, instance: str, what: str) -> str:
     """`/trocar~<system>~<instance>~<what>`; SegmentError when a part has letters that are not allowed."""
     for label, part in (("system", system), ("instance", instance), ("segment", what)):
-        if not NAME.match(part):
+        if not NAME.fullmatch(part):
             raise SegmentError(f"{label} name {part!r}: allowed are 1 to 64 letters, digits, _ and -")
     return f"/trocar~{system}~{instance}~{what}"
 
@@ -170,24 +172,36 @@ class Segment:
             os.close(self.fd)
             raise
         self.view = memoryview(self._map)
-        self._releases: list[Callable[[], None]] = [self.view.release]
-        self._closed = False
+        self._at_close: list[Callable[[], object]] = [self.view.release]
+        self._closed = self._claimed = False
+
+    def at_close(self, callback: Callable[[], object]) -> None:
+        """Call this first when the segment is closed."""
+        self._at_close.insert(0, callback)
+
+    def keep(self, part: memoryview) -> memoryview:
+        """Release `part`, a view taken from this segment, at close."""
+        self.at_close(part.release)
+        return part
 
     def words(self) -> memoryview:
         """The whole segment as unsigned 64-bit words; loads and stores of one aligned word are single instructions."""
-        words = self.view.cast("Q")
-        self._releases.insert(0, words.release)
-        return words
+        return self.keep(self.view.cast("Q"))
 
     def claim(self, name: str) -> Identity:
         """Become the writer; SegmentError names the one that holds it. The kernel frees the claim when we die."""
-        try:
-            fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        for attempt in range(CLAIM_ATTEMPTS):
+            try:
+                fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if attempt < CLAIM_ATTEMPTS - 1:
+                    time.sleep(CLAIM_PAUSE_S)  # somebody may only be asking whether it is claimed
+        else:
             first = self.identity()
-            raise SegmentError(
-                f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer"
-            ) from None
+            raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
+        self._claimed = True
+        self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN))  # a map still in use holds a copy of our descriptor
         identity = Identity(os.getpid(), self.identity().epoch + 1, start_time(os.getpid()), name)
         packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:32])
         self.view[IDENTITY_AT : IDENTITY_AT + IDENTITY.size] = packed
@@ -200,6 +214,8 @@ class Segment:
 
     def claimed(self) -> bool:
         """Whether a living process holds the claim now (asks the kernel, for tools; not for loops)."""
+        if self._claimed:
+            return True
         try:
             fcntl.flock(self.fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -212,9 +228,9 @@ class Segment:
         if self._closed:
             return
         self._closed = True
-        for release in self._releases:
+        for callback in self._at_close:
             with contextlib.suppress(BufferError):
-                release()
+                callback()
         with contextlib.suppress(BufferError):  # a numpy view still lives: the map goes with it
             self._map.close()
         os.close(self.fd)
@@ -238,7 +254,7 @@ def start_time(pid: int) -> int:
 def _checked(fd: int, name: str, owners: frozenset[int]) -> Header:
     status = os.fstat(fd)
     if status.st_uid not in {os.getuid(), 0} | owners:
-        raise SegmentError(f"{name}: belongs to user {status.st_uid}; accepted are root, {os.getuid()} and the configured")
+        raise SegmentError(f"{name}: belongs to user {status.st_uid}; accepted: {os.getuid()}, 0 and those configured")
     raw = os.pread(fd, FIXED.size, 0)
     if len(raw) < FIXED.size:
         raise SegmentError(f"{name}: {status.st_size} bytes are too short for a header")
@@ -257,7 +273,7 @@ def _checked(fd: int, name: str, owners: frozenset[int]) -> Header:
     try:
         schema = schema_from_json(text[:schema_size])
         info = json.loads(text[schema_size:])
-    except (LayoutError, ValueError) as error:
+    except (LayoutError, ValueError, RecursionError) as error:
         raise SegmentError(f"{name}: {error}") from None
     if schema.fingerprint != fingerprint or schema.stride != stride or not isinstance(info, dict):
         raise SegmentError(f"{name}: schema and header contradict each other")

@@ -138,7 +138,7 @@ ARM_STATE = Topic(
     fields=(
         Field("valid", "?", "", "joint values are valid: powered, biased, fresh"),
         Field("cartesian_valid", "?", "", "local Cartesian values are valid: joints valid and the chain complete"),
-        Field("reference_valid", "?", "", "Cartesian values in the reference frame are valid: the base frame is known too"),
+        Field("reference_valid", "?", "", "Cartesian values in the reference frame are valid: base frame known too"),
         Field("count", "u1", "", "kinematic joints in use"),
         Field("names", "(8,)S16", "", "joint names"),
         Field("position", "(8,)<f8", "rad|m", "measured joint position"),
@@ -258,8 +258,8 @@ COMMAND = Topic(
         Field("id", "<u8", "", "number of the command, unique for its client"),
         Field("code", "<u2", "", "place of the command in the owner kind's command table"),
         Field("count", "<u2", "", "values in use"),
-        Field("values", "(64,)<f8", "", "numbers, in the order the command table gives"),
         Field("text", "S64", "", "text argument"),
+        Field("values", "(64,)<f8", "", "numbers, in the order the command table gives; last: only `count` are copied"),
     ),
 )
 
