@@ -23,6 +23,7 @@ word is one aligned load or store: CPython copies a memoryview item of format "Q
 from __future__ import annotations
 
 import platform
+from bisect import bisect_left
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ class RingWriter:
 
 
 class RingReader:
-    """The reading end; keeps one private copy, its fields ready made."""
+    """The reading end; keeps one private copy, its fields ready made: good after `newest` or `next` said True."""
 
     def __init__(self, segment: Segment, expected: Schema | None = None) -> None:
         """Read `segment` (attached read-only); `next()` begins behind the newest record present now."""
@@ -139,12 +140,11 @@ class RingReader:
         self._view = segment.view
         self._words = segment.words()
         self._depth = header.depth
-        self._stride = header.stride
-        self._first = header.first
         size = self._dtype.itemsize
         starts = [header.first + i * header.stride for i in range(header.depth)]
         self._at = [s // 8 for s in starts]
-        self._slices = [slice(s, s + size) for s in starts]
+        self._slots = [self._view[s : s + size] for s in starts]  # made once: a slice costs as much as the copy
+        segment.at_close(self._release)
         self._target = self._record.bytes[:size]
         self._stamp = self._record.words
         self.sequence = 0
@@ -183,14 +183,22 @@ class RingReader:
 
     def newest(self) -> bool:
         """Copy the newest record; False when there is none, or none could be had whole (counted in `torn`)."""
-        words = self._words
+        n = self._words[HEAD]  # R1
+        slot = n % self._depth
+        self._target[ALL] = self._slots[slot]  # R2
+        if self._words[self._at[slot]] == n and n:  # R3
+            self.sequence = n
+            return True
+        return self._newest_again()
+
+    def _newest_again(self) -> bool:
         for _ in range(RETRIES):
-            n = words[HEAD]  # R1
+            n = self._words[HEAD]  # R1
             if n == 0:
                 return False
             slot = n % self._depth
-            self._target[ALL] = self._view[self._slices[slot]]  # R2
-            if words[self._at[slot]] == n:  # R3
+            self._target[ALL] = self._slots[slot]  # R2
+            if self._words[self._at[slot]] == n:  # R3
                 self.sequence = n
                 return True
         self.torn += 1
@@ -198,6 +206,19 @@ class RingReader:
 
     def next(self) -> bool:
         """Copy the next record in order; False when there is none yet. What was overwritten is added to `lost`."""
+        n, head = self._next, self._words[HEAD]
+        if n > head:
+            return False
+        if head - n < self._depth:
+            slot = n % self._depth
+            self._target[ALL] = self._slots[slot]
+            if self._words[self._at[slot]] == n:
+                self.sequence = n
+                self._next = n + 1
+                return True
+        return self._next_again()
+
+    def _next_again(self) -> bool:
         words = self._words
         for _ in range(RETRIES):
             head = words[HEAD]
@@ -208,7 +229,7 @@ class RingReader:
                 self._skip_to(head - self._depth + 1)
                 continue
             slot = n % self._depth
-            self._target[ALL] = self._view[self._slices[slot]]
+            self._target[ALL] = self._slots[slot]
             if words[self._at[slot]] == n:
                 self.sequence = n
                 self._next = n + 1
@@ -228,7 +249,10 @@ class RingReader:
 
     def since(self, stamp_ns: int) -> NDArray[Any]:
         """All records kept whose stamp is at least `stamp_ns`, oldest first."""
-        records = self.last(self._depth - 1)
+        head = int(self._words[HEAD])
+        kept = range(max(1, head - self._depth + 2), head + 1)
+        begin = bisect_left(kept, stamp_ns, key=lambda n: int(self._words[self._at[n % self._depth] + 1]))
+        records = self._collect(kept.start + begin, head)
         return records[records["stamp_ns"] >= stamp_ns]
 
     def _collect(self, begin: int, end: int) -> NDArray[Any]:
@@ -239,10 +263,14 @@ class RingReader:
         target = rows.view(np.uint8).reshape(-1).data
         for i, n in enumerate(numbers):
             slot = n % self._depth
-            target[i * size : (i + 1) * size] = self._view[self._slices[slot]]
+            target[i * size : (i + 1) * size] = self._slots[slot]
             keep[i] = self._words[self._at[slot]] == n
         whole: NDArray[Any] = rows[keep & (rows["sequence"] == np.arange(begin, end + 1, dtype=np.uint64))]
         return whole
+
+    def _release(self) -> None:
+        for slot in self._slots:
+            slot.release()
 
     def close(self) -> None:
         """Unmap."""

@@ -1,0 +1,341 @@
+"""Rings: every verb against a plain list, loss counted exactly, writers that die, and real processes at full speed."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shm.directory import create_ring
+from shm.layout import schema_of
+from shm.ring import RingError, RingReader, RingWriter
+from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
+from shm.topics import SETPOINT, Field, Topic
+
+DEPTH = 4
+NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", "a number"), Field("pair", "(2,)<f8", "", "two")),
+               depth=DEPTH)
+WRITER = """
+import sys
+from shm.ring import RingWriter
+from shm.segment import Segment
+writer = RingWriter(Segment(sys.argv[2], write=True), "PSM1")
+value = writer.field("value")
+for i in range(1, 7):
+    value[...] = 100 + i
+    writer.publish(i)
+print("written", flush=True)
+sys.stdin.read()
+"""
+
+
+class Ring:
+    """One ring under test."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.ends: list[Any] = []
+
+    def writer(self) -> RingWriter:
+        self.ends.append(RingWriter(Segment(self.name, write=True), "PSM1"))
+        return self.ends[-1]
+
+    def reader(self) -> RingReader:
+        self.ends.append(RingReader(Segment(self.name)))
+        return self.ends[-1]
+
+
+@pytest.fixture
+def make_ring(world: Any) -> Iterator[Callable[[], Ring]]:
+    """A maker of rings of NUMBER."""
+    made: list[Ring] = []
+    counter = itertools.count()
+
+    def make() -> Ring:
+        instance = f"r{next(counter)}"
+        create_ring(world.name, instance, NUMBER, {}, {})
+        made.append(Ring(segment_name(world.name, instance, "number")))
+        return made[-1]
+
+    yield make
+    for ring in made:
+        for end in ring.ends:
+            end.close()
+        unlink(ring.name)
+
+
+@pytest.fixture
+def ring(make_ring: Callable[[], Ring]) -> Ring:
+    return make_ring()
+
+
+def put(writer: RingWriter, *values: int) -> None:
+    for value in values:
+        writer.field("value")[...] = value
+        writer.field("pair")[...] = value
+        writer.publish(1000 + value)
+
+
+def rest(reader: RingReader) -> list[int]:
+    """All `next` gives now."""
+    found = []
+    while reader.next():
+        found.append(int(reader.field("value")[()]))
+    return found
+
+
+def test_an_empty_ring_gives_nothing(ring: Ring) -> None:
+    reader = ring.reader()
+    assert not reader.newest() and not reader.next()
+    assert len(reader.last(3)) == 0 and len(reader.since(0)) == 0
+    assert (reader.sequence, reader.stamp_ns, reader.head, reader.epoch, reader.lost) == (0, 0, 0, 0, 0)
+
+
+def test_newest_copies_one_whole_record(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    value, pair = reader.field("value"), reader.field("pair")
+    put(writer, 1, 2)
+    assert reader.newest() and reader.newest()
+    assert (int(value), pair.tolist(), reader.stamp_ns, reader.sequence) == (2, [2.0, 2.0], 1002, 2)
+    put(writer, 3)
+    assert int(value) == 2  # a private copy
+    assert reader.newest() and int(value) == 3
+
+
+def test_next_gives_every_record_in_order(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2, 3)
+    assert rest(reader) == [1, 2, 3]
+    put(writer, 4)
+    assert rest(reader) == [4] and reader.lost == 0
+
+
+def test_lost_records_are_counted_exactly(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, *range(1, 11))
+    assert rest(reader) == [7, 8, 9, 10] and reader.lost == 6
+    put(writer, *range(11, 16))
+    assert rest(reader) == [12, 13, 14, 15] and reader.lost == 7
+
+
+def test_a_late_reader_sees_history_and_loses_nothing(ring: Ring) -> None:
+    writer = ring.writer()
+    put(writer, 1, 2, 3)
+    late = ring.reader()
+    assert rest(late) == [] and late.last(10)["value"].tolist() == [1, 2, 3]
+    put(writer, 4)
+    assert rest(late) == [4] and late.lost == 0
+
+
+def test_last_leaves_the_slot_out_that_comes_next(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, *range(1, 10))
+    assert reader.last(100)["value"].tolist() == [7, 8, 9]
+    assert reader.last(2)["value"].tolist() == [8, 9] and len(reader.last(0)) == 0
+    assert reader.since(1008)["value"].tolist() == [8, 9]
+    assert reader.since(0)["value"].tolist() == [7, 8, 9] and len(reader.since(9999)) == 0
+
+
+def test_verbs_do_not_disturb_each_other(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2, 3)
+    assert reader.newest() and len(reader.last(2)) == 2
+    assert rest(reader) == [1, 2, 3]
+
+
+def test_a_field_that_is_not_there_names_those_that_are(ring: Ring) -> None:
+    with pytest.raises(RingError, match=r"no field x; there are: sequence, stamp_ns, value, pair"):
+        ring.writer().field("x")
+
+
+def test_another_schema_is_refused_naming_both(ring: Ring) -> None:
+    with Segment(ring.name) as segment, pytest.raises(SegmentError) as caught:
+        RingReader(segment, schema_of(SETPOINT))
+    text = str(caught.value)
+    assert f"{schema_of(NUMBER).fingerprint:016x}" in text and f"{schema_of(SETPOINT).fingerprint:016x}" in text
+
+
+def test_a_successor_goes_on_from_head_with_a_new_epoch(world: Any, ring: Ring) -> None:
+    reader = ring.reader()
+    child = world.start(WRITER, ring.name)
+    assert child.stdout.readline() == "written\n"
+    assert reader.newest() and (reader.sequence, reader.epoch) == (6, 1)
+    with Segment(ring.name, write=True) as second, pytest.raises(SegmentError, match=rf"PSM1 \(pid {child.pid}\)"):
+        RingWriter(second, "PSM1")
+    world.kill(child)
+    writer = ring.writer()
+    assert (writer.sequence, writer.stamp_ns, int(writer.field("value")[()])) == (6, 6, 106)
+    put(writer, 7)
+    assert rest(reader) == [104, 105, 106, 7] and reader.lost == 3 and reader.epoch == 2
+
+
+def test_a_writer_that_died_inside_a_slot_harms_nobody(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2, 3)
+    with Segment(ring.name, write=True) as hand:
+        words = hand.words()
+        at = (hand.header.first + 0 * hand.header.stride) // 8  # slot of record 4, as W1 and half of W2 leave it
+        words[at], words[at + 1] = 0, 77
+        assert reader.newest() and reader.sequence == 3
+        assert rest(reader) == [1, 2, 3] and reader.lost == 0
+        assert reader.last(9)["value"].tolist() == [1, 2, 3]
+    writer.close()
+    heir = ring.writer()
+    put(heir, 4)
+    assert rest(reader) == [4] and reader.lost == 0
+
+
+def test_a_half_written_newest_slot_is_never_given(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2)
+    with Segment(ring.name, write=True) as hand:
+        words = hand.words()
+        words[(hand.header.first + 2 * hand.header.stride) // 8] = 0  # as if the writer had come round to it
+        assert not reader.newest() and reader.torn == 1
+        assert rest(reader) == [1] and reader.lost == 1
+        assert reader.last(9)["value"].tolist() == [1]
+
+
+def test_a_writer_died_between_slot_and_head_is_overwritten(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1)
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[(hand.header.first + 2 * hand.header.stride) // 8] = 2  # W3 done, W4 not
+    writer.close()
+    assert rest(reader) == [1]
+    put(ring.writer(), 5)
+    assert rest(reader) == [5] and reader.sequence == 2
+
+
+def test_closing_twice_is_harmless(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    writer.close()
+    reader.close()
+    writer.close()
+    reader.close()
+
+
+class Model:
+    """A reader of an unbounded list, of which the ring keeps the last DEPTH."""
+
+    def __init__(self, written: list[int]) -> None:
+        self.written, self.place, self.lost = written, len(written), 0
+
+    def next(self) -> int | None:
+        oldest = max(0, len(self.written) - DEPTH)
+        if self.place < oldest:
+            self.lost += oldest - self.place
+            self.place = oldest
+        if self.place == len(self.written):
+            return None
+        self.place += 1
+        return self.written[self.place - 1]
+
+
+STEPS = st.lists(st.sampled_from(["put", "put", "put", "newest", "next", "last", "since", "attach", "restart"]),
+                 max_size=60)
+
+
+@settings(deadline=None, max_examples=150)
+@given(steps=STEPS)
+def test_any_sequence_of_verbs_equals_a_plain_list(steps: list[str]) -> None:
+    name = segment_name(MODEL_SYSTEM, "model", "number")
+    create_ring(MODEL_SYSTEM, "model", NUMBER, {}, {})
+    ring, written = Ring(name), []
+    try:
+        writer = ring.writer()
+        pairs = [(ring.reader(), Model(written))]
+        for step in steps:
+            if step == "put":
+                written.append(len(written) + 1)
+                put(writer, written[-1])
+            elif step == "attach":
+                pairs.append((ring.reader(), Model(written)))
+            elif step == "restart":
+                writer.close()
+                writer = ring.writer()
+            for reader, model in pairs:
+                check(step, reader, model, written)
+    finally:
+        for end in ring.ends:
+            end.close()
+        unlink(name)
+    assert names_of(MODEL_SYSTEM) == []
+
+
+MODEL_SYSTEM = f"tmodel{np.random.default_rng().integers(1 << 40)}"
+
+
+def check(step: str, reader: RingReader, model: Model, written: list[int]) -> None:
+    if step == "newest":
+        assert reader.newest() == bool(written)
+        assert not written or int(reader.field("value")[()]) == written[-1] == reader.stamp_ns - 1000
+    elif step == "next":
+        expected = model.next()
+        assert reader.next() == (expected is not None)
+        assert expected is None or int(reader.field("value")[()]) == expected == reader.sequence
+    elif step == "last":
+        assert reader.last(2)["value"].tolist() == written[-2:]
+    elif step == "since":
+        stamp = 1000 + len(written) - 1
+        kept = written[-(DEPTH - 1):]
+        assert reader.since(stamp)["value"].tolist() == [v for v in kept if 1000 + v >= stamp]
+    assert reader.lost == model.lost and reader.torn == 0
+
+
+STRESS = Topic("stress", "io", 0, 0, (Field("check", "<u8", "", "sum"), Field("data", "(27,)<u8", "", "numbers")),
+               depth=3)
+STRESS_WRITER = """
+import sys, time
+import numpy as np
+from shm.ring import RingWriter
+from shm.segment import Segment
+writer = RingWriter(Segment(sys.argv[2], write=True), "io")
+check, data = writer.field("check"), writer.field("data")
+add = np.arange(27, dtype=np.uint64)
+end = time.monotonic() + float(sys.argv[3])
+while time.monotonic() < end:
+    for _ in range(100):
+        np.add(add, np.uint64(writer.sequence * 0x9E3779B9), out=data)
+        check[...] = data.sum()
+        writer.publish(time.monotonic_ns())
+print(writer.sequence)
+"""
+STRESS_READER = """
+import sys, time
+from shm.ring import RingReader
+from shm.segment import Segment
+reader = RingReader(Segment(sys.argv[2]))
+verb = getattr(reader, sys.argv[3])
+check, data = reader.field("check"), reader.field("data")
+print("ready", flush=True)
+good = bad = backwards = last = 0
+end = time.monotonic() + float(sys.argv[4])
+while time.monotonic() < end:
+    if verb():
+        if int(data.sum()) == int(check[()]): good += 1
+        else: bad += 1
+        if reader.sequence < last or reader.sequence != int(reader.field("sequence")[()]): backwards += 1
+        last = reader.sequence
+print(good, bad, backwards)
+"""
+
+
+@pytest.mark.slow
+def test_no_record_is_torn_at_full_speed(world: Any) -> None:
+    create_ring(world.name, "io", STRESS, {}, {})
+    name = segment_name(world.name, "io", "stress")
+    readers = [world.start(STRESS_READER, name, verb, "1.2") for verb in ("newest", "newest", "next")]
+    assert all(r.stdout.readline() == "ready\n" for r in readers)
+    writer = world.start(STRESS_WRITER, name, "1.0")
+    written = int(world.finish(writer))
+    counts = [tuple(map(int, world.finish(r).split())) for r in readers]
+    world.remove()
+    assert written > 1000
+    assert all(good > 0 for good, _, _ in counts), counts
+    assert all((bad, backwards) == (0, 0) for _, bad, backwards in counts), counts
