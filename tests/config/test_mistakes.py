@@ -350,6 +350,20 @@ def test_one_board_cannot_be_of_two_kinds(home: Home) -> None:
     assert "board 6 is DQLA for robot OTHER" in problem.text and problem.value == '"QLA1"'
 
 
+def test_missing_file_names_the_nearest(home: Home) -> None:
+    home.edit(SYSTEM, "io/PSM1-demo.yaml", "io/PSM1-dmo.yaml")
+    problem = home.error()
+    assert "did you mean io/PSM1-demo.yaml?" in problem.text and str(home.path) in problem.text
+
+
+def test_axis_without_current_limit_warns(home: Home) -> None:
+    home.edit(IO, "maximum_current: 1.34", "maximum_curent: 1.34")
+    loaded = home.load()
+    assert loaded.system is not None
+    assert [problem.key for problem in loaded.warnings] == [f"{DRIVE}.maximum_curent", f"{DRIVE}.maximum_current"]
+    assert 'did you mean "maximum_current"?' in loaded.warnings[0].text
+
+
 def test_absurd_file_names_are_only_not_found(home: Home) -> None:
     for name in ("x" * 300, "~nobody-of-this-name/x", "a\\0b"):
         home.edit(SYSTEM, "PID_file: pid/PSM.yaml", f'PID_file: "{name}"')

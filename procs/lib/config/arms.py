@@ -121,9 +121,7 @@ def _load_parts(
         path = context.find(source, (*key, "IO_gripper_file"), (gripper,))
         if path is not None:
             place.bus.add(context, path)
-    default = f"{place.robot_name}-{keys.serial}.json"
-    path = context.find(source, (*key, "arm_file"), (keys.arm_file or default,))
-    opened = context.open(model, path) if path is not None else None
+    opened = _open_arm_file(context, place, model)
     generation = opened.content.generation if opened else "Classic"
     pid = None
     if keys.simulation == "NONE":
@@ -132,6 +130,18 @@ def _load_parts(
     if opened is None:
         return None
     return opened, _Parts(opened.source, arm_chain(context, opened), robot, pid)
+
+
+def _open_arm_file(context: Context, place: ArmPlace, model: type[ArmFile]) -> Opened[ArmFile] | None:
+    keys = place.keys
+    where: Key = (*place.key, "arm_file")
+    if not keys.arm_file and not keys.serial:
+        if keys.simulation == "KINEMATIC":
+            context.error(place.source, where, "this key is required without a serial", "a file")
+        return None  # otherwise the missing serial has been named already
+    default = f"{place.robot_name}-{keys.serial}.json"
+    path = context.find(place.source, where, (keys.arm_file or default,))
+    return context.open(model, path) if path is not None else None
 
 
 def arm_chain(context: Context, opened: Opened[ArmFile]) -> document.Chain | None:
@@ -282,6 +292,9 @@ def _check_drivable(context: Context, found: tuple[Opened[IoFile], int, RobotKey
         key: Key = ("robots", index, "actuators", number)
         if actuator.encoder is None:
             context.error(opened.source, (*key, "encoder"), "this key is required for an arm that moves", "an object")
+        if actuator.drive.maximum_current == 0.0:
+            where = (*key, "drive", "maximum_current")
+            context.warning(opened.source, where, "0 A is used: this axis can never pull", "above 0.0")
         if actuator.drive.effort_to_current.scale == 0.0:
             where = (*key, "drive", "effort_to_current", "scale")
             context.error(opened.source, where, "must not be 0 for an arm that moves", "A per N·m or N")

@@ -60,5 +60,8 @@ class Context:
         where = search or self.search
         found = where.find(*names)
         if found is None:
-            self.error(asked_by, key, f"no file {' or '.join(names)}; looked in {where}", "a file on the search path")
+            nearest = where.nearest(names[0])
+            hint = f" (did you mean {nearest}?)" if nearest else ""
+            text = f"no file {' or '.join(names)}{hint}; looked in {where}"
+            self.error(asked_by, key, text, "a file on the search path")
         return found

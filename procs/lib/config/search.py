@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -41,6 +42,13 @@ class SearchPath:
                     break
         return tuple(hits)
 
+    def nearest(self, name: str) -> str:
+        """The file that is there and whose name is most like `name`; "" when none is close."""
+        inner, wanted = PurePosixPath(name).parent, PurePosixPath(name).name
+        there = [entry for folder in self.folders for entry in _names_in(folder / inner)]
+        close = difflib.get_close_matches(wanted, there, n=1, cutoff=0.75)
+        return str(inner / close[0]) if close else ""
+
     def __str__(self) -> str:
         return ", ".join(str(folder) for folder in self.folders)
 
@@ -54,6 +62,13 @@ class SearchPath:
 def search_path(folders: tuple[Path, ...]) -> SearchPath:
     """A search path without repetitions."""
     return SearchPath(_unique(folders))
+
+
+def _names_in(folder: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in folder.iterdir())
+    except OSError:
+        return []
 
 
 def expanded(name: str) -> Path:
