@@ -41,7 +41,8 @@ def fault_text(events: RingReader, robot: str) -> Callable[[int], str]:
     def text(code: int) -> str:
         for row in events.last(EVENTS_LOOKED_AT)[::-1]:
             if row["event"] == b"error" and row["component"] in (robot.encode(), b""):
-                return f"{row['text'].decode(errors='replace')} (fault {code})"
+                words = row["text"].decode(errors="replace").removeprefix(f"{robot}: ")
+                return f"{words} (fault {code})"
         return f"io reports fault {code}"
 
     return text

@@ -1,0 +1,161 @@
+"""The arm's process by its front door: real shared memory, with this test in the place of io and supervisor."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.lib.document import Actuator, Io, Linear, Process, Robot, System
+from procs.supervisor import memory
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.events import Events
+from shm.mailbox import Client, Mailbox
+from shm.pulse import Pulse
+from tests.arm.fake_io import FakeIo, fixed_arm
+
+pytestmark = pytest.mark.slow
+ARM = "import sys; sys.argv[1:] = ['--system', sys.argv[1], '--name', 'PSM1']; from procs.arm.loop import main; main()"
+ACTUATOR = Actuator(0, 0, "REVOLUTE", 1.0, Linear(), Linear(), 1.0)
+
+
+def document(name: str) -> System:
+    """An io with two robots, the arm's is the second."""
+    other = Robot("MTM", "1", "QLA1", (ACTUATOR,) * 2)
+    psm = Robot("PSM1", "2", "QLA1", (ACTUATOR,) * 7)
+    io = Io("IO1", "udp:127.0.0.1", "", 1 / 1500, 0.03, True, (other, psm), (), ())
+    processes = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
+    return System(name, "", "wall", (io,), (fixed_arm(),), None, processes, supervisor_lost_s=30.0)
+
+
+class View:
+    """A ring's private record, as the fake io likes it."""
+
+    def __init__(self, ring: Any) -> None:
+        self.field = ring.field
+
+    def __getitem__(self, name: str) -> Any:
+        return self.field(name)
+
+    def set(self, name: str, value: Any) -> None:
+        self.field(name)[...] = value
+
+
+class Bench:
+    """io and supervisor, played by the test on the wall clock."""
+
+    def __init__(self, world: Any) -> None:
+        self.world = world
+        system = document(world.name)
+        memory.create_all(system)
+        self.supervisor = Pulse(world.name, "supervisor", write=True)
+        self.ring = directory.writer(world.name, "IO1", "state", "io")
+        self.events = Events(directory.writer(world.name, "IO1", "events", "io"), monotonic_ns)
+        self.mailbox = Mailbox(world.name, "IO1", "io")
+        self.setpoint = directory.reader(world.name, "PSM1", "setpoint")
+        self.state = directory.reader(world.name, "PSM1", "state")
+        self.io = FakeIo()
+        position = self.io.position.copy()
+        self.io.record = View(self.ring)  # type: ignore[assignment]
+        self.io.position[...] = position
+        self.happened = directory.reader(world.name, "PSM1", "events")
+        self.client = Client(world.name, "PSM1")
+        self.child = self.start()
+
+    def start(self) -> subprocess.Popen[str]:
+        return self.world.start(ARM)
+
+    def cycle(self) -> None:
+        now = monotonic_ns()
+        self.supervisor.field("heartbeat_ns")[...] = now
+        for command in self.mailbox.drain():
+            self.io.send(command.name, command.values, command.text)
+            command.done()
+        self.setpoint.newest()
+        self.io.cycle(now, View(self.setpoint))  # type: ignore[arg-type]
+        self.ring.publish(now)
+        self.state.newest()
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        end = time.monotonic() + 30.0
+        while not condition():
+            assert time.monotonic() < end, f"did not happen: {what}; the arm is {self.text('sub_state')}"
+            self.cycle()
+            time.sleep(0.001)
+
+    def text(self, name: str) -> str:
+        return bytes(self.state.field(name).item()).decode()
+
+    def ask(self, name: str, values: Any = (), text: str = "") -> str:
+        number = self.client.send(name, values, text)
+        outcomes: list[str] = []
+        self.until(lambda: outcomes.extend(r.outcome for r in self.client.poll() if r.id == number) or
+                   (outcomes and outcomes[-1] != "accepted"), f"{name} {text}")
+        return outcomes[-1]
+
+    def close(self) -> None:
+        self.world.kill(self.child)
+        for part in (self.supervisor, self.ring, self.mailbox, self.setpoint, self.state, self.happened, self.client):
+            part.close()
+        self.events._ring.close()
+        self.world.remove()
+
+
+@pytest.fixture
+def bench(world: Any) -> Any:
+    made = Bench(world)
+    yield made
+    made.close()
+
+
+def homed(bench: Bench) -> None:
+    bench.until(lambda: bench.text("sub_state") == "DISABLED", "the arm's first record")
+    bench.until(lambda: bench.happened.head > 0, "the arm's first event")
+    assert bench.ask("state_command", text="enable") == "done"
+    assert bench.ask("state_command", text="home") == "done"
+
+
+def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
+    homed(bench)
+    goal = np.array((0.3, 0.1, 0.1, 0.0, 0.0, 0.0))
+    assert bench.ask("move_jp", goal) == "done"
+    bench.until(lambda: np.allclose(bench.state.field("position")[:6], goal), "the goal, measured")
+    bench.world.kill(bench.child)
+    held = bench.io.setpoint.copy()
+    epoch = bench.state.epoch
+    bench.child = bench.start()
+    bench.until(lambda: bench.state.epoch > epoch and bench.state.field("is_homed"), "homed again")
+    for _ in range(20):
+        bench.cycle()
+        time.sleep(0.002)
+    assert np.allclose(bench.io.setpoint, held, atol=1e-12)
+    assert bench.ask("move_jp", goal * 0.5) == "done"
+
+
+def test_arm_process_gives_the_words_of_io_for_a_fault(bench: Bench) -> None:
+    homed(bench)
+    bench.events.error("pot", "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
+    bench.io.flag("fault", 6)
+    bench.io.flag("pid_enabled", False)
+    bench.until(lambda: bench.text("state") == "FAULT", "FAULT")
+    errors = [row["text"].decode() for row in bench.happened.last(50) if row["event"] == b"error"]
+    assert errors == ["PSM1: potentiometer 3 is off by 0.3 rad (fault 6)"]
+
+
+def test_an_arm_of_another_type_says_that_it_cannot_be(world: Any) -> None:
+    system = document(world.name)
+    other = dataclasses.replace(system.arms[0], type="ECM")
+    memory.create_all(dataclasses.replace(system, arms=(other,)))
+    child = world.start(ARM)
+    pulse = Pulse(world.name, "PSM1")
+    world.until(lambda: child.poll() is not None, "its end")
+    assert pulse.state == "FAILED" and "ECM" in str(pulse.get("error"))
+    child.communicate()
+    pulse.close()
+    world.remove()
