@@ -13,11 +13,13 @@ from shm.clock import monotonic_ns, pause
 from tools.errors import Problem, Refused
 from tools.printing import Say
 from tools.remote import Remote
+from tools.systems import is_lockstep
 from tools.watch import Watch, arm_names
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 LIMITS_S = {ENABLED: 7.0, HOMED: 60.0, DISABLED: 7.0}
+LOCKSTEP_SLOWER = 10.0  # simulated time may pass this much slower than real time
 NEXT_WORD = {ENABLED: "enable", HOMED: "home", DISABLED: "disable"}
 
 
@@ -33,6 +35,7 @@ class Climb:
     remote: Remote
     goal: str
     limit_s: float
+    slow: float = 1.0  # the usual limits times this
     over: bool = False
     problem: str = ""
     asked: list[str] = field(default_factory=list)
@@ -76,7 +79,7 @@ class Climb:
     def _ask(self, word: str, now_ns: int) -> None:
         self.asked.append(word)
         reached = next(goal for goal, command in NEXT_WORD.items() if command == word)
-        self.deadline_ns = now_ns + round((self.limit_s or LIMITS_S[reached]) * 1e9)
+        self.deadline_ns = self._deadline(now_ns, reached)
         self.watch.forget_errors()
         try:
             self.remote.ask("state_command", text=word)
@@ -85,8 +88,11 @@ class Climb:
         except Problem as problem:
             self._fail(str(problem))
 
+    def _deadline(self, now_ns: int, goal: str) -> int:
+        return now_ns + round((self.limit_s or LIMITS_S[goal] * self.slow) * 1e9)
+
     def _check_time(self, now_ns: int, how: str) -> None:
-        self.deadline_ns = self.deadline_ns or now_ns + round((self.limit_s or LIMITS_S[self.goal]) * 1e9)
+        self.deadline_ns = self.deadline_ns or self._deadline(now_ns, self.goal)
         if now_ns >= self.deadline_ns:
             error = self.watch.last_error()
             self._fail(f"not {self.goal} in time; {how}" + (f": {error}" if error else ""))
@@ -101,9 +107,11 @@ class Climb:
 
 def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say) -> dict[str, str]:
     """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there."""
+    slow = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0
     with contextlib.ExitStack() as stack:
         climbs = [
-            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)), goal, limit_s)
+            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)), goal, limit_s,
+                  slow)
             for name in names
         ]
         while not all(climb.over for climb in climbs):

@@ -9,9 +9,9 @@ from procs.manifest import proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
-from shm.segment import SegmentError, names_of
+from shm.segment import SegmentError
 from tools.printing import number, plain
-from tools.systems import alive
+from tools.systems import alive, is_lockstep
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
@@ -45,7 +45,7 @@ class Life:
 def lives(system: str) -> list[Life]:
     """Every process of a system, the supervisor first."""
     ledger = _ledger(system)
-    simulated = (system, "supervisor", "clock") in names_of(system)
+    simulated = is_lockstep(system)
     found = []
     for name in directory.instances(system):
         try:

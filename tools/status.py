@@ -18,8 +18,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     name = chosen_system(system)
     found = lives(name)
     if as_json:
-        for life in found:
-            emit({"system": name} | dataclasses.asdict(life))
+        emit({"system": name, "processes": [dataclasses.asdict(life) for life in found]})
     else:
         table(f"system {name}", COLUMNS, [cells(life) for life in found], RIGHT)
     return 1 if any(life.trouble for life in found) else 0

@@ -102,15 +102,16 @@ def _result(
     tracking = follower.tracking
     return {
         "arm": arm, "rows": count, "rate_hz": rate, "skipped_rows": skipped, "samples": tracking.samples,
-        "rms": dict(zip(tracking.names, tracking.rms.tolist(), strict=True)),
-        "max": dict(zip(tracking.names, tracking.most.tolist(), strict=True)),
-        "jaw_clipped": {"rows": cut.rows, "most_rad": cut.most} if cut is not None else None,
+        "names": list(tracking.names), "rms": tracking.rms.tolist(), "max": tracking.most.tolist(),
+        "jaw_clipped_rows": cut.rows if cut is not None else 0,
+        "jaw_clipped_most": cut.most if cut is not None else 0.0,
         "clipped_by_arm": follower.clipped_by_arm, "refused": follower.refused,
     }
 
 
 def _show(result: dict[str, Any], follower: Follower) -> None:
-    rows = [(name, f"{result['rms'][name]:.5f}", f"{result['max'][name]:.5f}") for name in follower.names]
+    columns = zip(result["names"], result["rms"], result["max"], strict=True)
+    rows = [(name, f"{rms:.5f}", f"{most:.5f}") for name, rms, most in columns]
     title = f"{result['arm']}: {result['rows']} rows at {result['rate_hz']:g} Hz, {result['skipped_rows']} skipped"
     table(title, ("joint", "RMS error rad|m", "largest"), rows, right=("RMS error rad|m", "largest"))
     if follower.clipped_by_arm:

@@ -41,6 +41,11 @@ def is_up(system: str) -> bool:
     return identity is not None and alive(identity)
 
 
+def is_lockstep(system: str) -> bool:
+    """Whether the system runs on simulated time."""
+    return (system, "supervisor", "clock") in names_of(system)
+
+
 def chosen_system(name: str | None = None) -> str:
     """The system meant: `name` when given, else the only one up; Problem says what there is.
 

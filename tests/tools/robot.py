@@ -92,7 +92,8 @@ class Played:
                  busy: bool = False, jaw: bool = True) -> None:
         """One record of the arm, every joint at `position`."""
         values = {"valid": valid, "cartesian_valid": valid, "reference_valid": valid, "count": 6,
-                  "state": state.encode(), "sub_state": state.encode(), "is_homed": homed, "is_busy": busy, "has_jaw": jaw,
+                  "state": state.encode(), "sub_state": state.encode(), "is_homed": homed,
+                  "is_busy": busy, "has_jaw": jaw,
                   "jaw_position": position, "jacobian": np.ones((6, 8))}
         for field, value in values.items():
             self.arm.field(field)[...] = value

@@ -205,10 +205,11 @@ def test_status_shows_every_process(played: Played) -> None:
     beating.start()
     played.restarted(2, "killed by SIGKILL")
     try:
-        rows = {row["name"]: row for row in lines(run("status", "--json", "--system", played.name))}
+        (status,) = lines(run("status", "--json", "--system", played.name))
     finally:
         stop.set()
         beating.join()
+    rows = {row["name"]: row for row in status["processes"]}
     assert set(rows) == {"supervisor", "IO1", "PSM1"}
     assert (rows["PSM1"]["restarts"], rows["PSM1"]["exit_reason"]) == (2, "killed by SIGKILL")
     assert rows["IO1"]["kind"] == "io"
@@ -218,7 +219,7 @@ def test_status_finds_stalled_and_failed_processes(played: Played) -> None:
     played.pulses["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
     played.pulses["PSM1"].show("FAILED", "no such file")
     result = run("status", "--json", "--system", played.name)
-    rows = {row["name"]: row for row in map(json.loads, result.stdout.splitlines())}
+    rows = {row["name"]: row for row in json.loads(result.stdout)["processes"]}
     assert result.exit_code == 1
     assert rows["IO1"]["trouble"] == "stalled"
     assert rows["PSM1"]["trouble"] == "failed: no such file"
