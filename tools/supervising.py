@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -19,6 +20,8 @@ from tools.remote import Remote
 from tools.systems import ROOT, is_up
 
 MODULE = "procs.supervisor.loop"
+PR_SET_PDEATHSIG, TERMINATE = 1, 15
+LIBC = ctypes.CDLL(None)
 POLL_S = 0.05
 START_S = 90.0
 STOP_S = 45.0
@@ -52,11 +55,16 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
 
 
+def _end_with_parent() -> None:
+    """In the child, before it becomes the supervisor: the kernel sends it SIGTERM when our process ends."""
+    LIBC.prctl(PR_SET_PDEATHSIG, TERMINATE, 0, 0, 0)
+
+
 class Background:
     """A supervisor in a session of its own, its output in its log file."""
 
-    def __init__(self, request: Request) -> None:
-        """Start it; returns at once."""
+    def __init__(self, request: Request, *, tied: bool = False) -> None:
+        """Start it; returns at once. `tied`: it is told to end when we die, however that happens."""
         if is_up(request.system):
             raise Problem(f"system {request.system} is up already; trocar down stops it, --system gives another name")
         self.system = request.system
@@ -65,7 +73,8 @@ class Background:
         self.log = folder / "supervisor.log"
         with self.log.open("wb") as log:
             self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                                          env=environment(), start_new_session=True)
+                                          env=environment(), start_new_session=True,
+                                          preexec_fn=_end_with_parent if tied else None)
 
     def wait_until_up(self, say: Say, timeout: float = START_S) -> None:
         """Until every process is up; Problem carries what the supervisor said when it is not."""
