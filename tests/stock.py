@@ -12,6 +12,17 @@ import pytest
 
 from procs.lib.document import Chain, Jaw, Link, Matrix, Tool
 
+TOOLS = (
+    "BOWEL_GRASPER_400127",
+    "LARGE_NEEDLE_DRIVER_400006",
+    "LARGE_NEEDLE_DRIVER_420006",
+    "MEGA_NEEDLE_DRIVER_400194",
+    "FENESTRATED_BIPOLAR_FORCEPS_400205",
+    "NEEDLE_DRIVER_400117",
+    "PERMANENT_CAUTERY_HOOK_400183",
+    "PROGRASP_FORCEPS_400093",
+)  # one of every kind of coupling
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
