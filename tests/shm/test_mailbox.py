@@ -1,0 +1,291 @@
+"""The mailbox: nothing lost, nothing run twice, order kept, and no client can disturb the owner's loop."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shm import mailbox as m
+from shm.commands import COMMANDS
+from shm.mailbox import Client, Mailbox, MailboxFull, create_mailbox
+from shm.segment import SegmentError, segment_name, unlink
+
+CLIENT = """
+import sys
+from shm.mailbox import Client
+client = Client(sys.argv[1], "IO1")
+for i in range(int(sys.argv[2])):
+    client.send("power_off", (i,), "child")
+print("sent", flush=True)
+sys.stdin.read()
+"""
+HURRIED = """
+import sys
+from shm.mailbox import Client, MailboxFull
+client = Client(sys.argv[1], "IO1")
+sent, n, outcomes = 0, int(sys.argv[2]), 0
+while outcomes < n:
+    try:
+        while sent < n and sent - outcomes < 32:
+            client.send("torque_mode", (sent, 0.5 * sent, -sent), f"robot {sent}")
+            sent += 1
+    except MailboxFull:
+        pass
+    replies = client.poll()
+    assert all(r.text == f"robot {outcomes + i}" for i, r in enumerate(replies)), replies
+    outcomes += len(replies)
+print(outcomes, client.lost)
+"""
+
+
+@pytest.fixture
+def system(world: Any) -> Iterator[str]:
+    """A system with one mailbox, of an io process."""
+    create_mailbox(world.name, "IO1", "io")
+    yield world.name
+    unlink(segment_name(world.name, "IO1", "mailbox"))
+
+
+@pytest.fixture
+def box(system: str) -> Iterator[Mailbox]:
+    owner = Mailbox(system, "IO1", "io")
+    yield owner
+    owner.close()
+
+
+@pytest.fixture
+def client(system: str) -> Iterator[Client]:
+    sender = Client(system, "IO1")
+    yield sender
+    sender.close()
+
+
+def cursor(client: Client, which: str, place: int = 0) -> int:
+    return client._places.cursor(which, place)
+
+
+def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Client) -> None:
+    number = client.send("torque_mode", (1, 0.5, -2e9), "PSM1 · größer")
+    (got,) = box.drain()
+    assert (got.name, got.text, got.id) == ("torque_mode", "PSM1 · größer", number)
+    assert got.values.dtype == np.float64 and got.values.tolist() == [1.0, 0.5, -2e9]
+    assert list(box.drain()) == []
+
+
+@settings(deadline=None, max_examples=100)
+@given(values=st.lists(st.floats(allow_nan=False), max_size=64),
+       text=st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=16))
+def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
+    name = f"tmail{os.getpid()}"
+    create_mailbox(name, "IO1", "io")
+    owner, sender = Mailbox(name, "IO1", "io"), Client(name, "IO1")
+    try:
+        sender.send("torque_mode", values, text)
+        sender.send("torque_mode", np.array(values), text)
+        for got in owner.drain():
+            assert got.values.tolist() == values and got.text == text
+    finally:
+        owner.close()
+        sender.close()
+        unlink(segment_name(name, "IO1", "mailbox"))
+
+
+def test_received_values_are_our_own(box: Mailbox, client: Client) -> None:
+    client.send("torque_mode", (1, 2))
+    (got,) = box.drain()
+    for _ in range(40):
+        client.send("torque_mode", (7, 7))
+        list(box.drain())
+    got.values[0] += 1
+    assert got.values.tolist() == [2.0, 2.0]
+
+
+def test_order_of_one_client_is_kept(box: Mailbox, client: Client) -> None:
+    for i in range(20):
+        client.send("power_off", (i,))
+    rounds = [[int(c.values[0]) for c in box.drain()] for _ in range(4)]
+    assert rounds == [list(range(8)), list(range(8, 16)), list(range(16, 20)), []]
+
+
+def test_each_client_gets_its_share(system: str, box: Mailbox) -> None:
+    clients = [Client(system, "IO1") for _ in range(3)]
+    for sender in clients:
+        for i in range(10):
+            sender.send("power_off", (i,))
+    assert [len(list(box.drain())) for _ in range(3)] == [24, 6, 0]
+    for sender in clients:
+        sender.close()
+
+
+def test_a_drain_left_early_loses_nothing(box: Mailbox, client: Client) -> None:
+    for i in range(4):
+        client.send("power_off", (i,))
+    assert next(box.drain()).values[0] == 0
+    assert [int(c.values[0]) for c in box.drain()] == [1, 2, 3]
+
+
+def test_full_means_refused_and_nothing_lost(box: Mailbox, client: Client) -> None:
+    for i in range(m.COMMANDS_DEPTH):
+        client.send("power_off", (i,))
+    with pytest.raises(MailboxFull, match="IO1 has not taken the last 32"):
+        client.send("power_off", (99,))
+    first = [int(c.values[0]) for c in box.drain()]
+    client.send("power_off", (100,))
+    rest = [int(c.values[0]) for _ in range(5) for c in box.drain()]
+    assert first + rest == [*range(m.COMMANDS_DEPTH), 100]
+
+
+def test_every_outcome_comes_back(box: Mailbox, client: Client) -> None:
+    ids = [client.send("power_on", text="PSM1") for _ in range(4)]
+    for answer, got in zip(("accept", "refuse", "done", "fail"), box.drain(), strict=True):
+        getattr(got, answer)(f"{answer} it")
+    replies = client.poll()
+    assert [r.id for r in replies] == ids
+    assert [r.outcome for r in replies] == ["accepted", "refused", "done", "failed"]
+    assert [r.text for r in replies] == ["accept it", "refuse it", "done it", "fail it"]
+    assert client.poll() == []
+
+
+def test_a_command_may_be_answered_later(box: Mailbox, client: Client) -> None:
+    client.send("power_on")
+    (got,) = box.drain()
+    got.accept()
+    assert [r.outcome for r in client.poll()] == ["accepted"]
+    got.done("powered")
+    assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(got.id, "done", "powered")]
+
+
+def test_overwritten_replies_are_counted(box: Mailbox, client: Client) -> None:
+    client.send("power_on")
+    (got,) = box.drain()
+    for i in range(m.REPLIES_DEPTH + 5):
+        got.done(str(i))
+    replies = client.poll()
+    assert [r.text for r in replies] == [str(i) for i in range(5, m.REPLIES_DEPTH + 5)] and client.lost == 5
+
+
+def test_long_reasons_are_cut_between_characters(box: Mailbox, client: Client) -> None:
+    client.send("power_on")
+    (got,) = box.drain()
+    got.refuse("ü" * 300)
+    assert client.poll()[0].text == "ü" * 99
+
+
+def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
+    with pytest.raises(KeyError, match="io has no command fly; it has: power_on"):
+        client.send("fly")
+    with pytest.raises(ValueError, match="65 values; allowed are 64"):
+        client.send("torque_mode", [0.0] * 65)
+    with pytest.raises(ValueError, match="65 bytes; allowed are 64"):
+        client.send("power_on", text="x" * 65)
+    with pytest.raises(ValueError, match="not numbers"):
+        client.send("torque_mode", ["a"])
+    assert client._words[cursor(client, "sent")] == 0
+
+
+@pytest.mark.parametrize(("code", "count", "reason"), [
+    (len(COMMANDS["io"]), 0, "command 11 is not in the table"), (0xFFFF, 3, "command 65535"), (0, 65, "65 values"),
+    (0, 0xFFFF, "65535 values"),
+])
+def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, count: int, reason: str) -> None:
+    at = client._queue[1]
+    m.COMMAND_HEAD.pack_into(client._view, at + m.HEAD_START, 1, code, count, b"")
+    client._words[client._sent] = 1
+    assert list(box.drain()) == []
+    (reply,) = client.poll()
+    assert (reply.id, reply.outcome) == (1, "refused") and reply.text.startswith(reason)
+
+
+@pytest.mark.parametrize("garbage", [33, 2**31, 2**63, 2**64 - 1])
+@pytest.mark.parametrize("which", ["sent", "taken", "answered"])
+def test_garbage_cursors_disturb_nobody(system: str, box: Mailbox, garbage: int, which: str) -> None:
+    bad, good = Client(system, "IO1"), Client(system, "IO1")
+    bad.send("power_off", (1,))
+    bad._words[cursor(bad, which)] = garbage
+    for i in range(3):
+        good.send("power_off", (i,), "good")
+        for got in box.drain():
+            got.done()
+        assert [r.outcome for r in good.poll()] == ["done"]
+    bad.close()
+    heir = Client(system, "IO1")
+    heir.send("power_off", (5,), "heir")
+    assert [c.text for c in box.drain()] == ["heir"]
+    good.close()
+    heir.close()
+
+
+def test_at_most_sixteen_clients_have_a_place(system: str) -> None:
+    clients = [Client(system, "IO1") for _ in range(m.CLIENTS)]
+    with pytest.raises(SegmentError, match="all 16 places are taken"):
+        Client(system, "IO1")
+    clients.pop().close()
+    clients.append(Client(system, "IO1"))
+    for client in clients:
+        client.close()
+
+
+def test_a_dead_client_s_place_is_reclaimed(world: Any, system: str, box: Mailbox) -> None:
+    child = world.start(CLIENT, "5")
+    assert child.stdout.readline() == "sent\n"
+    others = [Client(system, "IO1") for _ in range(m.CLIENTS - 1)]
+    with pytest.raises(SegmentError, match="places are taken"):
+        Client(system, "IO1")
+    world.kill(child)
+    heir = Client(system, "IO1")
+    number = heir.send("power_off", (9,), "heir")
+    got = [(c.text, int(c.values[0])) for c in box.drain()]
+    assert got == [*(("child", i) for i in range(5)), ("heir", 9)]  # accepted commands still run, before the heir's
+    assert number == 6 and heir.poll() == []
+    for client in (*others, heir):
+        client.close()
+
+
+def test_commands_wait_for_a_restarted_owner(system: str, client: Client) -> None:
+    first = Mailbox(system, "IO1", "io")
+    for i in range(3):
+        client.send("power_off", (i,))
+    drained = first.drain()
+    next(drained).done()
+    drained.close()
+    first.close()
+    second = Mailbox(system, "IO1", "io")
+    for got in second.drain():
+        got.done()
+    assert [r.id for r in client.poll()] == [1, 2, 3]  # each exactly once
+    second.close()
+
+
+def test_a_second_owner_is_refused(system: str, box: Mailbox) -> None:
+    with pytest.raises(SegmentError, match=rf"IO1 \(pid {os.getpid()}\)"):
+        Mailbox(system, "IO1", "io")
+
+
+def test_the_mailbox_describes_its_commands(client: Client) -> None:
+    assert [c["name"] for c in client.commands] == [c.name for c in COMMANDS["io"]]
+    assert all(c["doc"] for c in client.commands)
+
+
+@pytest.mark.slow
+def test_busy_clients_lose_and_reorder_nothing(world: Any, system: str, box: Mailbox) -> None:
+    count = 3000
+    children = [world.start(HURRIED, str(count)) for _ in range(2)]
+    done = 0
+
+    def serve() -> bool:
+        nonlocal done
+        for got in box.drain():
+            n = int(got.values[0])
+            assert got.values.tolist() == [n, 0.5 * n, -n] and got.text == f"robot {n}"
+            got.done(got.text)
+            done += 1
+        return done == 2 * count
+
+    world.until(serve, "all commands run")
+    assert [world.finish(child).split() for child in children] == [[str(count), "0"]] * 2
