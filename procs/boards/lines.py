@@ -1,0 +1,34 @@
+"""What runs between the boards of a bus and the robots: one array per kind of wire, a row per board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.lib import registers as reg
+
+INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Boards write `dac` and `on`, the world writes `adc` and `inputs`; (boards, 4) and (boards,)."""
+
+    dac: npt.NDArray[np.uint32]  # commanded motor current, offset binary
+    on: npt.NDArray[np.bool_]  # amplifier output stage is on
+    adc: npt.NDArray[np.uint32]  # potentiometer << 16 | measured motor current
+    inputs: npt.NDArray[np.uint32]  # negative limits 11:8, positive limits 7:4, home 3:0
+
+    @classmethod
+    def of(cls, boards: int) -> Lines:
+        """Lines of so many boards, nothing connected."""
+        return cls(np.full((boards, 4), reg.CURRENT_ZERO, dtype=np.uint32), np.zeros((boards, 4), dtype=np.bool_),
+                   np.full((boards, 4), reg.CURRENT_ZERO, dtype=np.uint32),
+                   np.full(boards, INPUTS_OPEN, dtype=np.uint32))
+
+    def part(self, first: int, count: int) -> Lines:
+        """The lines of `count` boards from `first` on, sharing memory with these."""
+        cut = slice(first, first + count)
+        return Lines(self.dac[cut], self.on[cut], self.adc[cut], self.inputs[cut])
