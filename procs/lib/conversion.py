@@ -1,0 +1,83 @@
+"""Bits to SI units and back: (n,) arrays over actuators, results written in place.
+
+Scales and offsets are those of the IO file. Two ways a wrong number could become a large current are closed here:
+a value that is not finite never becomes bits, and bits are brought modulo 65536 as the converter does (an offset of
+−32768 is as good as +32768), never saturated.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ENCODER_MIDRANGE: Final = 0x800000
+ENCODER_MASK: Final = 0xFFFFFF
+CURRENT_MASK: Final = 0xFFFF
+FEEDBACK_FACTOR: Final = 1.2
+FEEDBACK_MARGIN_A: Final = 0.05
+
+
+def linear(bits: NDArray[np.generic], scale: Floats, offset: Floats, out: Floats) -> Floats:
+    """out = bits · scale + offset."""
+    np.multiply(bits, scale, out)
+    return np.add(out, offset, out)
+
+
+def position_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
+    """Encoder counts (0 at mid-range) nearest to positions [rad or m].
+
+    Rounds: cutting off, as the reference does, loses a count in one of 260. ValueError where a position is not finite
+    or outside the 24-bit counter.
+    """
+    counts = np.rint((position - offset) / scale)
+    if not np.all(np.abs(counts) <= ENCODER_MIDRANGE - 1):
+        raise ValueError("a position is not finite or outside the encoder's range")
+    return counts.astype(np.int64)
+
+
+def preload_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
+    """Preload register values that make encoders read `position` [rad or m]."""
+    return position_bits(position, scale, offset) + ENCODER_MIDRANGE & ENCODER_MASK
+
+
+class CurrentEncoder:
+    """Motor currents [A] of n actuators to DAC bits; allocates nothing in `encode`."""
+
+    def __init__(self, scale: Floats, offset: Floats) -> None:
+        """`scale` and `offset` (n,) of current_to_bits."""
+        self._scale, self._offset = scale, offset
+        self._float = np.zeros(len(scale))
+        self._finite = np.zeros(len(scale), dtype=bool)
+        self._mask = np.full(len(scale), CURRENT_MASK, dtype=np.int64)
+        self._zero = np.trunc(offset)
+        self.bits: Ints = np.zeros(len(scale), dtype=np.int64)
+
+    def encode(self, current: Floats) -> bool:
+        """Fill `bits` (n,); False when some current was not finite: those axes got the bits of 0 A."""
+        values = self._float
+        np.multiply(current, self._scale, values)
+        np.add(values, self._offset, values)
+        np.isfinite(values, self._finite)
+        finite = b"\0" not in self._finite.tobytes()
+        if not finite:
+            np.copyto(values, self._zero, where=~self._finite)
+        np.copyto(self.bits, values, casting="unsafe")  # truncates toward zero, like the reference
+        np.bitwise_and(self.bits, self._mask, self.bits)
+        return finite
+
+
+def inverse(scale: Floats) -> Floats:
+    """1 / scale, 0 where the scale is 0 (an actuator without a motor has no effort)."""
+    result: Floats = np.zeros_like(scale)
+    np.divide(1.0, scale, out=result, where=scale != 0.0)
+    return result
+
+
+def feedback_limit(maximum_current: Floats) -> Floats:
+    """Largest measured current [A] tolerated while the amplifier is enabled."""
+    return FEEDBACK_FACTOR * maximum_current + FEEDBACK_MARGIN_A

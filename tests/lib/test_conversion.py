@@ -1,0 +1,110 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.lib import conversion, registers
+from tests.stock import find
+
+
+def _axis(path: str, axis: int) -> dict:
+    return json.loads(find(path).read_text())["robots"][0]["actuators"][axis]
+
+
+CLASSIC = "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM1-28007.json"
+SI = "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json"
+
+
+def _bits(path: str, axis: int, *currents: float) -> list[int]:
+    row = _axis(path, axis)["drive"]["current_to_bits"]
+    n = len(currents)
+    encoder = conversion.CurrentEncoder(np.full(n, row["scale"]), np.full(n, row["offset"]))
+    assert encoder.encode(np.array(currents))
+    return encoder.bits.tolist()
+
+
+def _linear(row: dict, *bits: float) -> np.ndarray:
+    n = len(bits)
+    return conversion.linear(np.array(bits), np.full(n, row["scale"]), np.full(n, row.get("offset", 0.0)), np.zeros(n))
+
+
+def _pot(path: str, axis: int, *bits: float) -> np.ndarray:
+    row = _axis(path, axis)["potentiometer"]
+    return _linear(row["voltage_to_position"], *_linear(row["bits_to_voltage"], *bits))
+
+
+def test_currents_become_the_bits_of_the_site() -> None:
+    assert _bits(CLASSIC, 0, 0.0, 1.0, 1.34, -1.34) == [33032, 27789, 26006, 40057]
+    assert _bits(CLASSIC, 2, 0.5) == [35313]
+    assert _bits(SI, 0, 0.0, 1.0, -1.0) in ([32768, 27968, 37568], [32768, 37568, 27968])
+
+
+def test_a_negative_offset_wraps_like_the_converter() -> None:
+    encoder = conversion.CurrentEncoder(np.array([16000.0]), np.array([-32768.0]))
+    encoder.encode(np.array([-0.25]))
+    assert encoder.bits.tolist() == [28768]
+
+
+def test_measured_bits_become_amperes() -> None:
+    row = _axis(CLASSIC, 0)["drive"]["bits_to_current"]
+    np.testing.assert_allclose(_linear(row, 32768, 0, 65535), [0.0453874376, 6.2953919176, -6.2044263074], rtol=1e-9)
+
+
+def test_encoder_counts_become_positions() -> None:
+    for path, axis, expected in ((CLASSIC, 0, -0.7722695805), (CLASSIC, 2, 0.1296293265), (SI, 0, 0.0920388841)):
+        row = _axis(path, axis)["encoder"]["bits_to_position"]
+        np.testing.assert_allclose(_linear(row, 100000), expected, rtol=1e-9)
+
+
+def test_potentiometer_bits_become_positions() -> None:
+    np.testing.assert_allclose(
+        _pot(CLASSIC, 0, 0, 32768, 65535), [1.7138683044, 2.1242890e-4, -1.7133911500], rtol=1e-7)
+    np.testing.assert_allclose(_pot(CLASSIC, 2, 32768), 0.1190601520, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("path", "axis", "effort", "limit"),
+    [(CLASSIC, 0, 3.3160979998, 1.658), (CLASSIC, 2, 9.8778635928, 0.854), (SI, 0, 17.0849931683, 4.13)])
+def test_efforts_and_feedback_limits_of_the_site(path: str, axis: int, effort: float, limit: float) -> None:
+    drive = _axis(path, axis)["drive"]
+    largest = np.array([drive["maximum_current"]])
+    factor = conversion.inverse(np.array([drive["effort_to_current"]["scale"]]))
+    np.testing.assert_allclose(largest * factor, effort, rtol=1e-9)
+    np.testing.assert_allclose(conversion.feedback_limit(largest), limit, rtol=1e-9)
+
+
+def test_rounding_keeps_every_count_where_truncation_loses_some() -> None:
+    scale = np.array([_axis(CLASSIC, 0)["encoder"]["bits_to_position"]["scale"]])
+    counts = np.arange(-200000, 200001)
+    positions = counts * scale
+    assert np.array_equal(conversion.position_bits(positions, scale, np.zeros(1)), counts)
+    assert np.count_nonzero(np.trunc(positions / scale).astype(int) != counts) == 1548
+
+
+def test_preload_of_zero_is_midrange() -> None:
+    assert conversion.preload_bits(np.zeros(1), np.array([-1e-5]), np.zeros(1)).tolist() == [0x800000]
+    with pytest.raises(ValueError, match="not finite"):
+        conversion.preload_bits(np.array([np.nan]), np.array([1e-5]), np.zeros(1))
+    with pytest.raises(ValueError, match="range"):
+        conversion.preload_bits(np.array([1e5]), np.array([1e-5]), np.zeros(1))
+
+
+def test_no_motor_means_no_effort() -> None:
+    assert conversion.inverse(np.array([0.0, 2.0])).tolist() == [0.0, 0.5]
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_what_is_not_finite_becomes_zero_current(current: float) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        encoder = conversion.CurrentEncoder(np.array([-5242.88]), np.array([33032.44]))
+        finite = encoder.encode(np.array([current]))
+    assert 0 <= encoder.bits[0] <= 0xFFFF
+    if not np.isfinite(current):
+        assert not finite
+        assert encoder.bits[0] == 33032
+
+
+def test_watchdog_of_30_ms_is_5760_counts() -> None:
+    assert registers.watchdog_counts(0.03) == 5760
