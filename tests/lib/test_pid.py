@@ -1,0 +1,208 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.lib.document import PidAxis
+from procs.lib.pid import Pid
+
+ALL = slice(None)
+FREE = np.zeros(1)
+
+
+def axis(**changes) -> PidAxis:
+    values = {"name": "a", "joint_type": "REVOLUTE", "p_gain": 0.0, "d_gain": 0.0, "i_gain": 0.0,
+              "pid_max_output": -1.0} | changes
+    return PidAxis(**values)
+
+
+def enabled(*axes: PidAxis, limit: np.ndarray | None = None, dt: float = 1 / 1500) -> Pid:
+    n = len(axes)
+    pid = Pid(axes, np.zeros(n) if limit is None else limit, dt)
+    pid.enable(ALL, True, np.zeros(n))
+    return pid
+
+
+def step(pid: Pid, setpoint: float, position: float = 0.0, velocity: float = 0.0) -> float:
+    pid.setpoint_position[:] = setpoint
+    pid.step(np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
+    return float(pid.effort[0])
+
+
+MTM_J6 = axis(p_gain=0.4, d_gain=0.015, p_deadband=0.015)
+
+
+def test_dead_band_shortens_the_error() -> None:
+    pid = enabled(MTM_J6)
+    assert step(pid, 0.1, 0.0, 0.5) == pytest.approx(0.0265, abs=1e-12)
+    assert pid.position_error[0] == pytest.approx(0.085, abs=1e-12)
+
+
+def test_inside_the_dead_band_nothing_acts() -> None:
+    assert step(enabled(MTM_J6), 0.01, 0.0, 0.5) == 0.0
+
+
+def test_on_the_edge_only_damping_acts() -> None:
+    pid = enabled(MTM_J6)
+    assert step(pid, 0.015, 0.0, 0.5) == pytest.approx(-0.0075, abs=1e-12)
+    assert pid.position_error[0] == 0.0
+
+
+def test_velocity_feed_is_filtered() -> None:
+    pid = enabled(axis(p_gain=6000, d_gain=200, v_low_pass_cutoff=0.5))
+    pid.carry_velocity(ALL, True)
+    pid.setpoint_velocity[:] = 0.02
+    assert step(pid, 0.1, 0.0995, 0.01) == pytest.approx(3.0, abs=1e-12 * 600)
+
+
+def test_velocity_feed_needs_leave() -> None:
+    pid = enabled(axis(d_gain=2.0))
+    pid.setpoint_velocity[:] = 1.0
+    assert step(pid, 0.0) == 0.0
+    pid.carry_velocity(ALL, True)
+    pid.setpoint_velocity[:] = 1.0
+    assert step(pid, 0.0) == pytest.approx(2.0, abs=1e-12)
+
+
+def test_omitted_maximum_output_is_no_output() -> None:
+    pid = enabled(axis(p_gain=100, pid_max_output=0.0))
+    pid.feed_forward[:] = 0.3
+    assert step(pid, 0.1) == pytest.approx(0.3, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "effort"), [(0.02, 0.5), (0.03, 2.0), (-0.025, -1.265625), (0.05, 4.0), (0.005, 0.0)])
+def test_soft_dead_band_rises_smoothly(error: float, effort: float) -> None:
+    pid = enabled(axis(p_gain=100, p_deadband=0.01, p_deadband_outer=0.03))
+    assert step(pid, error) == pytest.approx(effort, abs=1e-12)
+
+
+def test_hard_and_soft_dead_bands_live_together() -> None:
+    pid = enabled(axis(p_gain=100, p_deadband=0.01), axis(p_gain=100, p_deadband=0.01, p_deadband_outer=0.03))
+    pid.setpoint_position[:] = (0.02, 0.02)
+    pid.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+    np.testing.assert_allclose(pid.effort, [1.0, 0.5], atol=1e-12)
+    pid.setpoint_position[:] = (0.01, 0.01)
+    pid.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+    np.testing.assert_allclose(pid.effort, [0.0, 0.0], atol=1e-12)
+
+
+def test_integral_forgets_per_cycle() -> None:
+    pid = enabled(axis(i_gain=1.0, i_forget_rate=0.5, i_limit=0.3))
+    found = [step(pid, 0.1) for _ in range(6)]
+    np.testing.assert_allclose(found, [0.1, 0.15, 0.175, 0.1875, 0.19375, 0.196875], atol=1e-12)
+
+
+def test_integral_is_limited() -> None:
+    pid = enabled(axis(i_gain=2.0, i_limit=0.35))
+    np.testing.assert_allclose([step(pid, 0.1) for _ in range(5)], [0.2, 0.4, 0.6, 0.7, 0.7], atol=1e-12)
+
+
+def observer() -> Pid:
+    return enabled(axis(p_gain=600, d_gain=30, pid_max_output=10.0, use_disturbance_observer=True, nominal_mass=0.01,
+                        disturbance_cutoff=50.0), dt=1 / 1500 - 60e-6)
+
+
+def test_observer_follows_the_table() -> None:
+    pid = observer()
+    found = [step(pid, 0.01, 0.0, v) for v in (0.0, 0.1, 0.2, 0.3)]
+    np.testing.assert_allclose(found, [6.0, 3.13351666666667, 0.17603333333333, -2.87245], atol=1e-12)
+
+
+def test_effort_is_clamped_to_the_motor() -> None:
+    pid = enabled(axis(p_gain=100), limit=np.array([3.3161]))
+    pid.feed_forward[:] = 0.5
+    assert step(pid, 0.1) == 3.3161
+    pid.feed_forward[:] = -0.5
+    assert step(pid, -0.1) == -3.3161
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "dead_band", "error", "trips"),
+    [(0.2, 0.0, 0.2, False), (0.2, 0.0, 0.2000001, True), (0.5, 0.015, 0.51, False), (0.5, 0.015, 0.516, True)])
+def test_tracking_check_looks_behind_the_dead_band(
+    tolerance: float, dead_band: float, error: float, trips: bool) -> None:
+    pid = enabled(axis(tolerance=tolerance, p_deadband=dead_band))
+    pid.setpoint_position[:] = error
+    no_limit = np.zeros(1, dtype=bool)
+    assert pid.step(np.zeros(1), np.zeros(1), no_limit) is None
+    pid.check_tracking(ALL, True)
+    found = pid.step(np.zeros(1), np.zeros(1), no_limit)
+    assert (found is not None) is trips
+
+
+def test_set_points_at_a_limit_are_not_checked() -> None:
+    pid = enabled(axis(tolerance=0.1))
+    pid.check_tracking(ALL, True)
+    pid.setpoint_position[:] = 1.0
+    assert pid.step(np.zeros(1), np.zeros(1), np.ones(1, dtype=bool)) is None
+    assert pid.step(np.full(1, np.nan), np.zeros(1), np.ones(1, dtype=bool)) is not None
+
+
+def test_effort_mode_passes_efforts_and_is_not_checked() -> None:
+    pid = enabled(axis(p_gain=100, tolerance=0.1))
+    pid.check_tracking(ALL, True)
+    pid.use_effort(ALL, True)
+    pid.requested_effort[:] = 0.7
+    pid.feed_forward[:] = 0.1
+    assert step(pid, 5.0) == pytest.approx(0.8, abs=1e-12)
+    assert pid.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool)) is None
+
+
+def test_disabled_actuators_follow_and_do_nothing() -> None:
+    pid = Pid([axis(p_gain=100)], FREE, 1 / 1500)
+    pid.setpoint_position[:] = 3.0
+    pid.feed_forward[:] = 1.0
+    pid.step(np.array([0.25]), np.zeros(1), np.zeros(1, dtype=bool))
+    assert pid.effort[0] == 0.0
+    assert pid.setpoint_position[0] == 0.25
+
+
+def test_enabling_starts_without_memory() -> None:
+    pid = enabled(axis(i_gain=1.0, i_limit=10.0))
+    for _ in range(10):
+        step(pid, 0.1)
+    pid.enable(ALL, False, np.zeros(1))
+    pid.enable(ALL, True, np.array([0.2]))
+    assert pid.setpoint_position[0] == 0.2
+    assert pid.integral[0] == 0.0
+    pid.step(np.array([0.2]), np.zeros(1), np.zeros(1, dtype=bool))
+    assert pid.effort[0] == 0.0
+    again = observer()
+    step(again, 0.01)
+    again.enable(ALL, True, np.zeros(1))
+    assert step(again, 0.01) == pytest.approx(6.0, abs=1e-12)
+
+
+def test_an_actuator_without_controller_stays_off() -> None:
+    pid = Pid([None, axis(p_gain=1.0)], np.zeros(2), 1 / 1500)
+    pid.enable(ALL, True, np.zeros(2))
+    assert pid.enabled.tolist() == [False, True]
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(anything, anything, anything, anything, anything, st.booleans())
+def test_effort_is_always_finite_and_limited(
+    setpoint: float, position: float, velocity: float, feed: float, requested: float, effort_mode: bool) -> None:
+    full = axis(p_gain=600, d_gain=30, i_gain=1.0, i_limit=1.0, p_deadband=0.01, p_deadband_outer=0.02, tolerance=0.1,
+                use_disturbance_observer=True, nominal_mass=0.01, disturbance_cutoff=50.0)
+    pid = enabled(full, limit=np.array([3.0]))
+    pid.check_tracking(ALL, True)
+    pid.carry_velocity(ALL, True)
+    pid.use_effort(ALL, effort_mode)
+    pid.requested_effort[:] = requested
+    pid.feed_forward[:] = feed
+    pid.setpoint_velocity[:] = velocity
+    pid.setpoint_position[:] = setpoint
+    with np.errstate(all="ignore"):
+        tripped = pid.step(np.array([position]), np.array([velocity]), np.zeros(1, dtype=bool))
+        assert abs(pid.effort[0]) <= 3.0
+        if not math.isfinite(position - setpoint) and not effort_mode:
+            assert tripped is not None
+        pid.setpoint_position[:] = pid.feed_forward[:] = pid.requested_effort[:] = pid.setpoint_velocity[:] = 0.0
+        pid.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
+    assert abs(pid.effort[0]) <= 3.0
