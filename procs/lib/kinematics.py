@@ -52,8 +52,9 @@ class Kinematics:
 
     def update(self, q: Array) -> None:
         """Tip pose and body Jacobian at q into `tip` and `body`."""
-        jacobian = pinocchio.computeFrameJacobian(self._model, self._data, q, self._end, pinocchio.LOCAL)
-        self.body[...] = jacobian
+        pinocchio.computeJointJacobians(self._model, self._data, q)
+        self.body[...] = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
+        pinocchio.updateFramePlacement(self._model, self._data, self._end)  # the Jacobian does not do it
         self._tip_rotation[...] = self._end_rotation
         self._tip_position[...] = self._end_position
 

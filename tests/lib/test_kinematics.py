@@ -44,14 +44,14 @@ def test_original_routines_agree_on_poses_and_jacobians(name: str) -> None:
     for line in lines[1:]:
         record = json.loads(line)
         q = np.array(record["q"])
+        chain.update(q)
+        np.testing.assert_allclose(chain.tip, record["fk"], atol=1e-12, rtol=0)
+        np.testing.assert_allclose(chain.body, record["jb"], atol=1e-12, rtol=0)
         np.testing.assert_allclose(chain.fk(q), record["fk"], atol=1e-12, rtol=0)
         if "fk_notip" in record:
             np.testing.assert_allclose(chain.fk_to(q, chain.n), record["fk_notip"], atol=1e-12, rtol=0)
         np.testing.assert_allclose(chain.body_jacobian(q), record["jb"], atol=1e-12, rtol=0)
         np.testing.assert_allclose(chain.spatial_jacobian(q), record["js"], atol=1e-12, rtol=0)
-        chain.update(q)
-        np.testing.assert_allclose(chain.tip, record["fk"], atol=1e-12, rtol=0)
-        np.testing.assert_allclose(chain.body, record["jb"], atol=1e-12, rtol=0)
         if "fk_links" in record:
             links = np.array(record["fk_links"])
             np.testing.assert_allclose(chain.fk_links(q)[: len(links)], links, atol=1e-12, rtol=0)
