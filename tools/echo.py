@@ -82,8 +82,7 @@ def _show(source: Source, row: dict[str, Any], as_json: bool) -> None:
         return
     units = {field.name: field.unit for field in source.entry.fields}
     parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
-    age_ms = (monotonic_ns() - row["stamp_ns"]) * 1e-6
-    print(f"{source.entry.name}  sequence {row['sequence']}  age {age_ms:.1f} ms")
+    print(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
     for key, value in row.items():
         if key not in ("stamp_ns", "sequence"):
             unit = units.get(parts.get(key, key), "")

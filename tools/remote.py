@@ -10,6 +10,7 @@ from shm.mailbox import Client, Reply
 from tools.errors import Problem, Refused
 
 POLL_S = 0.001
+KEPT = 1000
 ENDINGS = ("refused", "done", "failed")
 
 
@@ -20,7 +21,7 @@ class Remote:
         """Claim the place; SegmentError when there is no such component or all places are taken."""
         self.instance = instance
         self._client = Client(system, instance)
-        self._waiting: list[Reply] = []
+        self._inbox: dict[int, list[Reply]] = {}
 
     @property
     def commands(self) -> list[dict[str, Any]]:
@@ -32,9 +33,22 @@ class Remote:
         return self._client.send(command, values, text)
 
     def replies(self) -> list[Reply]:
-        """Answers that came since the last call."""
-        found, self._waiting = self._waiting + self._client.poll(), []
+        """Answers to whatever was sent, that came and were not asked for yet."""
+        self._fetch()
+        found = [reply for replies in self._inbox.values() for reply in replies]
+        self._inbox.clear()
         return found
+
+    def replies_to(self, number: int) -> list[Reply]:
+        """Answers to one command, that came and were not asked for yet."""
+        self._fetch()
+        return self._inbox.pop(number, [])
+
+    def _fetch(self) -> None:
+        for reply in self._client.poll():
+            self._inbox.setdefault(reply.id, []).append(reply)
+        while len(self._inbox) > KEPT:  # answers nobody asks for
+            del self._inbox[next(iter(self._inbox))]
 
     def answered(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
@@ -56,11 +70,11 @@ class Remote:
         end = monotonic_ns() + round(timeout * 1e9)
         last: Reply | None = None
         while True:
-            for reply in self.replies():
-                if reply.id != number:
-                    continue
+            replies = self.replies_to(number)
+            for i, reply in enumerate(replies):
                 last = reply
                 if not wanted or reply.outcome in wanted:
+                    self._inbox[number] = replies[i + 1 :]
                     return reply
             if monotonic_ns() >= end:
                 break

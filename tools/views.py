@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm import directory
+from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.printing import plain
+from tools.systems import is_lockstep
 from tools.topics import EVENT, RECORD, Entry, catalogue, find
 
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
@@ -28,7 +30,7 @@ class Source:
     def __init__(self, system: str, entry: Entry) -> None:
         """Attach to the ring of `entry`."""
         self.entry = entry
-        self._system = system
+        self._simulated = is_lockstep(system)
         self._reader: RingReader = directory.reader(system, entry.instance, entry.ring)
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
@@ -37,6 +39,11 @@ class Source:
     def stamp_ns(self) -> int:
         """Monotonic stamp of the record last read."""
         return self._reader.stamp_ns
+
+    @property
+    def age_s(self) -> float:
+        """Age of the record last read; 0 in lock-step, whose stamps are simulated."""
+        return 0.0 if self._simulated else (monotonic_ns() - self.stamp_ns) * 1e-9
 
     @property
     def sequence(self) -> int:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from procs.lib.document import Arm, from_json
 from shm import directory
+from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.printing import plain
-from tools.systems import instances_of_kind, unknown
+from tools.systems import instances_of_kind, is_lockstep, unknown
 
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
@@ -38,6 +39,12 @@ class Watch:
         self.reader: RingReader = directory.reader(system, name, "state", "arm")
         self._events: RingReader = directory.reader(system, name, "events", "arm")
         self._since = self._events.head
+        self._simulated = is_lockstep(system)
+
+    @property
+    def age_s(self) -> float:
+        """Age of the record last read; 0 in lock-step, whose stamps are simulated."""
+        return 0.0 if self._simulated else (monotonic_ns() - self.reader.stamp_ns) * 1e-9
 
     def look(self) -> bool:
         """Read the newest record; False when there is none."""
