@@ -122,6 +122,8 @@ def beats(rate_hz: float, count: int | None, skipped: list[int]) -> Iterator[int
         if left > 0:
             pause(left * 1e-9)
         late = int((monotonic_ns() - deadline) // period_ns)
+        if count is not None:
+            late = min(late, count - number)
         number += late
         skipped[0] += late
         if count is None or number < count:

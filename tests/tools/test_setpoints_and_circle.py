@@ -1,0 +1,138 @@
+"""Files of set-points, the circle of the demo, tracking errors, and JSON values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.lib.kinematics import Kinematics
+from tests import stock
+from tests.tools.robot import Played, robot
+from tools.circle import circle
+from tools.errors import Problem
+from tools.following import Follower, beats
+from tools.printing import plain
+from tools.remote import Remote
+from tools.setpoints import clipped, read_setpoints
+from tools.watch import Watch
+
+
+def written(path: Path, rows: list[str]) -> Path:
+    file = path / "rows.csv"
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+def test_blocks_are_positions_velocities_and_efforts(tmp_path: Path) -> None:
+    file = written(tmp_path, [",".join(str(i) for i in range(21))] * 3)
+    rows = read_setpoints(file, 6, True)
+    assert len(rows) == 3
+    assert rows.position[0].tolist() == list(range(6))
+    assert rows.velocity is not None
+    assert rows.velocity[0].tolist() == list(range(7, 13))
+    assert rows.jaw is not None
+    assert rows.jaw.tolist() == [6, 6, 6]
+
+
+def test_a_header_is_skipped_and_a_jaw_may_be_absent(tmp_path: Path) -> None:
+    rows = read_setpoints(written(tmp_path, ["a,b,c,d,e,f", "1,2,3,4,5,6"]), 6, True)
+    assert (rows.velocity, rows.jaw) == (None, None)
+    assert rows.position.tolist() == [[1, 2, 3, 4, 5, 6]]
+
+
+def test_seven_bare_joints_have_no_jaw(tmp_path: Path) -> None:
+    rows = read_setpoints(written(tmp_path, [",".join(["1"] * 21)]), 7, False)
+    assert rows.position.shape == (1, 7)
+    assert rows.jaw is None
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["1,2,3"], "3 columns; for 6 joints"),
+        (["1,2,3,4,5,6", "1,2,x,4,5,6"], "line 2"),
+        (["1,2,3,4,5,6", "1,2,3"], "3 to 6 columns"),
+        (["1,2,3,4,5,nan"], "finite"),
+        (["a,b"], "no rows"),
+    ],
+)
+def test_bad_files_are_refused_with_the_reason(tmp_path: Path, rows: list[str], said: str) -> None:
+    with pytest.raises(Problem, match=said):
+        read_setpoints(written(tmp_path, rows), 6, True)
+
+
+def test_clipping_says_how_much_and_how_often() -> None:
+    inside, cut = clipped(np.array([-1.0, 0.0, 0.5, 2.0]), -0.5, 1.0)
+    assert inside.tolist() == [-0.5, 0.0, 0.5, 1.0]
+    assert (cut.rows, cut.most) == (2, 1.0)
+
+
+def test_the_tip_runs_on_a_circle() -> None:
+    kinematics = Kinematics(stock.chain("PSM"), stock.tool("LARGE_NEEDLE_DRIVER_400006"))
+    centre = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
+    path = circle(kinematics, centre, 0.015, 90)
+    middle = kinematics.fk(centre).copy()[:3, 3]
+    for angle in np.linspace(0, 4 * np.pi, 37):
+        q, v = path.at(angle, 1.0)
+        assert math.isclose(np.linalg.norm(kinematics.fk(q)[:3, 3] - middle), 0.015, abs_tol=2e-5)
+        ahead, _ = path.at(angle + 1e-3, 1.0)
+        assert np.allclose((ahead - q) / 1e-3, v, atol=1e-2)  # chords between the points
+
+
+def test_a_circle_out_of_reach_is_refused() -> None:
+    kinematics = Kinematics(stock.chain("PSM"), stock.tool("LARGE_NEEDLE_DRIVER_400006"))
+    with pytest.raises(Problem):
+        circle(kinematics, np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0)), 0.5, 8)
+
+
+def test_late_periods_are_skipped_and_counted() -> None:
+    skipped = [0]
+    numbers = list(beats(1e6, 5000, skipped))
+    assert len(numbers) + skipped[0] == 5000
+    assert numbers == sorted(set(numbers))
+
+
+def test_json_knows_no_nan() -> None:
+    assert plain({"a": np.array([1.0, np.nan]), "b": b"x\0", "c": math.inf, "d": np.float64(2)}) == {
+        "a": [1.0, None], "b": "x", "c": None, "d": 2.0,
+    }
+
+
+@pytest.fixture
+def played(world: Any) -> Iterator[Played]:
+    with robot(world.name) as made:
+        yield made
+
+
+def test_samples_are_compared_with_the_row_in_force(played: Played) -> None:
+    played.show_arm(9.0, "ENABLED", homed=True)
+    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
+        watch.look()
+        follower = Follower(watch, remote, True)
+        played.show_arm(5.0, "ENABLED", homed=True)  # before the first row: not compared
+        follower.send(np.full(6, 1.0), np.zeros(6), 1.0)
+        played.show_arm(1.5, "ENABLED", homed=True)
+        follower.send(np.full(6, 2.0), np.zeros(6), 2.0)  # the sample before is drained after it, and is the first's
+        played.show_arm(1.5, "ENABLED", homed=True)
+        follower.collect()
+        assert follower.tracking.samples == 2
+        assert np.allclose(follower.tracking.rms, 0.5)
+        assert np.allclose(follower.tracking.most, 0.5)
+        names = [command.name for command in played.mailbox.drain()]
+        assert names == ["servo_jp", "jaw/servo_jp"] * 2
+
+
+def test_following_ends_when_the_arm_faults(played: Played) -> None:
+    played.show_arm(0.0, "ENABLED", homed=True)
+    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
+        watch.look()
+        follower = Follower(watch, remote, False)
+        played.events.error("watchdog", "the boards cut the amplifiers")
+        played.show_arm(0.0, "FAULT")
+        with pytest.raises(Problem, match="FAULT: the boards cut"):
+            follower.collect()
