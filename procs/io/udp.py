@@ -1,0 +1,203 @@
+"""The UDP port: a bus of controllers behind a hub with firmware Rev 7, 8 or 9 that bridges to FireWire."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import ChainMap
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from procs.io import discovery, protocols
+from procs.io.link import Link, discovery_address, is_loopback
+from procs.io.port import (
+    ALL_BOARDS,
+    BROADCAST_QUERY,
+    PROTOCOLS,
+    SEQUENTIAL,
+    BoardInfo,
+    Counters,
+    PortError,
+    PortName,
+    Quads,
+)
+from procs.lib import blocks, wire
+
+ETHERNET_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
+
+
+class UdpPort:
+    """A `Port` over UDP. `board_ids` may come in any order; rows are ascending.
+
+    `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
+    deadlines are generous and nothing is waited for. `query_wait_ns` replaces the time the boards are given between
+    query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (2 s when simulated). `exclusive` refuses a
+    bus that another host is driving; `asked_at` replaces the address discovery asks at. Without board ids (tools)
+    everything found is listed, and nothing can be read or written cyclically.
+    """
+
+    def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
+                 protocol: str = BROADCAST_QUERY, *, hardware: str = "QLA1", real_time: bool = True,
+                 exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
+                 asked_at: str = "", udp_port: int = wire.UDP_PORT) -> None:
+        self._name = PortName.parse(name)
+        self.board_ids = tuple(sorted(board_ids))
+        where = f"port {name}"
+        wrong = [b for b in self.board_ids if not 0 <= b <= 15]
+        if wrong or len(set(self.board_ids)) != len(self.board_ids):
+            raise PortError(f"board ids {list(board_ids)}", where, "allowed: each once, 0 to 15")
+        if protocol not in PROTOCOLS:
+            raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
+        self._protocol, self._hardware = protocol, hardware
+        self._exclusive, self._query_wait_ns, self._asked_at = exclusive, query_wait_ns, asked_at
+        count = len(self.board_ids)
+        self.blocks: Quads = np.zeros((count, blocks.READ_COLUMNS), np.uint32)
+        self.out: Quads = np.zeros((count, blocks.WRITE_COLUMNS), np.uint32)
+        self.bad = np.zeros(count, np.bool_)  # boards to blame for the last bad read
+        self.recv_ns = 0
+        self.send_ns = 0
+        self.counters = Counters(count)
+        self.boards: tuple[BoardInfo, ...] = ()
+        self._link = Link(self._name.address, udp_port, now_ns, real_time, self.counters)
+        if deadline_ms is not None:
+            self._link.cycle_timeout_ms = deadline_ms
+        self._nodes: ChainMap[int, int] = ChainMap()
+        self._reader: protocols.Reader | None = None
+        self._writer: protocols.Writer | None = None
+
+    def open(self) -> None:
+        """Make the socket."""
+        self._link.open()
+
+    def close(self) -> None:
+        """Close the socket; boards keep their last command until their watchdog trips."""
+        self._link.close()
+        self._reader = self._writer = None
+
+    def __enter__(self) -> UdpPort:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def discover(self) -> tuple[BoardInfo, ...]:
+        """Find the hub and all boards, check them, and get ready to read and write."""
+        link, address = self._link, self._name.address
+        self.close()
+        link.open()
+        hub = discovery.find_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
+        boards = discovery.find_boards(link, hub, self.board_ids, self._hardware)
+        self._nodes = ChainMap({info.board: info.node for info in boards})
+        hub_node = self._nodes.get(hub.board)
+        if hub_node is None:
+            raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
+        discovery.tune_gap(link, boards)
+        self.boards = boards
+        if self.board_ids:
+            self._prepare(hub, hub_node)
+        self.counters.clear()  # silent node numbers are no faults
+        return boards
+
+    def _prepare(self, hub: discovery.Hub, hub_node: int) -> None:
+        firmware = {info.board: info.firmware for info in self.boards}
+        layout = blocks.layout_of(min(firmware[board] for board in self.board_ids))
+        if self._exclusive:
+            discovery.refuse_other_host(self._link, hub_node, 4 * blocks.read_quads(hub.firmware))
+        self._check_size(layout)
+        wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
+        rows = protocols.Rows(self.board_ids, layout, self.blocks, self.out, self.bad, wanted, hub.board,
+                              self._query_wait_ns)
+        self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
+        self._reader, self._writer = protocols.parts(self._protocol, self._link, rows)
+
+    def _check_size(self, layout: blocks.Layout) -> None:
+        """A hub read must fit one datagram."""
+        if self._protocol != BROADCAST_QUERY:
+            return
+        limit = wire.MAX_DATA if is_loopback(self._name.address) else ETHERNET_DATA_BYTES
+        most = (limit // 4 - 1) // layout.hub_quads
+        if len(self.board_ids) > most:
+            raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast read", self._link.where,
+                            f"allowed: {most}, or protocol {SEQUENTIAL}")
+
+    def read_all(self) -> bool:
+        """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample."""
+        if self._reader is None:
+            raise self._not_ready()
+        counters = self.counters
+        good = self._reader.read()
+        self.recv_ns = self._link.recv_ns
+        counters.reads += 1
+        if not good:
+            counters.bad_reads += 1
+        return good
+
+    def write_all(self) -> bool:
+        """Send `out` to every board, also after a bad read (it feeds the watchdogs), then zero its control words."""
+        if self._writer is None:
+            raise self._not_ready()
+        counters = self.counters
+        good = self._writer.write()
+        self.send_ns = self._link.send_ns
+        counters.writes += 1
+        if not good:
+            counters.bad_writes += 1
+        return good
+
+    def read_quadlet(self, board: int, address: int) -> int:
+        """One register of one board; waits up to 0.1 s, so for set-up and tools. PortError when it does not answer."""
+        value = self._link.read_quadlet(self._node(board), address)
+        if value is None:
+            raise self._no_answer(board, address)
+        return value
+
+    def write_quadlet(self, board: int, address: int, value: int) -> None:
+        """Write one register of one board, or of `ALL_BOARDS`. The boards do not acknowledge writes."""
+        node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
+        if not self._link.write_quadlet(node, address, value):
+            raise self._not_sent(board, address)
+
+    def read_block(self, board: int, address: int, quads: int) -> Quads:
+        """So many consecutive quadlets of one board, (quads,)."""
+        if not 2 <= quads <= ETHERNET_DATA_BYTES // 4:
+            raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {ETHERNET_DATA_BYTES // 4}")
+        data = self._link.read_block(self._node(board), address, 4 * quads)
+        if data is None:
+            raise self._no_answer(board, address)
+        return np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
+
+    def write_block(self, board: int, address: int, values: Sequence[int]) -> None:
+        """Write consecutive quadlets of one board."""
+        node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
+        data = np.asarray(values, np.uint32).astype(np.dtype(">u4")).tobytes()
+        if not 8 <= len(data) <= ETHERNET_DATA_BYTES:
+            raise PortError(f"block of {len(values)} quadlets", f"board {board}",
+                            f"allowed: 2 to {ETHERNET_DATA_BYTES // 4}")
+        link = self._link
+        if not link.send(wire.block_write(node, address, data, link.next_tl(), link.generation)):
+            raise self._not_sent(board, address)
+
+    def info(self, board: int) -> BoardInfo:
+        """What is known of a board; PortError when it was not discovered."""
+        node = self._node(board)
+        return next(dataclasses.replace(info, node=node) for info in self.boards if info.board == board)
+
+    def _node(self, board: int) -> int:
+        node = self._nodes.get(board)
+        if node is None:
+            there = ", ".join(map(str, sorted(self._nodes))) or "none yet (discover first)"
+            raise PortError(f"no board {board}", self._link.where, f"boards on this bus: {there}")
+        return node
+
+    def _not_sent(self, board: int, address: int) -> PortError:
+        return PortError(f"write to register 0x{address:04X} could not be sent", f"{self._link.where} board {board}",
+                         "check the network")
+
+    def _no_answer(self, board: int, address: int) -> PortError:
+        return PortError(f"register 0x{address:04X} is not answered", f"{self._link.where} board {board}",
+                         "check its power and cables")
+
+    def _not_ready(self) -> PortError:
+        return PortError("the boards are not discovered", self._link.where, "open and discover first")

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+from procs.io.link import discovery_address
+from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError, PortName
+from procs.io.udp import UdpPort
+from procs.lib import blocks, registers, wire
+from tests.io.stub_bus import StubBoard, StubBus, bus_of
+
+DQLA = registers.DQLA
+
+
+def port_to(bus, boards, **options):
+    options.setdefault("exclusive", False)
+    kind = options.pop("kind", "udp")
+    return UdpPort(f"{kind}:{bus.address}", boards, time.monotonic_ns, udp_port=bus.port, **options)
+
+
+def test_boards_are_found_with_their_nature():
+    with bus_of(3) as bus, port_to(bus, (2, 0, 1)) as port:
+        found = port.discover()
+    assert [info.board for info in found] == [0, 1, 2]
+    assert [info.node for info in found] == [2, 1, 0]
+    assert {(info.hardware, info.firmware, info.fpga) for info in found} == {("QLA1", 8, 2)}
+    assert [info.is_hub for info in found] == [True, False, False]
+    assert port.board_ids == (0, 1, 2)
+    assert port.blocks.shape == (3, 32) and port.out.shape == (3, 5)
+
+
+def test_a_bus_can_be_listed_without_wishes():
+    boards = [StubBoard(4, 0), StubBoard(9, 1, hardware=DQLA)]
+    with StubBus(boards) as bus, port_to(bus, ()) as port:
+        assert [(i.board, i.hardware) for i in port.discover()] == [(4, "QLA1"), (9, "DQLA")]
+        assert port.read_quadlet(9, registers.HARDWARE_ID) == DQLA
+        with pytest.raises(PortError, match="not discovered"):
+            port.read_all()
+
+
+def test_broadcast_discovery_finds_the_hub():
+    everybody = "127.255.255.255"
+    with bus_of(2, address="127.0.0.1", bind="0.0.0.0") as bus, port_to(bus, (0, 1), asked_at=everybody) as port:
+        assert len(port.discover()) == 2
+        assert port.read_quadlet(1, registers.FIRMWARE) == 8
+
+
+@pytest.mark.parametrize(
+    ("boards", "wanted", "words"),
+    [
+        ([StubBoard(0, 0), StubBoard(1, 1)], (0, 1, 5, 7), ("missing: board 5, 7", "0 (node 0), 1 (node 1)")),
+        ([StubBoard(0, 0), StubBoard(3, 1, hardware=DQLA)], (0, 3), ("board 3", "hardware DQLA", "allowed: QLA1")),
+        ([StubBoard(0, 0), StubBoard(0, 1)], (0,), ("two boards have id 0", "nodes 0 and 1")),
+        ([StubBoard(0, 0, firmware=6)], (0,), ("firmware Rev 6", "allowed: Rev 7, 8, 9")),
+        ([StubBoard(0, 0), StubBoard(1, 1, firmware=4)], (0, 1), ("board 1", "firmware Rev 4", "allowed: Rev 7, 8, 9")),
+        ([StubBoard(0, 0), StubBoard(1, 1, firmware=7)], (0, 1), ("board 1: Rev 7", "all Rev 7, or Rev 8 and 9")),
+        ([StubBoard(2, 0, firmware=9, ethernet=0x40B1A0A0)], (2,), ("Ethernet-only", "udpfw")),
+    ],
+)  # fmt: skip
+def test_wrong_buses_are_refused_by_name(boards, wanted, words):
+    with StubBus(boards) as bus, port_to(bus, wanted) as port:
+        with pytest.raises(PortError) as caught:
+            port.discover()
+        for word in (*words, bus.address):
+            assert word in str(caught.value)
+
+
+def test_an_address_without_controller_is_refused():
+    with bus_of(1) as bus:
+        pass
+    with port_to(bus, (0,)) as port, pytest.raises(PortError, match="no controller answers"):
+        port.discover()
+
+
+def test_a_second_host_is_noticed():
+    with bus_of(2) as bus, port_to(bus, (0, 1), exclusive=True) as port:
+        port.discover()
+        bus.boards[0].other_host_ns = 1_000_000
+        with pytest.raises(PortError, match="another host uses this bus"):
+            port.discover()
+
+
+@pytest.mark.parametrize("name", ["fw", "fw:1", "udp:300.1.1.1", "udp:there", "emio", ""])
+def test_other_ports_are_refused(name):
+    with pytest.raises(PortError, match="allowed"):
+        PortName.parse(name)
+
+
+def test_port_names_have_the_usual_defaults():
+    assert PortName.parse("udp") == PortName("169.254.0.100", False)
+    assert PortName.parse("udpfw:127.0.0.1") == PortName("127.0.0.1", True)
+
+
+@pytest.mark.parametrize(("boards", "protocol"), [((1, 1), BROADCAST_QUERY), ((16,), SEQUENTIAL), ((0,), "fastest")])
+def test_impossible_requests_are_refused(boards, protocol):
+    with pytest.raises(PortError, match="allowed"):
+        UdpPort("udp:127.0.0.1", boards, time.monotonic_ns, protocol)
+
+
+def test_discovery_asks_everybody_outside_loopback():
+    assert discovery_address("127.3.2.16") == "127.3.2.16"
+    assert discovery_address("169.254.0.100") == "169.254.255.255"
+    assert discovery_address("10.1.2.3") == "10.255.255.255"
+    assert discovery_address("192.168.1.5") == "192.168.1.255"
+
+
+def test_a_closed_port_says_so():
+    port = UdpPort("udp:127.0.0.1", (0,), time.monotonic_ns)
+    for use in (port.read_all, port.write_all, lambda: port.read_quadlet(0, 0)):
+        with pytest.raises(PortError, match="discover"):
+            use()
+    port.close()
+
+
+def recorded_requests(path):
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    return [bytes.fromhex(row["hex"]) for row in rows if row.get("dir") == "host->board"]
+
+
+def without_address(datagram):
+    """The one quadlet that differs: where the recorded hub was."""
+    request = wire.decode_request(datagram)
+    return datagram[:14] if request.address == registers.IP_ADDRESS else datagram
+
+
+@pytest.mark.parametrize(
+    ("recording", "protocol", "ids", "firmware"),
+    [
+        ("d_r7_p0", SEQUENTIAL, (0, 1), 7),
+        ("d_r7_p1", SEQUENTIAL_BROADCAST, (0, 1), 7),
+        ("d_r7_p2", BROADCAST_QUERY, (0, 1), 7),
+        ("d_r8_p0", SEQUENTIAL, (0, 1), 8),
+        ("d_r8_p1", SEQUENTIAL_BROADCAST, (0, 1), 8),
+        ("d_r8_p2", BROADCAST_QUERY, (0, 1), 8),
+        ("d_r9b_p2", BROADCAST_QUERY, (2, 5), 9),
+    ],
+)
+def test_we_send_what_the_original_host_sent(data, recording, protocol, ids, firmware):
+    recorded = recorded_requests(data("golden/wire") / f"{recording}.jsonl")
+    bridge = firmware == 9
+    ethernet = 0x40B1A0A0 if bridge else 0xA01C0000
+    boards = [StubBoard(board, node, firmware=firmware, ethernet=ethernet) for node, board in enumerate(ids)]
+    hub = len(ids) - 1 if bridge else 0
+    with StubBus(boards, hub=hub) as bus:
+        with port_to(bus, ids, protocol=protocol, kind="udpfw" if bridge else "udp") as port:
+            port.discover()
+            first = next((i for i, d in enumerate(recorded) if is_cyclic(d)), len(recorded))
+            commands = [wire.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
+            per_cycle = len(ids) if protocol == SEQUENTIAL else 1
+            cycles = [commands[i : i + per_cycle] for i in range(0, len(commands), per_cycle)]
+            assert cycles
+            for cycle in cycles:
+                assert port.read_all()
+                groups = blocks.decode_write(b"".join(request.data for request in cycle), firmware)
+                port.out[...] = [(*group.dac, group.control) for group in groups]
+                assert port.write_all()
+            port.read_quadlet(ids[0], 0)  # answered: so everything before has arrived
+        ours = [without_address(d) for d in bus.heard[:-1]]
+    assert first > 0
+    assert ours == [without_address(d) for d in recorded[: len(ours)]]
+    assert len(recorded) - len(ours) <= 2
+
+
+def is_cyclic(datagram):
+    request = wire.decode_request(datagram)
+    return request.tcode in (wire.BLOCK_READ, wire.BLOCK_WRITE) or request.address == registers.QUERY
