@@ -2,7 +2,7 @@
 
 In lock-step a page holds the simulated time and a counter that is rung at each advance. A process that sleeps shows in
 its control page what it has finished (`done_ns`) and when it wants to go on (`next_ns`); the supervisor advances to the
-earliest of these once everybody has finished. Nothing else in the project reads a clock.
+earliest wish once everybody's lies ahead. Nothing else in the project reads a clock.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def _finished(player: Pulse, now_ns: int, give_up_ns: int) -> bool:
     end = time.monotonic_ns() + give_up_ns
     while True:
         value = turn.value
-        if player.get("done_ns") >= now_ns and player.get("next_ns") > now_ns:
+        if player.get("next_ns") > now_ns:  # whoever wants to go on later has finished, or was not due now
             return True
         left = end - time.monotonic_ns()
         if left <= 0:
