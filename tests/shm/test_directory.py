@@ -1,0 +1,85 @@
+"""The directory: what is up, by name, without a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from shm import directory
+from shm.mailbox import create_mailbox
+from shm.pulse import create_control
+from shm.segment import SegmentError
+from shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
+
+DIMS = {"axes": 7, "robots": 1, "inputs": 2}
+
+
+@pytest.fixture
+def system(world: Any) -> Iterator[str]:
+    """A small system: supervisor, one io, one arm."""
+    for instance in ("supervisor", "IO1", "PSM1"):
+        create_control(world.name, instance)
+        directory.create_ring(world.name, instance, EVENTS, {}, {"kind": instance})
+    create_mailbox(world.name, "IO1", "io")
+    directory.create_ring(world.name, "IO1", IO_STATE, DIMS, {"robots": {"PSM1": 7}})
+    directory.create_ring(world.name, "PSM1", SETPOINT, {}, {})
+    directory.publish_document(world.name, '{"name":"größe"}'.encode())
+    yield world.name
+    world.remove()
+
+
+def test_systems_instances_and_rings_are_found(system: str) -> None:
+    assert system in directory.systems()
+    assert directory.instances(system) == ["supervisor", "IO1", "PSM1"]
+    assert set(directory.rings(system)) == {("IO1", "events"), ("IO1", "state"), ("PSM1", "events"),
+                                            ("PSM1", "setpoint"), ("supervisor", "events")}
+
+
+def test_the_document_comes_back_byte_for_byte(system: str) -> None:
+    assert directory.document(system) == '{"name":"größe"}'.encode()
+
+
+def test_a_document_still_being_written_is_refused(system: str) -> None:
+    from shm.segment import Segment, segment_name
+
+    with Segment(segment_name(system, "supervisor", "document"), write=True) as segment:
+        segment.words()[16] = 0
+    with pytest.raises(SegmentError, match="still being written"):
+        directory.document(system)
+
+
+def test_a_reader_needs_no_table(system: str) -> None:
+    reader = directory.reader(system, "IO1", "state")
+    assert reader.info["robots"] == {"PSM1": 7} and reader.info["dims"] == DIMS
+    assert reader.field("position").shape == (7,) and reader.field("input").shape == (2,)
+    reader.close()
+
+
+def test_the_depth_follows_from_seconds_and_rate(system: str) -> None:
+    reader = directory.reader(system, "PSM1", "setpoint", "arm")
+    assert reader._depth == 1500
+    reader.close()
+
+
+def test_a_writer_of_our_table_fits_and_another_kind_does_not(system: str) -> None:
+    writer = directory.writer(system, "IO1", "state", "io")
+    with pytest.raises(SegmentError, match="both must be of the same version"):
+        directory.reader(system, "IO1", "state", "arm")
+    with pytest.raises(SegmentError, match=r"IO1 \(pid \d+\) writes it already"):
+        directory.writer(system, "IO1", "state", "io")
+    writer.close()
+
+
+def test_topics_are_looked_up_by_kind() -> None:
+    assert directory.topic_of("arm", "state") is ARM_STATE and directory.topic_of("io", "state") is IO_STATE
+    assert directory.topic_of("arm", "events") is EVENTS
+    with pytest.raises(KeyError, match="arm writes no topic nothing"):
+        directory.topic_of("arm", "nothing")
+
+
+def test_a_system_that_is_not_up_is_told() -> None:
+    with pytest.raises(SegmentError, match="is the system up"):
+        directory.document("nosuchsystem")
+    assert directory.instances("nosuchsystem") == []

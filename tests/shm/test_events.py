@@ -1,0 +1,84 @@
+"""Events: strictly increasing stamps, history for late comers, texts that fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from shm import directory
+from shm.events import ERROR, STATUS, WARNING, Events
+from shm.ring import RingReader
+from shm.topics import EVENTS
+
+
+@pytest.fixture
+def ends(world: Any) -> Iterator[tuple[Events, RingReader]]:
+    """Events of PSM1 on a clock that stands still, and a reader."""
+    directory.create_ring(world.name, "PSM1", EVENTS, {}, {})
+    writer = directory.writer(world.name, "PSM1", "events", "arm")
+    reader = directory.reader(world.name, "PSM1", "events", "arm")
+    yield Events(writer, lambda: 5000), reader
+    writer.close()
+    reader.close()
+    world.remove()
+
+
+def test_stamps_increase_even_when_the_clock_stands(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    for _ in range(5):
+        events.status("hello")
+    assert reader.last(9)["stamp_ns"].tolist() == [5000, 5001, 5002, 5003, 5004]
+
+
+def test_stamps_increase_over_a_restart(world: Any, ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    events.status("one")
+    events._ring.close()
+    heir = directory.writer(world.name, "PSM1", "events", "arm")
+    Events(heir, lambda: 10).status("two")
+    assert reader.last(9)["stamp_ns"].tolist() == [5000, 5001]
+    heir.close()
+
+
+def test_every_field_of_an_event_is_its_own(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    events.error("position_limit", "too far", component="PSM1", axis=2, value=0.3, limit=0.25)
+    events.status("fine")
+    first, second = reader.last(2)
+    assert (first["event"], first["severity"], first["code"], first["component"], first["axis"]) == (
+        b"error", ERROR, b"position_limit", b"PSM1", 2)
+    assert (first["value"], first["limit"]) == (0.3, 0.25)
+    assert (second["severity"], second["code"], second["component"], second["axis"]) == (STATUS, b"", b"", -1)
+    assert math.isnan(second["value"]) and math.isnan(second["limit"])
+
+
+def test_states_and_goals_are_events(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    events.operating_state("ENABLED", "HOMED", True, False)
+    events.goal_reached(False)
+    events.warning("clipped", "at the limit")
+    state, goal, warning = reader.last(3)
+    assert (state["state"], state["sub_state"], bool(state["is_homed"]), bool(state["is_busy"])) == (
+        b"ENABLED", b"HOMED", True, False)
+    assert (goal["event"], goal["value"], bool(goal["is_homed"])) == (b"goal_reached", 0.0, False)
+    assert (warning["severity"], warning["state"]) == (WARNING, b"")
+
+
+def test_texts_are_cut_not_refused(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    events.emit("e" * 99, "ü" * 500, code="c" * 99, component="d" * 99, state="s" * 99, sub_state="t" * 99)
+    (record,) = reader.last(1)
+    assert record["text"].decode() == "ü" * 100
+    assert [len(record[n]) for n in ("event", "code", "component", "state", "sub_state")] == [32, 32, 24, 16, 40]
+
+
+def test_a_late_comer_sees_the_last_events(world: Any, ends: tuple[Events, RingReader]) -> None:
+    events, _ = ends
+    for i in range(3):
+        events.status(f"event {i}")
+    late = directory.reader(world.name, "PSM1", "events")
+    assert late.last(2)["text"].tolist() == [b"event 1", b"event 2"]
+    late.close()
