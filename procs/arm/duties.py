@@ -46,12 +46,20 @@ class Sender(Protocol):
         """Replies since the last call."""
 
 
+class Wishes:
+    """Whether any wish is new or not yet fulfilled."""
+
+    def __init__(self) -> None:
+        self.changed = True
+
+
 class Switch:
     """One thing of io that the arm wants on, off, or has no wish about."""
 
-    __slots__ = ("_flag", "_next_ns", "_off", "_on", "refusal", "wanted")
+    __slots__ = ("_flag", "_next_ns", "_off", "_on", "_wishes", "refusal", "wanted")
 
-    def __init__(self, flag: NDArray[Any], on: Order, off: Order) -> None:
+    def __init__(self, wishes: Wishes, flag: NDArray[Any], on: Order, off: Order) -> None:
+        self._wishes = wishes
         self._flag, self._on, self._off = flag, on, off
         self.wanted: bool | None = None
         self.refusal = ""
@@ -63,6 +71,7 @@ class Switch:
             self.wanted = on
             self.refusal = ""
             self._next_ns = 0
+            self._wishes.changed = True
 
     @property
     def settled(self) -> bool:
@@ -90,13 +99,15 @@ class Duties:
     def __init__(self, io: Readings, sender: Sender, robot: str, warn: Callable[[str], None]) -> None:
         """`warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
-        self.power = Switch(io.power_wanted, ("power_on", ()), ("power_off", (0.0,)))
-        self.pid = _switch(io.pid_enabled, "pid_enable")
-        self.limits = _switch(io.limits_enforced, "enforce_limits")
-        self.tracking = _switch(io.tracking_check, "tracking_check")
-        self.velocity = _switch(io.velocity_used, "use_setpoint_v")
-        self.pots = _switch(io.pot_check, "pot_check")
-        self.no_fault = Switch(io.fault, ("clear_fault", ()), ("clear_fault", ()))
+        self._wishes = wishes = Wishes()
+        self._turn = 0
+        self.power = Switch(wishes, io.power_wanted, ("power_on", ()), ("power_off", (0.0,)))
+        self.pid = _switch(wishes, io.pid_enabled, "pid_enable")
+        self.limits = _switch(wishes, io.limits_enforced, "enforce_limits")
+        self.tracking = _switch(wishes, io.tracking_check, "tracking_check")
+        self.velocity = _switch(wishes, io.velocity_used, "use_setpoint_v")
+        self.pots = _switch(wishes, io.pot_check, "pot_check")
+        self.no_fault = Switch(wishes, io.fault, ("clear_fault", ()), ("clear_fault", ()))
         self._switches = (self.pid, self.power, self.limits, self.tracking, self.velocity, self.pots, self.no_fault)
         self._asked: dict[int, Switch] = {}
         self._samples = 0.0
@@ -137,12 +148,16 @@ class Duties:
             self._heard(now_ns, answer)
         if not self._io.fresh:
             return
-        for switch in self._switches:
-            command = switch.due(now_ns)
-            if command is not None:
-                number = self._sender.send(command[0], command[1], self._robot)
-                if number:
-                    self._remember(number, switch)
+        if self._wishes.changed:
+            for switch in self._switches:
+                self._see_to(switch, now_ns)
+            self._wishes.changed = not all(switch.settled for switch in self._switches)
+        else:  # all is as wanted: one look a cycle is enough to notice that it no longer is
+            self._turn = (self._turn + 1) % len(self._switches)
+            switch = self._switches[self._turn]
+            if not switch.settled:
+                self._wishes.changed = True
+                self._see_to(switch, now_ns)
         if self._again:
             self._again = False
             self._sender.send("power_on", (), self._robot)
@@ -150,6 +165,13 @@ class Duties:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing
             self._bias_next_ns = now_ns + REFUSED_NS
             self._bias_id = self._sender.send("bias_encoders", (self._samples,), self._robot)
+
+    def _see_to(self, switch: Switch, now_ns: int) -> None:
+        command = switch.due(now_ns)
+        if command is not None:
+            number = self._sender.send(command[0], command[1], self._robot)
+            if number:
+                self._remember(number, switch)
 
     def _remember(self, number: int, switch: Switch) -> None:
         if len(self._asked) >= MEMORY:  # replies that never came: their io has died
@@ -170,5 +192,5 @@ class Duties:
             self._warn(f"io refused a request: {answer.text}")
 
 
-def _switch(flag: NDArray[Any], command: str) -> Switch:
-    return Switch(flag, (command, (1.0,)), (command, (0.0,)))
+def _switch(wishes: Wishes, flag: NDArray[Any], command: str) -> Switch:
+    return Switch(wishes, flag, (command, (1.0,)), (command, (0.0,)))

@@ -36,7 +36,9 @@ class Motion:
         self._v_max, self._a_max = np.array(v_max), np.array(a_max)
         self.ratio_v = self.ratio_a = 1.0
         self.mode = Mode.NONE
-        self.goal, self.velocity, self.effort = np.zeros(AXES), np.zeros(AXES), np.zeros(AXES)
+        self.rows = np.zeros((2, AXES))
+        self.goal, self.velocity = self.rows
+        self.effort = np.zeros(AXES)
         self.has_velocity = False
         self.moving = False
         self.target = np.zeros(AXES)

@@ -45,7 +45,7 @@ class PsmArm:
         self._arm, self._io, self._reports, self._fault_text = arm, io, reports, fault_text
         self._predecessor = predecessor(state)
         self._cartesian = Cartesian(state)
-        self._record = ArmRecord(state, self._cartesian)
+        self._record = ArmRecord(state, io, self._cartesian)
         self._setpoint = SetpointRecord(setpoint)
         limits = LIMITS["PSM"]
         self._motion = Motion(np.array(limits.velocity), np.array(limits.acceleration))
@@ -122,7 +122,7 @@ class PsmArm:
             self._record.show_state(
                 machine.state, machine.desired, self._is_homed(), machine.is_busy, self._homed_generation, motion.mode
             )
-        self._record.show_motion(io, self.joints)
+        self._record.show_motion(self.joints)
 
     # what commands change
 

@@ -9,15 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.joints import AXES, Joints
+from procs.arm.stack import stacked
 
-Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
 
+ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
 SILENT_NS = 30_000_000  # io writes 1500 records a second; none for this long means that it is gone
 
 
 class Readings:
-    """Views on one robot in io's record, resolved once; `update` converts to joint space into (7,) arrays."""
+    """Views on one robot in io's record, resolved once; `update` converts to joint space into (7,) arrays.
+
+    `fresh`: io is alive; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`: joint
+    values mean something (fresh, powered, biased). `rows` (6, 7) has all of them in the order of ROWS.
+    """
 
     def __init__(self, field: Fields, robot: int, first_axis: int) -> None:
         """`field` gives the record's arrays, `robot` is the place among io's robots, `first_axis` its first axis."""
@@ -33,10 +38,6 @@ class Readings:
         self.epoch = 0
         self.fresh = False
         self.age_ns = field("age_ns")
-        self.actuator_position, self.actuator_velocity = axis("position"), axis("velocity")
-        self.actuator_effort = axis("effort")
-        self.actuator_setpoint, self.actuator_setpoint_velocity = axis("setpoint_position"), axis("setpoint_velocity")
-        self.actuator_setpoint_effort = axis("setpoint_effort")
         self.at_limit = axis("at_limit")
         self.power_wanted, self.powered, self.amps_on = flag("power_wanted"), flag("powered"), flag("amps_on")
         self.biased, self.biasing, self.bias_generation = flag("biased"), flag("biasing"), flag("bias_generation")
@@ -44,38 +45,24 @@ class Readings:
         self.limits_enforced, self.tracking_check = flag("limits_enforced"), flag("tracking_check")
         self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
         self.fault = flag("fault")
-        self.position, self.velocity, self.effort = np.zeros(AXES), np.zeros(AXES), np.zeros(AXES)
-        self.setpoint, self.setpoint_velocity = np.zeros(AXES), np.zeros(AXES)
-        self.setpoint_effort = np.zeros(AXES)
+        # (2, 3, 7): position, velocity, effort, measured and then as set-point
+        self._actuator = stacked([axis(name) for name in ROWS]).reshape(2, 3, AXES)
+        self.rows = np.zeros((6, AXES))
+        self.position, self.velocity, self.effort = self.rows[:3]
+        self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
+        joint = self.rows.reshape(2, 3, AXES)
+        self._motions, self._joint_motions = self._actuator[:, :2], joint[:, :2]
+        self._efforts, self._joint_efforts = self._actuator[:, 2], joint[:, 2]
+        self.has_power = self.valid = False
 
     def update(self, now_ns: int, stamp_ns: int, epoch: int, joints: Joints) -> None:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
         self.fresh = stamp_ns > 0 and now_ns - stamp_ns <= SILENT_NS
-        coupling = joints.coupling
-        if coupling.is_identity:
-            self.position[...] = self.actuator_position
-            self.velocity[...] = self.actuator_velocity
-            self.effort[...] = self.actuator_effort
-            self.setpoint[...] = self.actuator_setpoint
-            self.setpoint_velocity[...] = self.actuator_setpoint_velocity
-            self.setpoint_effort[...] = self.actuator_setpoint_effort
-            return
-        coupling.joint_position(self.actuator_position, self.position)
-        coupling.joint_position(self.actuator_velocity, self.velocity)
-        coupling.joint_effort(self.actuator_effort, self.effort)
-        coupling.joint_position(self.actuator_setpoint, self.setpoint)
-        coupling.joint_position(self.actuator_setpoint_velocity, self.setpoint_velocity)
-        coupling.joint_effort(self.actuator_setpoint_effort, self.setpoint_effort)
-
-    @property
-    def has_power(self) -> bool:
-        """Supply, relay and watchdog are good and every amplifier is on."""
-        return bool(self.powered.item() and self.amps_on.item())
-
-    @property
-    def valid(self) -> bool:
-        """Joint values mean something: fresh, powered, biased."""
-        return bool(
+        self.has_power = bool(self.powered.item() and self.amps_on.item())
+        self.valid = bool(
             self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= SILENT_NS
         )
+        # row vectors: (A · x)ᵀ = xᵀ · Aᵀ, and the effort map is A⁻ᵀ, whose transpose is A⁻¹
+        np.matmul(self._motions, joints.coupling.actuator_to_joint.T, out=self._joint_motions)
+        np.matmul(self._efforts, joints.coupling.joint_to_actuator, out=self._joint_efforts)

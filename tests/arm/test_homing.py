@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procs.arm.stack import stacked
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 
 
@@ -159,3 +160,10 @@ def test_joint_values_are_zero_and_invalid_before_the_bias() -> None:
     rig = Rig()
     rig.reach("ENABLED")
     assert not rig.state["valid"] and not rig.state["position"].any()
+
+
+def test_fields_that_do_not_lie_evenly_are_refused() -> None:
+    buffer = np.zeros(40)
+    assert stacked([buffer[0:7], buffer[9:16], buffer[18:25]]).shape == (3, 7)
+    with pytest.raises(ValueError, match="side by side"):
+        stacked([buffer[0:7], buffer[9:16], buffer[20:27]])
