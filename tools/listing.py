@@ -39,7 +39,7 @@ def list_topics(
                 for f in entry.fields:
                     print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
     else:
-        rows = [(e.name, e.kind, number(e.rate_hz, "g") if e.rate_hz else "events", _names(e)) for e in entries]
+        rows = [(e.name, e.kind, number(e.rate_hz or None, "g"), _names(e)) for e in entries]
         table("", ("topic", "kind", "Hz", "fields"), rows, right=("Hz",))
 
 

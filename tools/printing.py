@@ -51,7 +51,7 @@ def made_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(title=title or None, box=SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    made = Table(title=title or None, box=SIMPLE_HEAD, title_justify="left", pad_edge=False, collapse_padding=True)
     for column in columns:
         made.add_column(column, justify="right" if column in right else "left", no_wrap=column in right)
     for row in rows:

@@ -6,7 +6,7 @@ import dataclasses
 
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
-from tools.processes import COLUMNS, RIGHT, cells, lives
+from tools.processes import COLUMNS, RIGHT, cells, lives, remarks
 from tools.systems import chosen_system
 
 
@@ -21,4 +21,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         emit({"system": name, "processes": [dataclasses.asdict(life) for life in found]})
     else:
         table(f"system {name}", COLUMNS, [cells(life) for life in found], RIGHT)
+        for life in found:
+            if remarks(life):
+                print(f" {life.name}: {remarks(life)}")
     return 1 if any(life.trouble for life in found) else 0

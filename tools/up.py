@@ -10,13 +10,15 @@ from typing import Annotated
 import typer
 
 from tools.errors import Misuse, Problem
+from tools.logs import tail
 from tools.options import JsonOption
-from tools.printing import emit, progress
+from tools.printing import emit, note, progress
 from tools.supervising import Background, Request, environment
 from tools.systems import ROOT, is_up
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 NAME = "trocar"
+NOTES = 30
 
 
 def up(
@@ -50,6 +52,7 @@ def up(
         except BaseException:
             background.stop(say)
             raise
+    note(tail(background.log, NOTES))
     if as_json:
         emit({"system": system, "pid": background.popen.pid, "log": str(background.log)})
     else:
