@@ -378,9 +378,12 @@ class Firmware:
     # -- time and the world --------------------------------------------------------------------------------------------
 
     def step(self, tick: int) -> None:
-        """A physics step ends and the next one begins at `tick`: edges, what happens by itself, the current check."""
+        """A physics step ends at `tick`: edges up to there, and what has happened by itself."""
         self.now = max(self.now, tick)
         self.encoders.observe(tick)
         self.power.until(tick)
+
+    def check_currents(self, tick: int) -> None:
+        """Currents and commands as they are hold from `tick` on: compare them."""
         measured = self.lines.adc.astype(np.int64) & 0xFFFF
         self.power.check_currents(tick, self.lines.dac.astype(np.int64), measured, self.unchecked)

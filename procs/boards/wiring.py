@@ -1,0 +1,113 @@
+"""Which robot hangs on which board, and the world's side of the host's conversions.
+
+The host turns bits into SI values with the numbers of the site's files; here the same numbers turn SI values into the
+bits that the host must see. Boards are rows: bus after bus, ascending board id within a bus; an actuator's slot is
+4 · row + axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.lines import INPUTS_OPEN
+from procs.lib.document import Actuator, Emulation, Linear, System
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A digital input: its board's row, its bit, and the level it has when pressed."""
+
+    row: int
+    bit: int
+    pressed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Inverse:
+    """x = scale · y + offset, the way back through a Linear; scale 0 where the file has none."""
+
+    scale: Floats
+    offset: Floats
+
+    @classmethod
+    def of(cls, forward: list[Linear]) -> Inverse:
+        """The way back through each; axes without a conversion stay 0."""
+        scale = np.array([1.0 / f.scale if f.scale else 0.0 for f in forward])
+        return cls(scale, np.array([-f.offset / f.scale if f.scale else 0.0 for f in forward]))
+
+    def apply(self, y: Floats, out: Floats) -> Floats:
+        """x for y."""
+        np.multiply(y, self.scale, out=out)
+        out += self.offset
+        return out
+
+
+def rows_of(emulation: Emulation) -> dict[tuple[str, int], int]:
+    """Row of (io, board id)."""
+    rows: dict[tuple[str, int], int] = {}
+    for bus in emulation.buses:
+        for board in sorted(c.board_id for c in bus.controllers):
+            rows[bus.io, board] = len(rows)
+    return rows
+
+
+class Wiring:
+    """Arrays over all actuators, document order: every io, every robot, every actuator."""
+
+    def __init__(self, system: System, emulation: Emulation) -> None:
+        """ValueError when a robot or an input names a board that its bus does not have."""
+        self.rows = rows_of(emulation)
+        actuators: list[Actuator] = []
+        slots: list[int] = []
+        self.robots: dict[str, slice] = {}
+        for io in system.ios:
+            for robot in io.robots:
+                self.robots[robot.name] = slice(len(slots), len(slots) + len(robot.actuators))
+                actuators += robot.actuators
+                slots += [4 * self._row(io.name, a.board_id, robot.name) + a.axis_id for a in robot.actuators]
+        self.slots: Ints = np.array(slots, dtype=np.intp)
+        none = Linear()
+        pots = [(a.potentiometer.bits_to_voltage, a.potentiometer.voltage_to_position) if a.potentiometer
+                else (none, none) for a in actuators]
+        self.counts = Inverse.of([a.encoder.bits_to_position if a.encoder else none for a in actuators])
+        self.pot_volts = Inverse.of([position for _, position in pots])
+        self.pot_bits = Inverse.of([volts for volts, _ in pots])
+        self.amps = Inverse.of([a.current_to_bits for a in actuators])
+        self.measured = Inverse.of([a.bits_to_current for a in actuators])
+        self.inputs = {i.name: Input(self._row(io.name, i.board_id, i.name), i.bit_id, i.pressed_value)
+                       for io in system.ios for i in io.digital_inputs}
+        # where the topic's boards (document order) lie among the rows
+        self.topic_rows = np.array([self.rows[bus.io, c.board_id] for bus in emulation.buses for c in bus.controllers],
+                                   dtype=np.intp)
+
+    def _row(self, io: str, board: int, who: str) -> int:
+        row = self.rows.get((io, board))
+        if row is None:
+            known = ", ".join(str(b) for name, b in self.rows if name == io)
+            raise ValueError(f"{who}: board {board} is not on the emulated bus of {io}; it has {known or 'none'}")
+        return row
+
+    def released(self) -> npt.NDArray[np.uint32]:
+        """Digital inputs (rows,) with nothing pressed: what is named has its released level, the rest is open."""
+        levels = np.full(len(self.rows), INPUTS_OPEN, dtype=np.uint32)
+        for button in self.inputs.values():
+            if button.pressed:
+                levels[button.row] &= np.uint32(~(1 << button.bit) & 0xFFFFFFFF)
+        return levels
+
+    def boards_of(self, robot: str) -> list[int]:
+        """Rows of the boards a robot hangs on."""
+        return sorted({int(slot) // 4 for slot in self.slots[self.robots[robot]]})
+
+
+def bits(values: Floats) -> Floats:
+    """Round to whole bits of a 16-bit converter, in place."""
+    np.rint(values, out=values)
+    np.maximum(values, 0.0, out=values)
+    return np.minimum(values, 0xFFFF, out=values)

@@ -1,0 +1,264 @@
+"""Two buses with robots on a fake world: the host's own conversions get the world's values back."""
+
+from __future__ import annotations
+
+import math
+import socket
+
+import numpy as np
+import pytest
+
+from procs.boards.emulation import MOST_STEPS, Emulation, ns_of, ticks_of
+from procs.boards.endpoints import Endpoints
+from procs.boards.wiring import Wiring
+from procs.lib import blocks, wire
+from procs.lib import registers as reg
+from procs.lib.document import (
+    Actuator,
+    Bus,
+    Controller,
+    DigitalInput,
+    Encoder,
+    Io,
+    Linear,
+    Potentiometer,
+    Robot,
+    System,
+)
+from procs.lib.document import Emulation as EmulationRow
+
+MS = 1_000_000
+START = 77_000_000_123
+
+
+class Rails:
+    """Every actuator runs at a speed of its own; currents are only noted."""
+
+    def __init__(self, axes: int) -> None:
+        self.position = np.linspace(-0.3, 0.4, axes)
+        self.velocity = np.zeros(axes)
+        self.pot_position = self.position.copy()
+        self.acceleration = np.zeros(axes)
+        self.currents: list[np.ndarray] = []
+
+    def step_current(self, current: np.ndarray) -> None:
+        self.currents.append(current.copy())
+        self.velocity += self.acceleration * 1e-3
+        self.position += self.velocity * 1e-3
+        self.pot_position[:] = self.position
+
+
+def _actuator(board: int, axis: int, sign: float) -> Actuator:
+    return Actuator(
+        board, axis, "REVOLUTE", 10.0, Linear(sign * 5242.88, 32768.0 + 10 * axis),
+        Linear(sign / 5242.88, -sign * 6.25), 1.0, Encoder(Linear(sign * 2.1e-5, 0.01), -1.0, 1.0, "FIRMWARE"),
+        Potentiometer(Linear(6.866455e-5, 0.0), Linear(sign * 0.5, -sign * 1.1)))
+
+
+def _io(name: str, robot: str, actuators: tuple[Actuator, ...], *inputs: DigitalInput) -> Io:
+    return Io(name, "udp:127.1.2.16", "broadcast-query-read-write", 1 / 1500, 0.03, False,
+              (Robot(robot, "1", "QLA1", actuators),), (), inputs)
+
+
+def _system(noise: float = 0.0, address: str = "127.91.7.16") -> System:
+    clutch = DigitalInput("clutch", 9, 4, True, True, True)
+    limit = DigitalInput("limit", 3, 0, False, True, True)
+    ios = (_io("IO1", "PSM1", tuple(_actuator(b, k, s) for b, k, s in
+                                    ((9, 0, 1), (9, 1, -1), (9, 3, 1), (3, 0, -1), (3, 2, 1))), clutch, limit),
+           _io("IO2", "ECM", tuple(_actuator(9, k, 1.0) for k in range(2))))
+    buses = (Bus("IO1", address, (Controller(9), Controller(3))), Bus("IO2", "127.91.7.32", (Controller(9),)))
+    return System("t", "", "lockstep", ios, (), EmulationRow(1e-3, buses, pot_noise_v=noise), ())
+
+
+def _block(world: Emulation, bus: int, node: int, now: int) -> np.ndarray:
+    reply = world.answer(bus, wire.block_read(node, 0, 128, 1, 1), now)
+    response = wire.decode_response(reply or b"")
+    assert isinstance(response, wire.Response)
+    return np.frombuffer(response.data, ">u4").astype(np.int64)
+
+
+def _write(world: Emulation, bus: int, node: int, address: int, value: int, now: int) -> None:
+    assert world.answer(bus, wire.quadlet_write(node, address, value, 1, 1), now) is None
+
+
+def test_ticks_and_nanoseconds_give_each_other_back() -> None:
+    assert ticks_of(10**9) == reg.CLOCK_HZ
+    assert all(ticks_of(ns_of(tick)) == tick for tick in (0, 1, 767, 49152, 10**12 + 7))
+
+
+def test_host_conversions_recover_the_positions() -> None:
+    system, rails = _system(), Rails(7)
+    world = Emulation(system, rails, START)
+    actuator = system.ios[0].robots[0].actuators[1]  # board 9 (node 0), axis 1, negative scales
+    assert actuator.encoder is not None and actuator.potentiometer is not None
+    pot = actuator.potentiometer
+    block = _block(world, 0, 0, START + 1000)
+    volts = (block[blocks.ADC][1] >> 16) * pot.bits_to_voltage.scale
+    position = volts * pot.voltage_to_position.scale + pot.voltage_to_position.offset
+    assert position == pytest.approx(rails.position[1], abs=4e-5)
+    assert block[blocks.POSITION][1] & reg.ENCODER_MASK == reg.ENCODER_ZERO
+    scale = actuator.encoder.bits_to_position
+    counts = math.floor((rails.position[1] - scale.offset) / scale.scale)
+    _write(world, 0, 0, reg.axis_register(1, reg.ENCODER_PRELOAD), counts + reg.ENCODER_ZERO, START + 2000)
+    rails.velocity[:] = 0.5
+    at = START
+    for k in range(40):
+        at = START + k * MS
+        world.advance(at)
+    block = _block(world, 0, 0, at + MS // 2)
+    counts = (int(block[blocks.POSITION][1]) & reg.ENCODER_MASK) - reg.ENCODER_ZERO
+    expected = world.position[1] + 0.5 * 0.5e-3
+    assert counts * scale.scale + scale.offset == pytest.approx(expected, abs=abs(scale.scale))
+    period = int(block[blocks.PERIOD][1])
+    sign = 1.0 if period & reg.VELOCITY_DIRECTION else -1.0
+    speed = sign * 4.0 / ((period & reg.VELOCITY_TICKS_MASK) * reg.TICK_S) * scale.scale
+    assert speed == pytest.approx(0.5, rel=0.01)
+
+
+def test_commanded_current_flows_only_through_amplifiers_that_are_on() -> None:
+    rails = Rails(7)
+    world = Emulation(_system(), rails, START)
+    now = START
+    _write(world, 0, 1, reg.WATCHDOG, 0, now)
+    _write(world, 0, 1, reg.axis_register(2, reg.DAC), 0x8000_0000 | round(0.2 * 5242.88 + 32788), now)
+    _write(world, 0, 1, reg.STATUS, 0x000C0F0F, now)
+    world.advance(now + 59 * MS)
+    assert not rails.currents[-1].any()
+    world.advance(now + 65 * MS)
+    assert rails.currents[-1] == pytest.approx([0, 0, 0, rails.currents[-1][3], 0.2, 0, 0], abs=2e-4)
+    block = _block(world, 0, 1, now + 66 * MS)
+    assert (block[blocks.ADC][2] & 0xFFFF) / 5242.88 - 6.25 == pytest.approx(0.2, abs=2e-4)
+    world.advance(now + 66 * MS)
+    _write(world, 0, 1, reg.STATUS, reg.CONTROL_AMPS_OFF, now + 66 * MS)
+    world.advance(now + 68 * MS)
+    assert not rails.currents[-1].any()
+
+
+def test_watchdog_expires_by_arrival_times_whenever_polled() -> None:
+    cut = []
+    for stride in (1, 5, 90):
+        world = Emulation(_system(), Rails(7), START)
+        _write(world, 0, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
+        for k in range(1, 20):
+            _write(world, 0, wire.BROADCAST, reg.DIGITAL_OUTPUT, 0, START + k * 4 * MS)
+        for k in range(0, 200, stride):
+            world.advance(START + (76 + k) * MS)
+        power = world.buses[0].power
+        cut.append((int(power.watchdog_tick[0]), int(power.cut_tick[0])))
+    assert len(set(cut)) == 1
+    assert cut[0][0] == cut[0][1] == ticks_of(76 * MS) + 0x1680 * 256 + 1
+
+
+def test_buttons_have_their_released_level_until_pressed() -> None:
+    world = Emulation(_system(), Rails(7), START)
+
+    def level(node: int, bit: int) -> int:
+        return int(_block(world, 0, node, START + 1)[blocks.DIGITAL_INPUT]) >> bit & 1
+
+    assert (level(0, 4), level(1, 0), level(0, 5)) == (0, 1, 1)
+    world.press("clutch", True)
+    world.press("limit", True)
+    assert (level(0, 4), level(1, 0)) == (1, 0)
+    world.press("clutch", False)
+    assert level(0, 4) == 0
+    with pytest.raises(KeyError, match="clutch, limit"):
+        world.press("camera", True)
+
+
+def test_faults_reach_the_robot_they_are_meant_for() -> None:
+    world = Emulation(_system(), Rails(7), START)
+    _write(world, 0, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
+    _write(world, 1, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
+    for bus in (0, 1):
+        for node in (0, 1)[: 2 - bus]:
+            _write(world, bus, node, reg.WATCHDOG, 0, START + 600)
+    world.advance(START + 70 * MS)
+    now = START + 70 * MS + 1
+    world.fail_amplifier("PSM1", 4, True)  # board 3, axis 2
+    assert _block(world, 0, 1, now)[blocks.STATUS] & 0xF00 == 0xB00
+    world.lose_supply("PSM1", True)
+    assert [int(_block(world, 0, node, now)[blocks.STATUS]) & 0x8F00 for node in (0, 1)] == [0x8000, 0x8000]
+    assert _block(world, 1, 0, now)[blocks.STATUS] & 0x8F00 == 0x0F00
+    before = int(_block(world, 1, 0, now)[blocks.POSITION][1])
+    world.jump_encoder("ECM", 1, 250)
+    assert int(_block(world, 1, 0, now)[blocks.POSITION][1]) - before == 250
+    with pytest.raises(KeyError, match="allowed: 0 to 1"):
+        world.jump_encoder("ECM", 2, 1)
+
+
+def test_lost_replies_are_executed_and_not_sent() -> None:
+    world = Emulation(_system(), Rails(7), START)
+    world.lose = 2
+    answers = [world.answer(0, wire.quadlet_read(0, 0, 1, 1), START + k) for k in range(3)]
+    assert [answer is None for answer in answers] == [True, True, False]
+
+
+def test_after_a_long_stop_the_robots_have_stood_still() -> None:
+    rails = Rails(7)
+    world = Emulation(_system(), rails, START)
+    rails.velocity[:] = 0.1
+    world.advance(START + 10 * MS)
+    steps = len(rails.currents)
+    world.advance(START + 5000 * MS)
+    assert len(rails.currents) - steps == MOST_STEPS + 1
+    assert world.skipped_steps == 4990 - MOST_STEPS - 1
+    assert START + 4999 * MS <= world.board_ns <= START + 5000 * MS
+
+
+def test_potentiometer_noise_follows_the_seed() -> None:
+    words = []
+    for _ in range(2):
+        world = Emulation(_system(noise=0.01), Rails(7), START)
+        world.advance(START + 5 * MS)
+        words.append(_block(world, 0, 0, START + 5 * MS)[blocks.ADC].tolist())
+    quiet = Emulation(_system(), Rails(7), START)
+    quiet.advance(START + 5 * MS)
+    assert words[0] == words[1] != _block(quiet, 0, 0, START + 5 * MS)[blocks.ADC].tolist()
+
+
+def test_robots_on_boards_that_are_not_there_are_refused() -> None:
+    system = _system()
+    assert system.emulation is not None
+    with pytest.raises(ValueError, match="PSM1: board 3 is not on the emulated bus of IO1; it has 9"):
+        Wiring(system, EmulationRow(1e-3, (Bus("IO1", "127.0.0.1", (Controller(9),)),)))
+
+
+def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
+    import time
+
+    stamps: list[int] = []
+
+    def answer(bus: int, data: wire.Buffer, receive_ns: int) -> wire.Buffer | None:
+        stamps.append(receive_ns)
+        return bytes([bus]) + bytes(data)
+
+    buses = (Bus("a", "127.91.8.16", (Controller(0),)), Bus("b", "127.91.8.32", (Controller(0),)))
+    endpoints = Endpoints(buses, answer, time.monotonic_ns, simulated=False)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.settimeout(5.0)
+        try:
+            before = time.monotonic_ns()
+            host.sendto(b"first", ("127.91.8.32", wire.UDP_PORT))
+            host.sendto(b"second", ("127.91.8.16", wire.UDP_PORT))
+            sent = time.monotonic_ns()
+            while len(stamps) < 2:
+                endpoints.serve(10 * MS)
+            assert [host.recv(100), host.recv(100)] == [b"\x01first", b"\x00second"]
+            slack = 200_000  # the offset between the two clocks is read, not known
+            assert before - slack <= stamps[0] <= stamps[1] <= sent + slack
+            with pytest.raises(OSError, match=r"127\.91\.8\.16"):
+                Endpoints(buses, answer, time.monotonic_ns, simulated=False)
+        finally:
+            endpoints.close()
+
+
+def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
+    stamps: list[int] = []
+    endpoints = Endpoints((Bus("a", "127.91.9.16", (Controller(0),)),),
+                          lambda bus, data, at: stamps.append(at), lambda: 4711, simulated=True)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.sendto(b"x", ("127.91.9.16", wire.UDP_PORT))
+        while not stamps:
+            endpoints.serve(10 * MS)
+        endpoints.close()
+    assert stamps == [4711]
