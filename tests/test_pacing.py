@@ -1,0 +1,136 @@
+"""Pacing on absolute deadlines, on a clock of numbers and a control page of arrays."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.pacing import GAIN, INTERVAL_NS, ROOM, Pacing
+
+PERIOD = 1_000_000
+
+
+class Page:
+    """Stands in for a control page."""
+
+    def __init__(self) -> None:
+        self.cells: dict[str, Any] = {}
+
+    def field(self, name: str) -> Any:
+        return self.cells.setdefault(name, np.zeros(()))
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.cells[name])
+
+
+@pytest.fixture
+def page() -> Page:
+    return Page()
+
+
+def loop(pacing: Pacing, now: int, work: list[int]) -> list[int]:
+    """Run one cycle per entry of `work` (ns) on a perfect clock; returns when each cycle began."""
+    begun = []
+    for spent in work:
+        now = max(now, pacing.end_of_work(now))
+        begun.append(now)
+        pacing.begin_work(now)
+        now += spent
+    pacing.end_of_work(now)
+    return begun
+
+
+def test_deadlines_lie_on_a_grid(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]  # a stand-in
+    pacing.begin(5_000, False)
+    assert loop(pacing, 5_000, [300, 500_000, 10] * 3) == [5_000 + k * PERIOD for k in range(1, 10)]
+    assert (page["missed"], page["overruns"], page["cycles"], page["period_ns"]) == (0, 0, 9, PERIOD)
+
+
+def test_a_late_cycle_does_not_shift_the_grid(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    begun = loop(pacing, 0, [100, PERIOD + 200_000, 100, 100])
+    assert begun == [PERIOD, 2 * PERIOD, 3 * PERIOD + 200_000, 4 * PERIOD]
+    assert (page["missed"], page["overruns"]) == (1, 1)
+
+
+def test_deadlines_that_passed_are_skipped_and_counted(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    begun = loop(pacing, 0, [5 * PERIOD + 1, 0, 0])
+    assert begun == [PERIOD, 6 * PERIOD + 1, 7 * PERIOD]
+    assert (page["missed"], page["overruns"]) == (5, 1)
+
+
+def test_work_of_exactly_one_period_misses_nothing(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    loop(pacing, 0, [PERIOD] * 5)
+    assert (page["missed"], page["overruns"]) == (0, 0)
+
+
+@given(st.lists(st.integers(0, 4 * PERIOD), max_size=50), st.integers(0, 10**15))
+def test_every_deadline_is_met_or_counted(work: list[int], start: int) -> None:
+    page = Page()
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(start, False)
+    begun = loop(pacing, start, work)
+    assert all(b > a for a, b in pairwise(begun))
+    on_time = sum((b - start) % PERIOD == 0 for b in begun)
+    assert not work or on_time + page.cells["missed"] >= (begun[-1] - start) // PERIOD
+
+
+@pytest.mark.parametrize("now", [0, 1, 333_333, 999_999, PERIOD, 10**12])
+@pytest.mark.parametrize("phase", [0, 500_000])
+def test_lock_step_cycles_lie_on_their_phase(page: Page, now: int, phase: int) -> None:
+    pacing = Pacing(page, PERIOD, phase)  # type: ignore[arg-type]
+    pacing.begin(now, True)
+    begun = loop(pacing, now, [0] * 3)
+    assert [b % PERIOD for b in begun] == [phase] * 3
+    assert 0 < begun[0] - now <= PERIOD and page["heartbeat_ns"] == begun[-1]
+
+
+@pytest.mark.parametrize("away", [-400_000, -1000, 1000, 499_000])
+def test_follow_pulls_the_grid_gently(page: Page, away: int) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    now, begun = 0, [0]
+    for _ in range(200):
+        pacing.follow(now - now % PERIOD + away)
+        now = max(now, pacing.end_of_work(now))
+        pacing.begin_work(now)
+        begun.append(now)
+    assert abs((begun[-1] - away + PERIOD // 2) % PERIOD - PERIOD // 2) < 100
+    steps = np.diff(begun)
+    assert np.all(np.abs(steps - PERIOD) <= GAIN * PERIOD / 2 + 1)
+    assert page["missed"] == 0
+
+
+def test_figures_are_of_the_last_second(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    loop(pacing, 0, [100_000] * 999 + [300_000] * 10)
+    assert page["interval_cycles"] == INTERVAL_NS // PERIOD
+    assert [page[f"period_{f}"] for f in ("avg", "min", "max", "p99")] == [pytest.approx(1e-3)] * 4
+    assert page["work_max"] == pytest.approx(1e-4) and page["period_std"] == pytest.approx(0, abs=1e-12)
+
+
+def test_more_cycles_than_there_is_room_are_counted_not_kept(page: Page) -> None:
+    pacing = Pacing(page, 10_000, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    loop(pacing, 0, [10] * (INTERVAL_NS // 10_000 + 1))
+    assert page["interval_cycles"] == ROOM and page["cycles"] == INTERVAL_NS // 10_000 + 1
+
+
+def test_a_clock_that_jumps_far_costs_one_step(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    pacing.begin_work(PERIOD)
+    assert pacing.end_of_work(10**18) <= 10**18
+    assert page["missed"] == pytest.approx(10**12, rel=1e-6)
