@@ -85,6 +85,10 @@ class Switch:
         self._next_ns = now_ns + RETRY_NS
         return self._on if self.wanted else self._off
 
+    def sent(self, now_ns: int) -> None:
+        """It was asked for in another way."""
+        self._next_ns = now_ns + RETRY_NS
+
     def refused(self, now_ns: int, reason: str) -> bool:
         """io said no; True when this is news."""
         news = reason != self.refusal
@@ -120,9 +124,10 @@ class Duties:
         """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
         self.no_fault.want(False if wish else None)
 
-    def power_again(self) -> None:
-        """Ask for power once more although io shows that it is wanted: the first try has failed."""
+    def power_again(self, now_ns: int) -> None:
+        """Ask for power once more, whatever io shows to be wanted: the first try has failed."""
         self._again = True
+        self.power.sent(now_ns)  # not as a switch: that would be before the fault is cleared
 
     def bias(self, samples: float) -> None:
         """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do."""

@@ -9,11 +9,12 @@ from procs.arm.joints import AXES
 from procs.arm.psm import PsmArm
 from procs.arm.readings import Readings
 from procs.lib.document import Arm, Io
+from procs.lib.faults import fault_of
 from shm.mailbox import Client, MailboxFull, Reply
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
-EVENTS_LOOKED_AT = 64
+RECENT_NS = 200_000_000
 
 
 class IoMailbox:
@@ -35,15 +36,20 @@ class IoMailbox:
         return self._client.poll()
 
 
-def fault_text(events: RingReader, robot: str) -> Callable[[int], str]:
-    """What io said last about a fault of `robot`, in its own words."""
+def fault_text(io: RingReader, events: RingReader, robot: str) -> Callable[[int], str]:
+    """What io has just said about a fault of `robot`, in its own words, else the words of the fault table.
 
-    def text(code: int) -> str:
-        for row in events.last(EVENTS_LOOKED_AT)[::-1]:
-            if row["event"] == b"error" and row["component"] in (robot.encode(), b""):
-                words = row["text"].decode(errors="replace").removeprefix(f"{robot}: ")
-                return f"{words} (fault {code})"
-        return f"io reports fault {code}"
+    io's events come after its record, so that they are not always there yet; `io` reads the record.
+    """
+
+    def text(number: int) -> str:
+        fault = fault_of(number)
+        if fault is None:
+            return f"io reports fault {number}"
+        for row in events.since(io.stamp_ns - RECENT_NS)[::-1]:
+            if row["code"] == fault.code.encode() and row["component"] in (robot.encode(), b""):
+                return str(row["text"].decode(errors="replace")).removeprefix(f"{robot}: ")
+        return fault.text
 
     return text
 
@@ -68,9 +74,9 @@ def main() -> None:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available in this version; PSM is")
         io, setpoint, state = me.reads(arm.io, "state"), me.writes("setpoint"), me.writes("state")
         readings = Readings(io.field, *place_in(me.document.io(arm.io), arm))
-        events = fault_text(me.reads(arm.io, "events"), arm.robot)
+        faults = fault_text(io, me.reads(arm.io, "events"), arm.robot)
         orders = IoMailbox(me.commands(arm.io))
-        psm = PsmArm(arm, readings, orders, state.field, setpoint.field, me.events, events)
+        psm = PsmArm(arm, readings, orders, state.field, setpoint.field, me.events, faults)
         mailbox = me.mailbox()
         written = io.field("write_ns")
         me.ready()

@@ -23,6 +23,7 @@ from procs.arm.supervision import UNWATCHED, trouble
 from procs.arm.takeover import beginning, predecessor
 from procs.lib.arm_limits import LIMITS
 from procs.lib.document import Arm
+from procs.lib.faults import POWER_TIMEOUT
 
 Array = NDArray[np.float64]
 
@@ -255,13 +256,19 @@ class PsmArm:
     def _run_powering(self) -> None:
         if self._duties.power.settled and self._io.has_power:
             self._machine.fire(Event.POWERED)
-        elif self._now_ns >= self._deadline_ns:
+            return
+        duties = self._duties
+        gave_up = self._io.problem == POWER_TIMEOUT.number and duties.no_fault.wanted is None
+        if self._now_ns >= self._deadline_ns or gave_up:
             if self._tries >= POWER_TRIES:
                 self._machine.fault("power-timeout", f"failed to enable power {self._why()}".rstrip())
                 return
             self._tries += 1
-            self._duties.power_again()
+            duties.want_no_fault(True)
+            duties.power_again(self._now_ns)
             self._deadline_ns = self._now_ns + POWER_NS
+        elif duties.no_fault.settled:
+            duties.want_no_fault(False)
 
     def _enter_enabled(self) -> None:
         self._drives = False
@@ -347,6 +354,7 @@ class PsmArm:
         duties.velocity.want(self._arm.use_setpoint_v)
 
     def _run_homed(self) -> None:
+        self._duties.want_no_fault(self._io.problem == 0)  # that we were missed is over
         self._duties.tracking.want(self._motion.mode is not Mode.EFFORT)
         limited = self._io.at_limit.tobytes()
         if limited != self._limited:

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from procs.arm.joints import AXES, Joints
 from procs.arm.stack import stacked
+from procs.lib.faults import ARM_LOST, ERROR, FAULTS
 
 Fields = Callable[[str], NDArray[Any]]
 
 ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
+HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
 SILENT_NS = 30_000_000  # io writes 1500 records a second; none for this long means that it is gone
 
 
@@ -21,7 +23,8 @@ class Readings:
     """Views on one robot in io's record, resolved once; `update` converts to joint space into (7,) arrays.
 
     `fresh`: io is alive; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`: joint
-    values mean something (fresh, powered, biased). `rows` (6, 7) has all of them in the order of ROWS.
+    values mean something (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0: none;
+    that io missed this very process is none once we are back. `rows` (6, 7): all joint values in the order of ROWS.
     """
 
     def __init__(self, field: Fields, robot: int, first_axis: int) -> None:
@@ -54,12 +57,15 @@ class Readings:
         self._motions, self._joint_motions = self._actuator[:, :2], joint[:, :2]
         self._efforts, self._joint_efforts = self._actuator[:, 2], joint[:, 2]
         self.has_power = self.valid = False
+        self.problem = 0
 
     def update(self, now_ns: int, stamp_ns: int, epoch: int, joints: Joints) -> None:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
         self.fresh = stamp_ns > 0 and now_ns - stamp_ns <= SILENT_NS
         self.has_power = bool(self.powered.item() and self.amps_on.item())
+        fault = int(self.fault.item())
+        self.problem = 0 if fault in HARMLESS else fault
         self.valid = bool(
             self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= SILENT_NS
         )

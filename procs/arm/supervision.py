@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from procs.arm.readings import Readings
 from procs.arm.states import State
+from procs.lib.faults import POWER_TIMEOUT
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 MUST_HAVE_POWER = frozenset(
@@ -27,8 +28,8 @@ def trouble(
         return "io-silent", "io does not answer"
     if io.epoch != epoch:
         return "io-restarted", "io was restarted"
-    if io.fault.item():
-        return "io-fault", fault_text(int(io.fault.item()))
+    if io.problem and not (state is State.POWERING and io.problem == POWER_TIMEOUT.number):  # there is a second try
+        return "io-fault", fault_text(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
         return "power-loss", "detected power loss (actuators)"
     if drives and not io.pid_enabled.item():

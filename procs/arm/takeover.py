@@ -73,7 +73,7 @@ class Beginning:
 
 def beginning(before: Predecessor | None, io: Readings) -> Beginning:
     """Where to begin, from the last record of a predecessor and the first fresh one of io."""
-    if io.has_power and not io.fault.item():
+    if io.has_power and not io.problem:
         if before is None or not _is_still_homed(before, io):
             return Beginning(State.ENABLED)  # powered, but nothing is known: the joint controller goes on as it is
         if before.sub_state == State.PAUSED:
@@ -81,7 +81,7 @@ def beginning(before: Predecessor | None, io: Readings) -> Beginning:
         return Beginning(State.HOMED)
     if before is None or before.sub_state == State.DISABLED:
         return Beginning(State.DISABLED)
-    if before.sub_state == State.POWERING and not io.fault.item():
+    if before.sub_state == State.POWERING and not io.problem:
         return Beginning(State.POWERING if io.power_wanted.item() else State.DISABLED)
     if before.sub_state == State.FAULT:
         return Beginning(State.FAULT, reason="there was a fault before the arm process was restarted")

@@ -156,6 +156,8 @@ class FakeIo:
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
             case "power_on":
+                if self.flag("fault"):
+                    return
                 self.flag("power_wanted", True)
                 self._power_left = self.power_cycles
             case "power_off":

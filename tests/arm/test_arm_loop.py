@@ -140,12 +140,12 @@ def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
 
 def test_arm_process_gives_the_words_of_io_for_a_fault(bench: Bench) -> None:
     homed(bench)
-    bench.events.error("pot", "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
-    bench.io.flag("fault", 6)
+    bench.events.error("POTENTIOMETER", "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
+    bench.io.flag("fault", 7)
     bench.io.flag("pid_enabled", False)
     bench.until(lambda: bench.text("state") == "FAULT", "FAULT")
     errors = [row["text"].decode() for row in bench.happened.last(50) if row["event"] == b"error"]
-    assert errors == ["PSM1: potentiometer 3 is off by 0.3 rad (fault 6)"]
+    assert errors == ["PSM1: potentiometer 3 is off by 0.3 rad"]
 
 
 def test_an_arm_of_another_type_says_that_it_cannot_be(world: Any) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from procs.arm.stack import stacked
+from procs.lib.faults import POWER_TIMEOUT
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 
 
@@ -103,6 +104,25 @@ def test_power_that_never_comes_is_a_fault_after_two_tries() -> None:
     assert request.outcomes == ["accepted", "failed"] and "failed to enable power" in request.replies[-1][1]
     rig.run(0.1)
     assert not rig.io.flag("power_wanted")
+
+
+@pytest.mark.parametrize("works", (False, True))
+def test_power_that_io_gives_up_is_tried_once_more(works: bool) -> None:
+    rig = Rig()
+    rig.io.never_powers = True
+    rig.run(0.1)
+    rig.state_command("enable")
+    rig.run(2.9)
+    rig.io.flag("fault", POWER_TIMEOUT.number)
+    rig.io.flag("power_wanted", False)
+    rig.io.never_powers = not works
+    rig.run(1.0)
+    assert rig.io.sent.count(("power_on", ())) == 2
+    assert rig.arm.state == ("ENABLED" if works else "POWERING")
+    if not works:
+        rig.io.flag("fault", POWER_TIMEOUT.number)
+        rig.step()
+        assert rig.arm.state == "FAULT"
 
 
 def test_bias_that_never_ends_is_a_fault_after_30_seconds() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procs.lib.faults import ARM_LOST
 from tests.arm.fake_io import PERIOD_NS, Rig, bare_arm
 
 ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)
@@ -33,6 +34,16 @@ def test_homed_arm_goes_on_without_a_jump_or_homing() -> None:
     assert rig.reports.of("operating_state")[-1] == ("operating_state", "ENABLED", "HOMED", True, False)
     move = rig.send("move_jp", ELSEWHERE)
     rig.until(lambda: "done" in move.outcomes)
+
+
+def test_an_arm_that_was_missed_for_long_goes_on_all_the_same() -> None:
+    rig = Rig().homed()
+    rig.io.flag("fault", ARM_LOST.number)
+    restart(rig)
+    held = rig.io.setpoint.copy()
+    rig.run(0.3)
+    assert rig.arm.state == "HOMED" and rig.io.flag("fault") == 0
+    assert np.allclose(rig.io.setpoint, held, atol=1e-12)
 
 
 def test_paused_arm_stays_paused_and_holds() -> None:
