@@ -107,18 +107,26 @@ class Link:
 
     def send(self, datagram: wire.Buffer) -> bool:
         """Send one datagram; False when the system refused it (nobody listens, no buffer, no route)."""
-        sock = self._socket
-        if sock is None:
-            raise self._closed()
         try:
-            if self._peer is None:
-                sock.send(datagram)
-            else:
-                sock.sendto(datagram, self._peer)
+            self._send(datagram)
+        except ConnectionRefusedError:
+            # Nobody listened to an earlier datagram; hearing of it cleared the error, and this one was not sent.
+            self.suspect = True
+            try:
+                self._send(datagram)
+            except OSError:
+                return False
         except OSError:
             return False
         self.send_ns = self.now_ns()
         return True
+
+    def _send(self, datagram: wire.Buffer) -> None:
+        sock = self._open_socket()
+        if self._peer is None:
+            sock.send(datagram)
+        else:
+            sock.sendto(datagram, self._peer)
 
     def receive(self, tl: int, timeout_ms: int) -> int:
         """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away."""

@@ -103,8 +103,8 @@ class QueryRead:
         self._expected = np.zeros((count, 2), np.uint32)
         self._expected[:, 1] = _statuses(rows.board_ids).byteswap()
         self._last_header_at = 4 * (DATA_AT + (count - 1) * stride)
-        self._least_wait_ns = QUERY_WAIT_NS * count if rows.query_wait_ns is None else rows.query_wait_ns
-        self._wait_ns = self._least_wait_ns
+        self._least_wait_ns = QUERY_WAIT_NS * count
+        self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
         self._made_for = (-1, -1)
         self._reads: list[bytes] = []
 
@@ -124,6 +124,7 @@ class QueryRead:
         tl = link.next_tl()
         if not link.send(self._control + query + wire.crc_bytes(query)):
             return self._blame_all()
+        self._expected[:, 0] = _swapped(self._rows.layout.header(sequence))
         if link.real_time:
             ready_ns = link.send_ns + self._wait_ns
             while now_ns() < ready_ns:
@@ -137,12 +138,12 @@ class QueryRead:
         if label & _TCODE_BITS != wire.BLOCK_RESPONSE << 4 or source >> 16 & 0x3F != hub_node or length != self._length:
             link.counters.stray += 1
             return self._blame_all()
-        self._expected[:, 0] = _swapped(self._rows.layout.header(sequence))
         np.bitwise_and(self._raw_heads, self._check, out=self._masked)
         if self._masked.tobytes() != self._expected.tobytes():
             return self._blame_some()
         self._target[...] = self._source
-        self._adapt_wait()
+        if self._rows.query_wait_ns is None:
+            self._adapt_wait()
         return True
 
     def _prepare(self, hub_node: int) -> None:
@@ -193,13 +194,13 @@ class SequentialRead:
     def read(self) -> bool:
         """Sample board after board."""
         rows = self._rows
-        rows.bad[...] = False
         if not self._bus.settled():
             rows.bad[...] = True
             self._link.counters.board_bad_reads += 1
             return False
         for row, board in enumerate(rows.board_ids):
             if not self._read_board(row, rows.nodes[board]):
+                rows.bad[...] = False
                 rows.bad[row] = True
                 self._link.counters.board_bad_reads[row] += 1
                 return False

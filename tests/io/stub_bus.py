@@ -55,13 +55,13 @@ class StubBoard:
 class StubBus:
     """A thread that answers for all boards. `fault(request, replies)` may change what is sent."""
 
-    def __init__(self, boards, *, generation=3, hub=0, address="", bind=""):
+    def __init__(self, boards, *, generation=3, hub=0, address="", bind="", port=0):
         self.boards = boards
         self.generation = generation
         self.hub = boards[hub]
         self.address = address or own_address()
         first = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        first.bind((bind or self.address, 0))
+        first.bind((bind or self.address, port))
         self.port = first.getsockname()[1]
         self.sockets = [first]
         if self.hub.firmware == 9 and self.hub.board:

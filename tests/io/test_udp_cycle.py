@@ -314,6 +314,21 @@ def test_a_hub_that_went_away_is_a_bad_read(protocol):
     port.close()
 
 
+def test_a_hub_that_came_back_hears_the_first_write():
+    with bus_of(1) as bus:
+        port = port_to(bus)
+        port.open()
+        port.discover()
+    for _ in range(3):
+        port.read_all()
+        port.write_all()
+    with bus_of(1, address=bus.address, port=bus.port) as again:
+        assert port.write_all()
+        settle(port)
+        assert len(again.boards[0].commands) == 1
+    port.close()
+
+
 def test_sixteen_boards_do_not_fit_a_hub_read():
     with bus_of(16) as bus:
         with port_to(bus) as port, pytest.raises(PortError, match="16 boards do not fit"):
