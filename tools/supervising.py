@@ -17,7 +17,7 @@ from tools.errors import Problem
 from tools.logs import tail
 from tools.printing import Say
 from tools.remote import Remote
-from tools.systems import ROOT, is_up
+from tools.systems import ROOT, clear, is_up
 
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
@@ -109,7 +109,10 @@ class Background:
                 pause(POLL_S)
             if self.popen.poll() is None:
                 last()
-        return self.popen.wait()
+        code = self.popen.wait()
+        if code < 0 and not is_up(self.system):  # it had no time to remove its memory
+            clear(self.system)
+        return code
 
 
 def stop_system(system: str, say: Say, timeout: float = STOP_S) -> None:
