@@ -1,4 +1,4 @@
-"""THE TABLE of faults: number, code, severity, what happened and what to do about it.
+"""THE TABLE of faults: number, code, severity, what io does, what happened and what a person can do about it.
 
 The number travels in `fault` of io's record (0: none), the code in events. Numbers are never reused.
 """
@@ -11,6 +11,10 @@ from typing import Final
 WARNING: Final = 2
 ERROR: Final = 3
 
+NOTHING: Final = 0
+STOP: Final = 1  # joint controller off, zero current
+POWER_OFF: Final = 2  # and amplifiers and motor power off
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -19,62 +23,65 @@ class Fault:
     number: int
     code: str
     severity: int
+    action: int  # NOTHING, STOP or POWER_OFF
     text: str
     hint: str
 
 
 BAD_READS: Final = Fault(
-    1, "BAD_READS", ERROR, "no good sample from the controllers within the watchdog time",
+    1, "BAD_READS", ERROR, POWER_OFF, "no good sample from the controllers within the watchdog time",
     "check the cable and the controllers' supply, then power on and home")
 READ_MISSED: Final = Fault(
-    2, "READ_MISSED", WARNING, "a read of the controllers failed; the last output is kept",
+    2, "READ_MISSED", WARNING, NOTHING, "a read of the controllers failed; the last output is kept",
     "once in a while is harmless; often means a bad cable or a busy computer")
 CURRENT: Final = Fault(
-    3, "CURRENT", ERROR, "measured motor current above its limit for more than 100 cycles",
+    3, "CURRENT", ERROR, POWER_OFF, "measured motor current above its limit for more than 100 cycles",
     "look for a blocked joint or a wrong current calibration")
 SAFETY_AMP_DISABLE: Final = Fault(
-    4, "SAFETY_AMP_DISABLE", ERROR, "the controller cut an amplifier: measured and requested current differ",
+    4, "SAFETY_AMP_DISABLE", ERROR, POWER_OFF, "the controller cut an amplifier: measured and requested current differ",
     "check the motor cable and the current calibration, then power on")
 TEMPERATURE: Final = Fault(
-    5, "TEMPERATURE", ERROR, "amplifier too hot", "let the controller cool down, check its fans and the load")
+    5, "TEMPERATURE", ERROR, POWER_OFF, "amplifier too hot",
+    "let the controller cool down, check its fans and the load")
 TEMPERATURE_HIGH: Final = Fault(
-    6, "TEMPERATURE_HIGH", WARNING, "amplifier getting hot", "lower the load or improve the cooling")
+    6, "TEMPERATURE_HIGH", WARNING, NOTHING, "amplifier getting hot", "lower the load or improve the cooling")
 POTENTIOMETER: Final = Fault(
-    7, "POTENTIOMETER", ERROR, "potentiometer and encoder disagree for longer than tolerated",
+    7, "POTENTIOMETER", ERROR, POWER_OFF, "potentiometer and encoder disagree for longer than tolerated",
     "home again; if it returns, check the potentiometer, its calibration and the tolerance in the IO file")
 ENCODER_OVERFLOW: Final = Fault(
-    8, "ENCODER_OVERFLOW", ERROR, "encoder counter overflow", "power on, bias and home again; check the encoder")
+    8, "ENCODER_OVERFLOW", ERROR, POWER_OFF, "encoder counter overflow",
+    "power on, bias and home again; check the encoder")
 POWER_LOST: Final = Fault(
-    9, "POWER_LOST", ERROR, "motor power went off unexpectedly",
+    9, "POWER_LOST", ERROR, POWER_OFF, "motor power went off unexpectedly",
     "check the emergency stop and the safety chain, then power on and home")
 POWER_TIMEOUT: Final = Fault(
-    10, "POWER_TIMEOUT", ERROR, "motor power did not come on in 3 s",
+    10, "POWER_TIMEOUT", ERROR, POWER_OFF, "motor power did not come on in 3 s",
     "check the emergency stop, the safety chain and the controllers' supply")
 POWER_FAULT: Final = Fault(
-    11, "POWER_FAULT", ERROR, "a controller reports a motor supply fault", "check the controllers' supply")
+    11, "POWER_FAULT", ERROR, POWER_OFF, "a controller reports a motor supply fault", "check the controllers' supply")
 WATCHDOG: Final = Fault(
-    12, "WATCHDOG", ERROR, "a controller's watchdog has cut the amplifiers",
+    12, "WATCHDOG", ERROR, POWER_OFF, "a controller's watchdog has cut the amplifiers",
     "power on and home; if it returns, see the missed deadlines in trocar status")
 AMPLIFIER: Final = Fault(
-    13, "AMPLIFIER", ERROR, "an amplifier is off although it should be on",
+    13, "AMPLIFIER", ERROR, POWER_OFF, "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail")
 TRACKING: Final = Fault(
-    14, "TRACKING", ERROR, "the joint controller cannot follow its set-point",
+    14, "TRACKING", ERROR, STOP, "the joint controller cannot follow its set-point",
     "look for a collision or a too fast command; the tolerance is in the PID file")
 NOT_FINITE: Final = Fault(
-    15, "NOT_FINITE", ERROR, "a set-point or a requested current was not a finite number",
+    15, "NOT_FINITE", ERROR, STOP, "a set-point or a requested current was not a finite number",
     "a program sent NaN or infinity; nothing of it reached the motors")
 ARM_LOST: Final = Fault(
-    16, "ARM_LOST", ERROR, "the arm's process has sent no set-points for too long; holding",
+    16, "ARM_LOST", ERROR, NOTHING, "the arm's process has sent no set-points for too long; holding",
     "see why the arm's process does not come back (trocar status); power off if in doubt")
 ARM_LOST_POWER_OFF: Final = Fault(
-    17, "ARM_LOST_POWER_OFF", ERROR, "the arm's process stayed away; power was switched off",
+    17, "ARM_LOST_POWER_OFF", ERROR, POWER_OFF, "the arm's process stayed away; power was switched off",
     "restart the arm, power on and home")
 BIAS_FAILED: Final = Fault(
-    18, "BIAS_FAILED", ERROR, "the encoders did not take their values from the potentiometers",
+    18, "BIAS_FAILED", ERROR, NOTHING, "the encoders did not take their values from the potentiometers",
     "try again; if it returns, look at the potentiometers' values")
 SHARED_BOARD: Final = Fault(
-    19, "SHARED_BOARD", ERROR, "another robot on the same controller had a fault; power was switched off",
+    19, "SHARED_BOARD", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
     "see the other robot's fault")
 
 FAULTS: Final = (
