@@ -1,0 +1,85 @@
+"""What goes to the boards: currents as DAC words, amplifier enables, power and relay control.
+
+Enables and power commands act once and are taken back after the write: repeated every cycle they would clear the
+boards' own fault latches as fast as those appear. Switching off has no such side effect and is repeated as long as
+nobody wants power, so that no lost packet leaves a motor on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.port import Port
+from procs.io.record import Flags, Floats, Record
+from procs.io.robots import Robots
+from procs.lib import blocks, conversion, registers
+
+ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
+DISABLE = registers.DAC_VALID | registers.DAC_AMP_MASK
+PLAIN = registers.DAC_VALID
+
+
+class Outputs:
+    """Fills `port.out` from efforts (n,)."""
+
+    def __init__(self, robots: Robots, port: Port, record: Record) -> None:
+        n = robots.axes
+        self._robots, self._record = robots, record
+        self._out = port.out.reshape(-1)
+        self._control = port.out[:, registers.AXES]
+        self._index = robots.board_row * blocks.WRITE_COLUMNS + robots.channel
+        self._encoder = conversion.CurrentEncoder(robots.dac_scale, robots.dac_offset)
+        self._flags: NDArray[np.int64] = np.full(n, DISABLE, dtype=np.int64)
+        self._words: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
+        self._most, self._least = robots.maximum_current, -robots.maximum_current
+        self._standing: NDArray[np.uint32] = np.full(len(robots.board_ids), registers.CONTROL_POWER_OFF, np.uint32)
+        self._once: NDArray[np.uint32] = self._standing.copy()
+        self._pulses = False
+
+    def command_power(self, boards: Flags, relay: bool) -> None:
+        """Motor power on, and the relay closed, with the next write."""
+        self._standing[boards] = 0
+        self._once[boards] = registers.CONTROL_POWER_ON | (registers.CONTROL_RELAY_ON if relay else 0)
+        self._pulses = True
+
+    def cut_power(self, boards: Flags, open_relays: bool) -> None:
+        """Motor power off with every write from now on; the relay opens once if asked."""
+        self._standing[boards] = registers.CONTROL_POWER_OFF
+        self._once[boards] = registers.CONTROL_POWER_OFF | (registers.CONTROL_RELAY_OFF if open_relays else 0)
+        self._pulses = True
+
+    def close_relays(self) -> None:
+        """Close the safety relays of all boards with the next write."""
+        self._once |= np.uint32(registers.CONTROL_RELAY_ON)
+        self._pulses = True
+
+    def enable_amps(self, axes: slice) -> None:
+        """Enable the amplifiers with the next write."""
+        self._flags[axes] = ENABLE
+        self._record.amp_enabled[axes] = True
+        self._pulses = True
+
+    def disable_amps(self, axes: slice) -> None:
+        """Keep the amplifiers disabled with every write from now on."""
+        self._flags[axes] = DISABLE
+        self._record.amp_enabled[axes] = False
+
+    def encode(self, effort: Floats) -> bool:
+        """Efforts [N·m or N] to words in the port's buffer; False when one was not finite (it went out as 0 A)."""
+        request = self._record.current_request
+        np.multiply(effort, self._robots.effort_to_current, request)
+        np.minimum(request, self._most, out=request)
+        np.maximum(request, self._least, out=request)
+        finite = self._encoder.encode(request)
+        np.bitwise_or(self._encoder.bits, self._flags, self._words)
+        self._out[self._index] = self._words
+        self._control[...] = self._once if self._pulses else self._standing
+        return finite
+
+    def written(self) -> None:
+        """The boards have it: what acts once is taken back."""
+        if self._pulses:
+            self._pulses = False
+            self._once[...] = self._standing
+            self._flags[self._flags == ENABLE] = PLAIN

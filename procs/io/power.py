@@ -1,0 +1,189 @@
+"""Power of every robot: relay, motor supply, amplifiers; levels after a grace time, so that no edge is ever missed.
+
+    OFF       power_on  → SUPPLY     relay and motor supply commanded, again every 0.1 s until the boards show it
+    SUPPLY    supply on → AMPS       amplifiers enabled, again every 0.1 s until they are on
+    AMPS      all on    → ON
+    any       3 s after power_on: not fully powered, or an amplifier off → fault
+    any       power_off → OFF
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.outputs import Outputs
+from procs.io.record import Flags, Record
+from procs.io.reports import Reports
+from procs.io.robots import Robots, Samples
+from procs.lib import blocks, faults, registers
+
+OFF: Final = "OFF"
+SUPPLY: Final = "SUPPLY"
+AMPS: Final = "AMPS"
+ON: Final = "ON"
+
+POWER_GRACE_NS: Final = 3_000_000_000  # some supplies come up slowly; never raise: they overheat the boards meanwhile
+FAULT_GRACE_NS: Final = 200_000_000  # supply fault and an old watchdog flag take this long to clear
+AMP_GRACE_NS: Final = 50_000_000  # an amplifier that was on may be off this long: the supply's loss shows later
+RETRY_NS: Final = 100_000_000
+NEVER: Final = 1 << 62
+
+GOOD: Final = (registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK)
+WATCHED: Final = GOOD | registers.STATUS_POWER | registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT | (
+    0xF << registers.STATUS_AMP_ON_SHIFT)
+
+
+@dataclass(slots=True)
+class Supply:
+    """Where one robot is on its way to power."""
+
+    state: str = OFF
+    start_ns: int = 0
+    retry_ns: int = 0
+    watchdog_clear: bool = False  # seen clear since power was asked for
+    amps_off_ns: int = 0  # since when an amplifier that should be on is off; 0: none
+
+
+class Power:
+    """Power state machines of all robots; works only when a status changed or a time ran out."""
+
+    def __init__(self, robots: Robots, source: NDArray[np.uint32], record: Record, outputs: Outputs,
+                 reports: Reports, samples: Samples) -> None:
+        """`source` (n_boards, 32) is where the port leaves the real-time blocks."""
+        self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
+        self._samples = samples
+        self._status = source[:, blocks.STATUS]
+        n_boards = len(robots.board_ids)
+        self._mask = np.full(n_boards, WATCHED, dtype=np.uint32)
+        self._now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
+        self._before = b""
+        self._supplies = [Supply() for _ in robots.names]
+        self._rows = [np.flatnonzero(row) for row in robots.on_board]
+        self._amp_bits = self._amp_masks()
+        self._wake_ns = 0
+        self.changed = False  # limits that depend on power must be looked at again
+
+    def _amp_masks(self) -> list[NDArray[np.uint32]]:
+        masks = []
+        for robot, axes in enumerate(self._robots.slices):
+            mask = np.zeros(len(self._robots.board_ids), dtype=np.uint32)
+            for axis in range(axes.start, axes.stop):
+                mask[self._robots.board_row[axis]] |= np.uint32(
+                    1 << registers.STATUS_AMP_ON_SHIFT + int(self._robots.channel[axis]))
+            masks.append(mask[self._rows[robot]])
+        return masks
+
+    def state(self, robot: int) -> str:
+        """OFF, SUPPLY, AMPS or ON."""
+        return self._supplies[robot].state
+
+    def on(self, robot: int, now_ns: int) -> None:
+        """Begin the power sequence; while it runs or after it, asking again changes nothing."""
+        if self._record.power_wanted[robot]:
+            return
+        self._record.power_wanted[robot] = True
+        self._supplies[robot] = Supply(SUPPLY, now_ns)
+        self._wake_ns, self.changed = 0, True
+
+    def off(self, robot: int, open_relays: bool = False) -> None:
+        """Amplifiers off; motor supply off on boards that no other robot wants powered."""
+        record, robots = self._record, self._robots
+        was_on = bool(record.power_wanted[robot])
+        record.power_wanted[robot] = record.amps_on[robot] = False
+        self._supplies[robot] = Supply()
+        self._outputs.disable_amps(robots.slices[robot])
+        free = robots.on_board[robot].copy()
+        for other in robots.sharing(robot):
+            if record.power_wanted[other]:
+                free &= ~robots.on_board[other]
+        self._outputs.cut_power(free, open_relays)
+        self._wake_ns, self.changed = 0, True
+        if was_on:
+            self._reports.status("power off", robots.names[robot])
+
+    def step(self, now_ns: int) -> None:
+        """Look at the status words of a good sample."""
+        np.bitwise_and(self._status, self._mask, self._now)
+        words = self._now.tobytes()
+        if words == self._before and now_ns < self._wake_ns:
+            return
+        self._before = words
+        self._wake_ns = NEVER
+        self.changed = True
+        for robot in range(len(self._supplies)):
+            self._show(robot)
+            if self._record.power_wanted[robot]:
+                self._advance(robot, now_ns)
+                self._judge(robot, now_ns)
+
+    def _show(self, robot: int) -> None:
+        """Flags of the record: good ones hold on every board, bad ones on any."""
+        record, words = self._record, self._now[self._rows[robot]]
+        every, some = int(np.bitwise_and.reduce(words)), int(np.bitwise_or.reduce(words))
+        bad = registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT
+        powered = every & GOOD == GOOD and not some & bad and len(words) > 0
+        if powered != record.powered[robot] and record.power_wanted[robot]:
+            self._reports.status("powered" if powered else "power lost", self._robots.names[robot])
+        record.powered[robot] = powered
+        record.watchdog[robot] = bool(some & registers.STATUS_WATCHDOG)
+        record.power_fault[robot] = bool(some & registers.STATUS_MV_FAULT)
+        record.relay[robot] = bool(every & registers.STATUS_RELAY_FEEDBACK)
+        amps: Flags = words & self._amp_bits[robot] == self._amp_bits[robot]
+        record.amps_on[robot] = bool(amps.all()) and len(words) > 0 and bool(record.power_wanted[robot])
+
+    def _advance(self, robot: int, now_ns: int) -> None:
+        supply, record, axes = self._supplies[robot], self._record, self._robots.slices[robot]
+        every = int(np.bitwise_and.reduce(self._now[self._rows[robot]]))
+        in_time = now_ns - supply.start_ns <= POWER_GRACE_NS
+        commanded = every & registers.STATUS_POWER and every & registers.STATUS_RELAY
+        if not record.watchdog[robot]:
+            supply.watchdog_clear = True
+        if supply.state == SUPPLY and commanded and not record.watchdog[robot]:
+            supply.state, supply.retry_ns = AMPS, now_ns
+        if supply.state == AMPS and record.amps_on[robot]:
+            supply.state = ON
+            self._reports.status("amplifiers on", self._robots.names[robot])
+        if supply.state in (SUPPLY, AMPS) and in_time and now_ns >= supply.retry_ns:
+            supply.retry_ns = now_ns + RETRY_NS
+            if supply.state == SUPPLY:
+                self._outputs.command_power(self._robots.on_board[robot], relay=True)
+            else:
+                self._outputs.enable_amps(axes)
+        if supply.state in (SUPPLY, AMPS):
+            self._wake_at(supply.retry_ns)
+
+    def _judge(self, robot: int, now_ns: int) -> None:
+        """Trip on what should not be, once its grace time is over."""
+        supply, record, reports = self._supplies[robot], self._record, self._reports
+        age_ns = now_ns - supply.start_ns
+        if record.watchdog[robot] and (supply.watchdog_clear or age_ns > FAULT_GRACE_NS):
+            reports.trip(faults.WATCHDOG, robot)
+        elif record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
+            reports.trip(faults.POWER_FAULT, robot)
+        elif not record.powered[robot] and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
+            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
+        elif not record.amps_on[robot]:
+            self._judge_amps(robot, now_ns, age_ns)
+        else:
+            supply.amps_off_ns = 0
+        if age_ns <= FAULT_GRACE_NS:
+            self._wake_at(supply.start_ns + FAULT_GRACE_NS + 1)
+        elif age_ns <= POWER_GRACE_NS:
+            self._wake_at(supply.start_ns + POWER_GRACE_NS + 1)
+
+    def _judge_amps(self, robot: int, now_ns: int, age_ns: int) -> None:
+        supply = self._supplies[robot]
+        if supply.state == ON:
+            supply.amps_off_ns = supply.amps_off_ns or now_ns
+            self._wake_at(supply.amps_off_ns + AMP_GRACE_NS + 1)
+        lost = supply.state == ON and now_ns - supply.amps_off_ns > AMP_GRACE_NS
+        if lost or age_ns > POWER_GRACE_NS:
+            off = ~self._samples.amps_on(self._robots.slices[robot])
+            self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)))
+
+    def _wake_at(self, when_ns: int) -> None:
+        self._wake_ns = min(self._wake_ns, when_ns)

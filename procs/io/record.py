@@ -1,0 +1,78 @@
+"""io's record as typed arrays: the fields of `IO_STATE`, in a ring's private record or in plain memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm.layout import schema_of
+from shm.topics import IO_STATE
+
+Field: TypeAlias = Callable[[str], NDArray[Any]]
+Floats: TypeAlias = NDArray[np.float64]
+Flags: TypeAlias = NDArray[np.bool_]
+
+
+class Record:
+    """Every field of the record under its own name; scalars have shape ()."""
+
+    def __init__(self, field: Field) -> None:
+        """`field(name)` gives the array of a field."""
+        self.valid, self.age_ns, self.cycle = field("valid"), field("age_ns"), field("cycle")
+        self.read_ns, self.write_ns, self.bad_reads = field("read_ns"), field("write_ns"), field("bad_reads")
+        self.position: Floats = field("position")
+        self.velocity: Floats = field("velocity")
+        self.effort: Floats = field("effort")
+        self.setpoint_position: Floats = field("setpoint_position")
+        self.setpoint_velocity: Floats = field("setpoint_velocity")
+        self.setpoint_effort: Floats = field("setpoint_effort")
+        self.position_error: Floats = field("position_error")
+        self.pot_position: Floats = field("pot_position")
+        self.pot_voltage: Floats = field("pot_voltage")
+        self.current: Floats = field("current")
+        self.current_request: Floats = field("current_request")
+        self.temperature: Floats = field("temperature")
+        self.encoder_bits: NDArray[np.int32] = field("encoder_bits")
+        self.amp_enabled: Flags = field("amp_enabled")
+        self.amp_on: Flags = field("amp_on")
+        self.effort_mode: Flags = field("effort_mode")
+        self.at_limit: Flags = field("at_limit")
+        self.power_wanted: Flags = field("power_wanted")
+        self.powered: Flags = field("powered")
+        self.amps_on: Flags = field("amps_on")
+        self.watchdog: Flags = field("watchdog")
+        self.power_fault: Flags = field("power_fault")
+        self.relay: Flags = field("relay")
+        self.biased: Flags = field("biased")
+        self.biasing: Flags = field("biasing")
+        self.bias_generation: NDArray[np.uint32] = field("bias_generation")
+        self.pot_check: Flags = field("pot_check")
+        self.pid_enabled: Flags = field("pid_enabled")
+        self.pid_generation: NDArray[np.uint32] = field("pid_generation")
+        self.limits_enforced: Flags = field("limits_enforced")
+        self.tracking_check: Flags = field("tracking_check")
+        self.velocity_used: Flags = field("velocity_used")
+        self.holding: Flags = field("holding")
+        self.setpoint_age_ns: NDArray[np.int64] = field("setpoint_age_ns")
+        self.fault: NDArray[np.uint16] = field("fault")
+        self.board_period: Floats = field("board_period")
+        self.input: Flags = field("input")
+        self._all = [field(f.name) for f in IO_STATE.fields]
+
+    @classmethod
+    def private(cls, axes: int, robots: int, inputs: int) -> Record:
+        """A record nobody else sees, all zero."""
+        dims = {"axes": axes, "robots": robots, "inputs": inputs}
+        memory: NDArray[Any] = np.zeros(1, dtype=schema_of(IO_STATE, dims).dtype)
+        return cls(lambda name: memory[name].reshape(memory[name].shape[1:]))
+
+    def restart(self) -> None:
+        """Forget what a predecessor left, but count its generations on: what it biased or enabled is over."""
+        bias, pid = self.bias_generation + 1, self.pid_generation + 1
+        for array in self._all:
+            array[...] = 0
+        self.bias_generation[...], self.pid_generation[...] = bias, pid
+        self.setpoint_age_ns[...] = -1

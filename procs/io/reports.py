@@ -1,0 +1,55 @@
+"""What io has to say: faults and events of a cycle, collected first and acted on together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from procs.lib.faults import Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One event for the event ring; `kind` is status, warning, error or button."""
+
+    kind: str
+    text: str
+    code: str = ""
+    component: str = ""
+    axis: int = -1
+    value: float = math.nan
+    limit: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """One fault found in this cycle: robot and axis by place (axis within the robot, -1: none)."""
+
+    fault: Fault
+    robot: int
+    axis: int = -1
+    value: float = math.nan
+    limit: float = math.nan
+    detail: str = ""
+
+
+class Reports:
+    """Events wait for the loop, which empties the list after it has published; trips wait for the end of the checks."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.trips: list[Trip] = []
+
+    def status(self, text: str, component: str = "") -> None:
+        """Something a person may like to know."""
+        self.events.append(Event("status", text, component=component))
+
+    def warn(self, fault: Fault, component: str, axis: int = -1, value: float = math.nan,
+             limit: float = math.nan) -> None:
+        """A warning of the fault table; nothing is switched off."""
+        self.events.append(Event("warning", f"{fault.text}; {fault.hint}", fault.code, component, axis, value, limit))
+
+    def trip(self, fault: Fault, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
+             detail: str = "") -> None:
+        """A fault of the table; what it switches off is off before anything is written."""
+        self.trips.append(Trip(fault, robot, axis, value, limit, detail))

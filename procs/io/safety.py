@@ -1,0 +1,142 @@
+"""Checks of every good sample: motor current, board safety cut-off, temperature, potentiometers, encoder overflow.
+
+All checks are levels: one comparison of five rows over all axes tells that nothing is wrong, the rest runs only when
+something is. Every fault of a cycle is collected before anything is switched off. Comparisons are written so that NaN
+fails them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.record import Flags, Floats, Record
+from procs.io.reports import Reports
+from procs.io.robots import CHECKED, CURRENT, OVERFLOW, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
+from procs.lib import conversion, faults
+
+CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated
+IDLE_CURRENT_A: Final = 0.1  # measured with the amplifier off
+UNPOWERED_CURRENT_A: Final = 0.2  # without motor power the sensors drift more
+HOT_C: Final = 65.0
+WARM_C: Final = 60.0
+WARM_REPEAT_NS: Final = 120_000_000_000
+
+
+class Safety:
+    """Limits as one (5, n) array beside the measured rows; they change only with amplifiers, power and switches."""
+
+    def __init__(self, robots: Robots, samples: Samples, record: Record, reports: Reports) -> None:
+        n = robots.axes
+        self._robots, self._samples, self._record, self._reports = robots, samples, record, reports
+        self._values = samples.values[:CHECKED]
+        self._magnitude: Floats = np.zeros((CHECKED, n))
+        self._limits: Floats = np.full((CHECKED, n), np.inf)
+        self._ok: NDArray[np.bool_] = np.ones((CHECKED, n), dtype=bool)
+        self._enabled_limit = conversion.feedback_limit(robots.maximum_current)
+        tolerances = [robot.tolerances[i] if i < len(robot.tolerances) else None
+                      for robot in robots.io.robots for i in range(len(robot.actuators))]
+        self._distance = np.array([t.distance if t and t.distance > 0.0 else np.inf for t in tolerances])
+        self._latency = np.array([t.latency_s if t else np.inf for t in tolerances])
+        self._distance[~(robots.has_pot & robots.has_encoder)] = np.inf
+        self._apart_s = np.zeros(n)
+        self._pot_reported: Flags = np.zeros(n, dtype=bool)
+        self._cycles = [0] * len(robots.names)
+        self._overflow_handled = [False] * len(robots.names)
+        self._warm_ns = [-WARM_REPEAT_NS] * len(robots.names)
+        self._counting = False
+        counts = np.array([not r.only_io for r in robots.io.robots], dtype=bool)
+        counted = counts[robots.robot_of_axis] if n else np.zeros(0, dtype=bool)
+        self._limits[OVERFLOW] = np.where(counted & robots.has_encoder, 0.5, np.inf)
+        self.set_encoder_zero: list[int] = []  # robots whose encoders overflowed in this cycle
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Amplifier enables, power or a switch changed: other limits apply."""
+        robots, record = self._robots, self._record
+        wanted = record.power_wanted[robots.robot_of_axis]
+        powered = record.powered[robots.robot_of_axis]
+        idle = np.where(powered, IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
+        limit = np.where(record.amp_enabled, self._enabled_limit, idle)
+        self._limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
+        self._limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
+        self._limits[SAFETY] = np.where(record.amps_on[robots.robot_of_axis], 0.5, np.inf)
+        self._limits[POT_ERROR] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
+
+    def forget_pots(self, axes: slice) -> None:
+        """The potentiometer check was switched: durations start again."""
+        self._apart_s[axes] = 0.0
+        self._pot_reported[axes] = False
+
+    def check(self, now_ns: int) -> None:
+        """Look at the newest sample."""
+        np.absolute(self._values, self._magnitude)
+        np.less_equal(self._magnitude, self._limits, self._ok)
+        if b"\0" in self._ok.tobytes() or self._counting:
+            self._examine(now_ns)
+
+    def _examine(self, now_ns: int) -> None:
+        fine = self._ok
+        self._counting = False
+        for robot, axes in enumerate(self._robots.slices):
+            self._check_current(robot, fine[CURRENT, axes], axes)
+            if not fine[SAFETY, axes].all():
+                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, axes]))
+            if not fine[TEMPERATURE, axes].all():
+                self._check_temperature(robot, axes, now_ns)
+            self._check_overflow(robot, fine[OVERFLOW, axes])
+        self._check_pots(fine[POT_ERROR])
+
+    def _check_current(self, robot: int, fine: Flags, axes: slice) -> None:
+        if fine.all():
+            self._cycles[robot] = 0
+            return
+        self._counting = True
+        self._cycles[robot] += 1
+        if self._cycles[robot] > CURRENT_CYCLES:
+            axis = _first(fine)
+            self._cycles[robot] = 0
+            self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, axes][axis]),
+                               float(self._limits[CURRENT, axes][axis]))
+
+    def _check_temperature(self, robot: int, axes: slice, now_ns: int) -> None:
+        celsius = self._values[TEMPERATURE, axes]
+        hot = ~(celsius <= HOT_C)
+        if hot.any():
+            axis = int(np.argmax(hot))
+            self._reports.trip(faults.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C)
+        elif now_ns - self._warm_ns[robot] >= WARM_REPEAT_NS:
+            axis = int(np.argmax(celsius))
+            self._warm_ns[robot] = now_ns
+            self._reports.warn(faults.TEMPERATURE_HIGH, self._robots.names[robot], axis, float(celsius[axis]), WARM_C)
+
+    def _check_overflow(self, robot: int, fine: Flags) -> None:
+        if fine.all():
+            self._overflow_handled[robot] = False
+            return
+        self._counting = True
+        if not self._overflow_handled[robot]:
+            self._overflow_handled[robot] = True
+            self.set_encoder_zero.append(robot)
+            self._reports.trip(faults.ENCODER_OVERFLOW, robot, _first(fine))
+
+    def _check_pots(self, fine: Flags) -> None:
+        apart = ~fine
+        self._apart_s[fine] = 0.0
+        self._pot_reported[fine] = False
+        if not apart.any():
+            return
+        self._counting = True
+        self._apart_s[apart] += self._samples.period_s[apart]
+        late = apart & (~(self._apart_s <= self._latency) | ~np.isfinite(self._samples.pot_error))
+        for axis in np.flatnonzero(late & ~self._pot_reported).tolist():
+            self._pot_reported[axis] = True
+            robot, place = self._robots.place(axis)
+            self._reports.trip(faults.POTENTIOMETER, robot, place, float(self._samples.pot_error[axis]),
+                               float(self._distance[axis]))
+
+
+def _first(fine: Flags) -> int:
+    return int(np.argmin(fine))
