@@ -63,6 +63,7 @@ WHOLE = schema_from_json(
     % (CLIENTS * PLACE_BYTES)
 )
 CURSOR_BITS = tuple((2**64 - 1) << 64 * place for place in range(CLIENTS))
+SEQUENCES = (tuple, list)
 NOBODY = bytes(8 * CLIENTS)
 
 
@@ -286,7 +287,7 @@ class Client:
         code = self._codes.get(name)
         if code is None:
             raise KeyError(f"{self.kind} has no command {name}; it has: {', '.join(self._codes)}")
-        numbers = values if isinstance(values, tuple | list) else np.asarray(values, dtype=np.float64).reshape(-1)
+        numbers = values if isinstance(values, SEQUENCES) else np.asarray(values, dtype=np.float64).reshape(-1)
         count = len(numbers)
         encoded = text.encode()
         if count > MAX_VALUES:
