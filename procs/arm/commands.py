@@ -212,12 +212,10 @@ class Commands:
         value = self._jaw_value(request)
         self._base()
         self._goal[JAW] = value
-        # the arm keeps its velocity feed: jaw and arm are streamed side by side
-        velocity = None
-        if self._motion.has_velocity and not self._motion.moving:
-            self._velocity[...] = self._motion.velocity
-            velocity = self._velocity
-        return self._follow(velocity)
+        _, text = self._clip()
+        if self._motion.adjust(self._goal, self._now_ns):
+            self.move_ended(False, "replaced by a servo command")
+        return text
 
     def _jaw_servo_jf(self, request: Request) -> str:
         value = self._jaw_value(request)

@@ -75,6 +75,14 @@ class Motion:
         self._served_ns = now_ns
         return ended
 
+    def adjust(self, position: Array, now_ns: int) -> bool:
+        """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
+        if self.mode is not Mode.POSITION:
+            return self.servo(position, None, now_ns)
+        self.goal[...] = position
+        self.target[...] = position
+        return False
+
     def push(self, effort: Array) -> bool:
         """Apply `effort` instead of following positions; returns whether this ended a move."""
         ended = self._enter(Mode.EFFORT)

@@ -19,7 +19,7 @@ from procs.arm.motion import Mode, Motion
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.states import PUBLISHED, Event, State
-from procs.arm.supervision import UNWATCHED, trouble
+from procs.arm.supervision import UNWATCHED, Generations, trouble
 from procs.arm.takeover import beginning, predecessor
 from procs.lib.arm_limits import LIMITS
 from procs.lib.document import Arm
@@ -67,7 +67,7 @@ class PsmArm:
         self._started = False
         self._epoch = 0
         self._homed_generation = 0
-        self._drives = False  # the joint controller was seen on, and follows us
+        self._driving: Generations | None = None  # the joint controller was seen on, and follows us
         self._held = False  # it was found on by a successor in no state for it, and just holds
         self._must_bias = True
         self._tries = 0
@@ -118,7 +118,7 @@ class PsmArm:
             self._commands.move_ended(True)
         self._duties.step(now_ns)
         machine.settle(self._is_off())
-        self._setpoint.show(motion, self.joints, io, self._drives)
+        self._setpoint.show(motion, self.joints, self._driving)
         if self._started or self._predecessor is None:  # till then its state stands, should we die as well
             self._record.show_state(
                 machine.state, machine.desired, self._is_homed(), machine.is_busy, self._homed_generation, motion.mode
@@ -177,7 +177,7 @@ class PsmArm:
         if State.HOMED in (begin.state, begin.paused):
             self._homed_generation = int(io.bias_generation.item())
             self._must_bias = False
-            self._drives = True
+            self._driving = Generations.now(io)
         if begin.state is State.DISABLED:
             machine.publish()
         else:
@@ -188,7 +188,7 @@ class PsmArm:
         if state in UNWATCHED:
             self._epoch = io.epoch
             return
-        code, reason = trouble(state, io, self._epoch, self._drives, self._homed_generation, self._fault_text)
+        code, reason = trouble(state, io, self._epoch, self._driving, self._fault_text)
         if code:
             self._machine.fault(code, reason)
 
@@ -219,7 +219,8 @@ class PsmArm:
 
     def _let_go(self) -> None:
         """No power, nothing is followed, nothing is known to be homed."""
-        self._drives = self._held = False
+        self._driving = None
+        self._held = False
         self._homed_generation = 0
         duties = self._duties
         duties.pid.want(False)
@@ -271,7 +272,7 @@ class PsmArm:
             duties.want_no_fault(False)
 
     def _enter_enabled(self) -> None:
-        self._drives = False
+        self._driving = None
         self._duties.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
         self._duties.pid.want(None if self._held else False)
 
@@ -330,7 +331,7 @@ class PsmArm:
             return
         self._plans_homing = False
         duties.pid.want(None)  # from here on the controller going off is a fault, not a thing to repair
-        self._drives = True
+        self._driving = Generations.now(io)
         motion.hold(io.setpoint, Mode.NONE)
         goal = io.setpoint.copy()
         if self._arm.homing_zero_position and not self.joints.has_jaw:

@@ -11,6 +11,7 @@ from procs.arm.motion import Mode, Motion
 from procs.arm.readings import ROWS, Fields, Readings
 from procs.arm.stack import stacked
 from procs.arm.states import PUBLISHED, State
+from procs.arm.supervision import Generations
 from procs.lib.coupling import Coupling
 
 Array = NDArray[np.float64]
@@ -123,13 +124,13 @@ class SetpointRecord:
         for name in ("position", "velocity", "effort", "feed_forward"):
             field(name)[...] = 0.0
 
-    def show(self, motion: Motion, joints: Joints, io: Readings, active: bool) -> None:
-        """What io is asked for; not `active`: the arm is alive and asks for nothing."""
-        if not active:
+    def show(self, motion: Motion, joints: Joints, driving: Generations | None) -> None:
+        """What io is asked for and which bias and enable that is meant for; None: alive, asking for nothing."""
+        if driving is None:
             self._mode[...] = 0
             return
-        self._bias_generation[...] = io.bias_generation
-        self._pid_generation[...] = io.pid_generation
+        self._bias_generation[...] = driving.bias
+        self._pid_generation[...] = driving.pid
         coupling = joints.coupling
         if motion.mode is Mode.EFFORT:
             self._mode[...] = 2

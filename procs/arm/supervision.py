@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from procs.arm.readings import Readings
 from procs.arm.states import State
@@ -14,13 +15,25 @@ MUST_HAVE_POWER = frozenset(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Generations:
+    """The encoder bias and the enable of the joint controller that our set-points are meant for."""
+
+    bias: int
+    pid: int
+
+    @classmethod
+    def now(cls, io: Readings) -> Generations:
+        """Those in force."""
+        return cls(int(io.bias_generation.item()), int(io.pid_generation.item()))
+
+
 def trouble(
-    state: State, io: Readings, epoch: int, drives: bool, homed_generation: int, fault_text: Callable[[int], str]
+    state: State, io: Readings, epoch: int, driving: Generations | None, fault_text: Callable[[int], str]
 ) -> tuple[str, str]:
     """Code and reason of what is wrong, empty when nothing is.
 
-    `epoch` is the life of io that was powered on, `drives` whether the joint controller was seen on,
-    `homed_generation` the encoder bias that homing belongs to (0: not homed).
+    `epoch` is the life of io that was powered on; `driving` is None until the joint controller was seen to follow us.
     """
     if state in UNWATCHED:
         return "", ""
@@ -32,8 +45,12 @@ def trouble(
         return "io-fault", fault_text(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
         return "power-loss", "detected power loss (actuators)"
-    if drives and not io.pid_enabled.item():
+    if driving is None:
+        return "", ""
+    if not io.pid_enabled.item():
         return "pid-off", "the joint controller was switched off"
-    if homed_generation and int(io.bias_generation.item()) != homed_generation:
-        return "bias-changed", "the encoders were set anew while the arm was homed"
+    if io.pid_generation.item() != driving.pid:
+        return "pid-off", "the joint controller was switched off and on again"
+    if io.bias_generation.item() != driving.bias:
+        return "bias-changed", "the encoders were set anew while the joint controller was on"
     return "", ""

@@ -166,6 +166,16 @@ def test_servo_follows_with_velocities_until_the_stream_ends(rig: Rig) -> None:
     assert not rig.reports.events
 
 
+def test_a_jaw_stream_neither_stops_nor_prolongs_the_velocity_of_the_arm(rig: Rig) -> None:
+    rig.send("servo_jp", (0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    rig.send("jaw/servo_jp", (0.1,))
+    assert rig.setpoint["has_velocity"] and rig.setpoint["velocity"][0] == 0.5
+    for i in range(100):
+        rig.send("jaw/servo_jp", (0.1 + 0.001 * i,))
+    assert not rig.setpoint["has_velocity"]
+    assert rig.state["jaw_setpoint_position"] == pytest.approx(0.198)
+
+
 def test_servo_without_velocities_feeds_none(rig: Rig) -> None:
     rig.send("servo_jp", (0.01, 0.0, 0.12, 0.0, 0.0, 0.0))
     assert not rig.setpoint["has_velocity"]
