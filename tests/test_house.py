@@ -1,0 +1,201 @@
+"""The checks of the house: tables that must agree, names, and what a module may do when it is imported."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from procs.manifest import PROCS
+from shm.topics import TOPICS
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = ("procs", "shm", "tools")
+SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py")) + sorted(ROOT.glob("*.py"))
+FORBIDDEN = ("utils", "helpers", "common", "misc", "base", "manager")
+LET_OFF = {ROOT / "procs" / "io"}  # the interpreter loads its own io before it looks at any path
+NAMED_BY_THE_TREE = {"shm/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
+WIRE = ("procs/lib/wire", "procs/lib/registers", "procs/lib/blocks", "procs/io/", "procs/boards/")  # speak big-endian
+NATIVE_DTYPE = re.compile(r"^(\([^)]*\))?[<=|][iufbSV?c][0-9]+$|^\([^)]*\)[<=|>]?[iufbSV?][0-9]*$")
+BIG_ENDIAN = re.compile(r"^(\([^)]*\))?>[iuf][0-9]+$")
+ENVIRONMENT = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def module_of(path: Path) -> str:
+    return relative(path).removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def words_of(path: Path) -> set[str]:
+    """Every identifier and attribute a module uses; texts and comments don't count."""
+    found: set[str] = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, ast.Attribute):
+            found.add(node.attr)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {node.module or "", *(alias.name for alias in node.names)}
+    return found
+
+
+def python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True,
+                          timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("row", PROCS, ids=lambda row: row.kind)
+def test_every_kind_has_its_door(row) -> None:  # type: ignore[no-untyped-def]
+    assert row.module == f"procs.{row.kind}.loop"
+    spec = importlib.util.find_spec(row.module)
+    assert spec is not None and spec.origin is not None, f"{row.module} is not there"
+    functions = {node.name for node in tree_of(Path(spec.origin)).body if isinstance(node, ast.FunctionDef)}
+    assert "main" in functions
+
+
+def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
+    kinds = {row.kind for row in PROCS}
+    assert {topic.writer for topic in TOPICS} - {"*"} <= kinds
+    written = {(topic.writer, topic.name) for topic in TOPICS}
+    assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=relative)
+def test_file_names_say_the_subject(path: Path) -> None:
+    assert path.stem not in FORBIDDEN
+    assert len(re.findall(r"[a-z0-9]+", path.stem)) <= 2 or path.stem.startswith("__")
+    if relative(path) not in NAMED_BY_THE_TREE and not path.stem.startswith("__"):
+        assert path.stem not in sys.stdlib_module_names, f"{path.stem} would hide a library module"
+
+
+def test_folders_hide_no_library_module() -> None:
+    folders = {p for p in (ROOT / "procs").rglob("*") if p.is_dir() and any(p.glob("*.py"))} - LET_OFF
+    assert not {relative(p) for p in folders if p.name in sys.stdlib_module_names | set(FORBIDDEN)}
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if not relative(p).startswith("shm/")], ids=relative)
+def test_layouts_are_spelled_in_shm_only(path: Path) -> None:
+    texts = {node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)
+             and isinstance(node.value, str)}
+    assert not {t for t in texts if NATIVE_DTYPE.match(t)}, "a layout of shared memory belongs to shm/topics.py"
+    if not relative(path).startswith(WIRE):
+        assert not {t for t in texts if BIG_ENDIAN.match(t)}, "big-endian words belong to the wire"
+    structured = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)
+                  and getattr(node.func, "attr", "") == "dtype" and node.args
+                  and isinstance(node.args[0], ast.List | ast.Dict)]
+    assert not structured, "a record's layout belongs to shm/topics.py"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=relative)
+def test_only_the_runtime_knows_signals_and_schedulers(path: Path) -> None:
+    name = relative(path)
+    if name == "procs/runtime.py":
+        return
+    used = words_of(path)
+    assert not {w for w in used if w.startswith("sched_") or w == "setproctitle"}
+    if not name.startswith("procs/supervisor/"):
+        assert "signal" not in used
+
+
+@pytest.mark.parametrize("path", [p for p in SOURCES if p.name == "loop.py"], ids=relative)
+def test_a_loop_s_body_fits_a_screen(path: Path) -> None:
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.FunctionDef) and any(isinstance(n, ast.While) for n in ast.walk(node)):
+            assert (node.end_lineno or 0) - node.lineno < 40, f"{node.name} has the loop and is too long"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=relative)
+def test_no_process_imports_another(path: Path) -> None:
+    parts = relative(path).split("/")
+    if len(parts) < 3 or parts[0] != "procs" or parts[1] == "lib":
+        return
+    doors = {row.kind for row in PROCS} - {parts[1]}
+    imported = {node.module or "" for node in ast.walk(tree_of(path)) if isinstance(node, ast.ImportFrom)}
+    imported |= {a.name for node in ast.walk(tree_of(path)) if isinstance(node, ast.Import) for a in node.names}
+    assert not {m for m in imported if m.split(".")[:1] == ["procs"] and m.split(".")[1:2] and m.split(".")[1] in doors}
+
+
+IMPORT_QUIETLY = """
+import os, sys, threading
+roots = (os.path.realpath(sys.prefix), os.path.realpath(sys.base_prefix), os.path.realpath({root!r}))
+libraries = "ctypes numpy yaml pydantic typer rich psutil ruckig mujoco pinocchio posix_ipc json logging textual"
+for name in libraries.split():
+    try: __import__(name)
+    except ImportError: pass
+wrong, on = [], [False]
+STARTS = ("subprocess.Popen", "os.fork", "os.posix_spawn", "os.exec", "os.system", "socket.bind", "socket.connect",
+          "os.remove", "os.mkdir", "os.rename", "os.putenv", "shutil.", "tempfile.")
+def watch(event, arguments):
+    if not on[0]: return
+    if event == "open" and isinstance(arguments[0], (str, bytes)):
+        path = os.path.realpath(os.fsdecode(arguments[0]))
+        quiet = path.endswith((".py", ".pyc", ".so")) or "site-packages" in path or path.startswith(
+            (*roots[:2], "/usr/lib", "/etc", "/lib"))
+        if not quiet: wrong.append(f"{{event}} {{path}}")
+    elif event.startswith(STARTS): wrong.append(f"{{event}} {{arguments}}")
+sys.addaudithook(watch)
+threads = threading.active_count()
+import importlib
+failed = []
+for name in {modules!r}:
+    del wrong[:]
+    on[0] = True
+    try: importlib.import_module(name)
+    finally: on[0] = False
+    failed += [f"{{name}}: {{w}}" for w in wrong]
+if threading.active_count() != threads: failed.append("a thread was started")
+print("\\n".join(failed))
+"""
+
+
+@pytest.mark.slow
+def test_importing_any_module_does_nothing() -> None:
+    modules = [module_of(p) for p in SOURCES if p.name != "__main__.py"]
+    out = python(IMPORT_QUIETLY.format(root=str(ROOT), modules=modules))
+    assert out.strip() == ""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (ROOT / "procs/io/loop.py").exists(), reason="io has no door yet")
+def test_io_needs_little_to_start() -> None:
+    out = python("import sys, procs.io.loop\nprint(*{m.split('.')[0] for m in sys.modules})")
+    allowed = sys.stdlib_module_names | {"numpy", "posix_ipc", "procs", "shm", "__mp_main__"}
+    startup = set(python("import sys\nprint(*{m.split('.')[0] for m in sys.modules})").split())  # .pth files of a venv
+    assert not {m for m in out.split() if m not in allowed | startup and not m.startswith(("_", "sitecustomize"))}
+
+
+@pytest.mark.parametrize("row", PROCS, ids=lambda row: row.kind)
+def test_every_kind_has_a_budget(row) -> None:  # type: ignore[no-untyped-def]
+    assert row.budget_us > 0 and row.period_s > 0 and row.late_s > row.period_s and row.stop_s > 0
+    assert row.on_exit and 0 <= row.phase < 1
+    if row.realtime:
+        assert row.budget_us * 1e-6 < row.period_s
+
+
+@pytest.mark.parametrize("command", ["tools/start", "tools/test"])
+def test_the_two_commands_of_the_readme_exist(command: str) -> None:
+    path = ROOT / command
+    assert path.is_file() and os.access(path, os.X_OK)
+    assert command in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=relative)
+def test_no_file_has_outgrown_its_subject(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
