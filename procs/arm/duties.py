@@ -165,6 +165,7 @@ class Duties:
                 self._see_to(switch, now_ns)
         if self._again:
             self._again = False
+            self._sender.send("power_off", (0.0,), self._robot)  # power_on alone means nothing to an io that tries
             self._sender.send("power_on", (), self._robot)
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing

@@ -19,15 +19,14 @@ from procs.arm.motion import Mode, Motion
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.states import PUBLISHED, Event, State
-from procs.arm.supervision import UNWATCHED, Generations, trouble
+from procs.arm.supervision import POWER_PROBLEMS, UNWATCHED, Generations, trouble
 from procs.arm.takeover import beginning, predecessor
 from procs.lib.arm_limits import LIMITS
 from procs.lib.document import Arm
-from procs.lib.faults import POWER_TIMEOUT
 
 Array = NDArray[np.float64]
 
-POWER_NS = 3_000_000_000  # never longer: some supplies overheat the amplifiers while they try
+POWER_NS = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; this is if it does not
 POWER_TRIES = 2
 BIAS_SAMPLES = 1970.0
 BIAS_NS = 30_000_000_000
@@ -255,14 +254,15 @@ class PsmArm:
         self._deadline_ns = self._now_ns + POWER_NS
 
     def _run_powering(self) -> None:
-        if self._duties.power.settled and self._io.has_power:
+        duties, io = self._duties, self._io
+        if duties.power.settled and io.has_power:
             self._machine.fire(Event.POWERED)
             return
-        duties = self._duties
-        gave_up = self._io.problem == POWER_TIMEOUT.number and duties.no_fault.wanted is None
+        gave_up = io.problem in POWER_PROBLEMS and duties.no_fault.wanted is None
         if self._now_ns >= self._deadline_ns or gave_up:
             if self._tries >= POWER_TRIES:
-                self._machine.fault("power-timeout", f"failed to enable power {self._why()}".rstrip())
+                said = f": {self._fault_text(io.problem)}" if io.problem else ""
+                self._machine.fault("power-timeout", f"failed to enable power{said} {self._why()}".rstrip())
                 return
             self._tries += 1
             duties.want_no_fault(True)

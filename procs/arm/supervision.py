@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from procs.arm.readings import Readings
 from procs.arm.states import State
-from procs.lib.faults import POWER_TIMEOUT
+from procs.lib.faults import AMPLIFIER, POWER_TIMEOUT
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
+POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
 MUST_HAVE_POWER = frozenset(
     (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED, State.PAUSED)
 )
@@ -41,7 +42,7 @@ def trouble(
         return "io-silent", "io does not answer"
     if io.epoch != epoch:
         return "io-restarted", "io was restarted"
-    if io.problem and not (state is State.POWERING and io.problem == POWER_TIMEOUT.number):  # there is a second try
+    if io.problem and not (state is State.POWERING and io.problem in POWER_PROBLEMS):
         return "io-fault", fault_text(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
         return "power-loss", "detected power loss (actuators)"

@@ -156,7 +156,7 @@ class FakeIo:
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
             case "power_on":
-                if self.flag("fault"):
+                if self.flag("fault") or self.flag("power_wanted"):
                     return
                 self.flag("power_wanted", True)
                 self._power_left = self.power_cycles

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.arm.stack import stacked
-from procs.lib.faults import POWER_TIMEOUT
+from procs.lib.faults import AMPLIFIER, POWER_TIMEOUT, Fault
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 
 
@@ -97,7 +97,7 @@ def test_power_that_never_comes_is_a_fault_after_two_tries() -> None:
     rig.run(0.1)
     request = rig.state_command("enable")
     seconds = rig.until(lambda: rig.arm.state == "FAULT")
-    assert seconds == pytest.approx(6.0, abs=0.02)
+    assert seconds == pytest.approx(6.2, abs=0.02)
     assert rig.io.sent.count(("power_on", ())) == 2
     assert rig.reports.of("error")[0][1] == "power-timeout"
     rig.step()
@@ -107,22 +107,24 @@ def test_power_that_never_comes_is_a_fault_after_two_tries() -> None:
 
 
 @pytest.mark.parametrize("works", (False, True))
-def test_power_that_io_gives_up_is_tried_once_more(works: bool) -> None:
+@pytest.mark.parametrize("fault", (POWER_TIMEOUT, AMPLIFIER))
+def test_power_that_io_gives_up_is_tried_once_more(works: bool, fault: Fault) -> None:
     rig = Rig()
     rig.io.never_powers = True
     rig.run(0.1)
     rig.state_command("enable")
-    rig.run(2.9)
-    rig.io.flag("fault", POWER_TIMEOUT.number)
+    rig.run(3.0)
+    rig.io.flag("fault", fault.number)
     rig.io.flag("power_wanted", False)
     rig.io.never_powers = not works
     rig.run(1.0)
     assert rig.io.sent.count(("power_on", ())) == 2
     assert rig.arm.state == ("ENABLED" if works else "POWERING")
     if not works:
-        rig.io.flag("fault", POWER_TIMEOUT.number)
+        rig.io.flag("fault", fault.number)
         rig.step()
         assert rig.arm.state == "FAULT"
+        assert f"fault number {fault.number}" in rig.reports.of("error")[0][2]
 
 
 def test_bias_that_never_ends_is_a_fault_after_30_seconds() -> None:
