@@ -1,0 +1,114 @@
+"""A whole system under test, started through the front door in a world of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from shm import directory
+from shm.pulse import Pulse
+from shm.segment import SegmentError, names_of
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / "configs" / "systems" / "demo.yaml"
+UP_S = 60.0
+
+
+def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None:
+    """Wait for a condition with a generous deadline; fails naming what did not happen."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            pytest.fail(f"did not happen within {seconds} s: {what}")
+        time.sleep(0.005)
+
+
+class Robot:
+    """One system under test: the real supervisor with emulated boards."""
+
+    def __init__(self, name: str, logs: Path) -> None:
+        self.name = name
+        self.logs = logs
+        self.environment = {**os.environ, "TROCAR_STATE": str(logs), "TROCAR_SYSTEM": name}
+        self.supervisor: subprocess.Popen[str] | None = None
+        self.pids: set[int] = set()
+
+    def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
+        """`trocar up FILE …`, and wait until everything runs."""
+        command = [sys.executable, "-m", "tools", "up", str(file), "--system", self.name, *options]
+        with (self.logs / "supervisor.txt").open("a") as out:
+            self.supervisor = subprocess.Popen(
+                command, cwd=ROOT, env=self.environment, stdout=out, stderr=out, text=True
+            )
+        if wait:
+            wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.said()}")
+            self.pids |= {self.pid(i) for i in directory.instances(self.name)}
+
+    def said(self) -> str:
+        """What the supervisor printed so far."""
+        path = self.logs / "supervisor.txt"
+        return path.read_text() if path.exists() else ""
+
+    def is_up(self) -> bool:
+        """The supervisor says RUNNING; fails at once when it has ended instead."""
+        assert self.supervisor is not None
+        if self.supervisor.poll() is not None:
+            pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
+        return self.state("supervisor") == "RUNNING"
+
+    def state(self, instance: str) -> str:
+        """Lifecycle state an instance shows, empty when it has no control page."""
+        try:
+            pulse = Pulse(self.name, instance)
+        except SegmentError:
+            return ""
+        state = pulse.state
+        pulse.close()
+        return state
+
+    def cell(self, instance: str, name: str) -> float:
+        """One number of an instance's control page."""
+        pulse = Pulse(self.name, instance)
+        value = pulse.get(name)
+        pulse.close()
+        return value
+
+    def pid(self, instance: str) -> int:
+        """Process id an instance shows."""
+        return int(self.cell(instance, "pid"))
+
+    def kill(self, instance: str) -> int:
+        """kill -9; returns the pid that died."""
+        pid = self.pid(instance)
+        os.kill(pid, signal.SIGKILL)
+        return pid
+
+    def trocar(self, *words: str, code: int | None = 0, timeout: float = 120.0) -> str:
+        """Run a verb; returns its output, fails on another exit code than expected."""
+        done = subprocess.run([sys.executable, "-m", "tools", *words], cwd=ROOT, env=self.environment, timeout=timeout,
+                              capture_output=True, text=True, check=False)
+        if code is not None and done.returncode != code:
+            pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.said()}")
+        return done.stdout + done.stderr if code else done.stdout
+
+    def down(self) -> int:
+        """Ask the supervisor to end and wait for it."""
+        if self.supervisor is None:
+            return 0
+        if self.supervisor.poll() is None:
+            self.supervisor.send_signal(signal.SIGINT)
+        return self.supervisor.wait(timeout=60)
+
+    def left_over(self) -> list[str]:
+        """Processes and segments that are still there."""
+        alive = [f"process {pid} {' '.join(psutil.Process(pid).cmdline())}" for pid in self.pids
+                 if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
+        return alive + ["~".join(parts) for parts in names_of(self.name)]

@@ -1,0 +1,145 @@
+"""kill -9 of every part, on the wall clock and in lock-step: who notices, what moves, how it comes back."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from shm import directory
+from shm.mailbox import Client
+from tests.system.robot import DEMO, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+CLOCKS = ("wall", "lockstep")
+PLACE = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
+ELSEWHERE = (0.6, 0.4, 0.16, 0.3, 0.2, -0.2)
+
+
+def homed(robot: Robot, clock: str) -> None:
+    """The demo robot, powered and homed."""
+    robot.up(DEMO, "--set", f"clock={clock}")
+    robot.trocar("power-on")
+    robot.trocar("home")
+
+
+def move(robot: Robot, goal: tuple[float, ...]) -> None:
+    """Ask PSM1 for a move; returns when it was accepted."""
+    client = Client(robot.name, "PSM1")
+    number = client.send("move_jp", goal)
+    replies: list[str] = []
+
+    def answered() -> bool:
+        replies.extend(r.outcome for r in client.poll() if r.id == number)
+        return bool(replies)
+
+    wait_for(answered, 20, "an answer to move_jp")
+    client.close()
+    assert replies[0] in ("accepted", "done")
+
+
+def arm_value(robot: Robot, name: str) -> np.ndarray:
+    """One field of PSM1's newest record."""
+    reader = directory.reader(robot.name, "PSM1", "state")
+    assert reader.newest()
+    value = reader.field(name).copy()
+    reader.close()
+    return value
+
+
+def at(robot: Robot, goal: tuple[float, ...]) -> bool:
+    """The set-point is at the goal, the measured position close by."""
+    return bool(
+        np.abs(arm_value(robot, "setpoint_position")[:6] - goal).max() < 1e-6
+        and np.abs(arm_value(robot, "position")[:6] - goal).max() < 0.05
+    )
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_arm_killed_during_a_move_holds_and_comes_back(robot: Robot, clock: str) -> None:
+    homed(robot, clock)
+    move(robot, PLACE)
+    wait_for(lambda: at(robot, PLACE), 30, "the first move")
+    io = directory.reader(robot.name, "IO1", "state")
+    generation = int(arm_value(robot, "bias_generation"))
+    missed, epoch = robot.cell("IO1", "missed"), io.epoch
+    move(robot, ELSEWHERE)
+    wait_for(lambda: bool(arm_value(robot, "setpoint_position")[0] > 0.2), 20, "half of the second move")
+    assert io.newest()
+    first = int(io.field("cycle"))
+    old = robot.kill("PSM1")
+    wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 30, "the arm's restart")
+    wait_for(lambda: bool(arm_value(robot, "is_homed")), 10, "homed again, by shared memory alone")
+    history = io.last(4000)
+    setpoints = history["setpoint_position"][:, :3]
+    steps = np.abs(np.diff(setpoints, axis=0))
+    assert history["pid_enabled"].all(), "the joint controller never let go"
+    assert history["holding"].any(), "io says that it held"
+    assert steps.max(axis=0)[0] < 0.01, "no jump of the set-point"
+    assert io.newest()
+    assert int(io.field("cycle")) > first
+    assert io.epoch == epoch
+    if clock == "lockstep":
+        assert robot.cell("IO1", "missed") == missed, "I/O does not miss a beat"
+        assert np.all(np.diff(history["stamp_ns"]) < 700_000)
+    assert int(arm_value(robot, "bias_generation")) == generation
+    move(robot, PLACE)
+    wait_for(lambda: at(robot, PLACE), 30, "a new move without re-homing")
+    io.close()
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_boards_cut_the_amplifiers_when_io_is_killed(robot: Robot, clock: str) -> None:
+    homed(robot, clock)
+    boards = directory.reader(robot.name, "boards", "state")
+    old = robot.kill("IO1")
+    wait_for(lambda: boards.newest() and bool(boards.field("watchdog").all()), 10, "every watchdog fired")
+    after_ns = boards.field("watchdog_ns") - boards.field("refresh_ns")
+    assert np.all(after_ns <= 30_100_000), "within the watchdog time, by the boards' own clock"
+    assert np.all(after_ns >= 29_900_000)
+    assert not boards.field("amp_on").any()
+    boards.close()
+    state = json.loads(robot.trocar("echo", "PSM1/operating_state", "--json", "--once"))
+    wait_for(lambda: bytes(arm_value(robot, "state")[()]) == b"FAULT", 10, f"FAULT, not {state}")
+    wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 30, "io's restart")
+    io = directory.reader(robot.name, "IO1", "state")
+    wait_for(lambda: io.newest() and io.epoch == 2, 10, "records of the new io")
+    assert not io.field("powered").any()
+    assert not io.field("pid_enabled").any()
+    io.close()
+    robot.trocar("power-on")
+    robot.trocar("home")
+    move(robot, PLACE)
+    wait_for(lambda: at(robot, PLACE), 30, "a move after the recovery")
+
+
+def test_everything_ends_when_the_supervisor_is_killed(robot: Robot) -> None:
+    homed(robot, "wall")
+    pids = [robot.pid(i) for i in ("boards", "IO1", "PSM1")]
+    robot.kill("supervisor")
+    assert robot.supervisor is not None
+    robot.supervisor.wait(10)
+    import psutil
+
+    wait_for(lambda: not any(psutil.pid_exists(p) for p in pids), 20, "every process ends by itself")
+    robot.up()
+    assert "cleared" in robot.said()
+
+
+def test_two_systems_run_side_by_side(robots) -> None:  # type: ignore[no-untyped-def]
+    one, two = robots(), robots()
+    one.up()
+    two.up()
+    one.trocar("power-on")
+    assert json.loads(one.trocar("echo", "PSM1/operating_state", "--json", "--once"))["state"] == "ENABLED"
+    assert json.loads(two.trocar("echo", "PSM1/operating_state", "--json", "--once"))["state"] == "DISABLED"
+    one.down()
+    assert two.state("PSM1") == "RUNNING"
+
+
+def test_a_second_system_of_the_same_name_is_refused(robot: Robot) -> None:
+    robot.up()
+    said = robot.trocar("up", str(DEMO), "--system", robot.name, code=1)
+    assert "is up already" in said
+    assert robot.state("PSM1") == "RUNNING"
