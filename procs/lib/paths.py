@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def log_folder(environ: Mapping[str, str], system: str) -> Path:
-    """Folder of the log files of a system: `TROCAR_STATE`, else `XDG_STATE_HOME/trocar`, else `~/.local/state/trocar`."""
+    """Folder of a system's log files: `TROCAR_STATE`, else `XDG_STATE_HOME/trocar`, else `~/.local/state/trocar`."""
     chosen = environ.get("TROCAR_STATE")
     if chosen:
         return Path(chosen) / system

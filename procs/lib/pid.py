@@ -230,6 +230,9 @@ class Pid:
             np.copyto(self.position_error, self._zero, where=self._off)
             np.copyto(self.setpoint_position, position, where=self._off)
             self._rest()
+        if self._any_effort:
+            np.copyto(self.position_error, self._zero, where=self.effort_mode)
+            np.copyto(self.setpoint_position, position, where=self.effort_mode)
         np.isfinite(f, self._ok)
         if b"\0" in self._ok.tobytes():
             bad = ~self._ok
