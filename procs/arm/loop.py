@@ -86,3 +86,7 @@ def main() -> None:
             setpoint.publish(me.now_ns)
             state.publish(me.now_ns)
             me.follow(int(written), BEHIND_IO_NS)
+
+
+if __name__ == "__main__":
+    main()

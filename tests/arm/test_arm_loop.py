@@ -21,7 +21,11 @@ from shm.pulse import Pulse
 from tests.arm.fake_io import FakeIo, fixed_arm
 
 pytestmark = pytest.mark.slow
-ARM = "import sys; sys.argv[1:] = ['--system', sys.argv[1], '--name', 'PSM1']; from procs.arm.loop import main; main()"
+ARM = """
+import runpy, sys
+sys.argv[1:] = ["--system", sys.argv[1], "--name", "PSM1"]
+runpy.run_module("procs.arm.loop", run_name="__main__")
+"""
 ACTUATOR = Actuator(0, 0, "REVOLUTE", 1.0, Linear(), Linear(), 1.0)
 
 
