@@ -1,0 +1,46 @@
+"""Digital inputs of all boards: bits out of the blocks, debounced, as events."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.record import Record
+from procs.io.reports import Event, Reports
+from procs.io.robots import Robots
+from procs.lib import blocks
+from procs.lib.debounce import NAMES, Debounce
+
+PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, released, clicked
+
+
+class Buttons:
+    """The inputs of one io in the order of the document."""
+
+    def __init__(self, robots: Robots, source: NDArray[np.uint32], record: Record, reports: Reports) -> None:
+        """`source` (n_boards, 32) is where the port leaves the real-time blocks."""
+        inputs = robots.io.digital_inputs
+        row = {board: k for k, board in enumerate(robots.board_ids)}
+        self._names = [i.name for i in inputs]
+        self._flat = source.reshape(-1)
+        self._index = np.array(
+            [row[i.board_id] * blocks.READ_COLUMNS + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
+        self._bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
+        self._words, self._zero = np.zeros(len(inputs), np.uint32), np.zeros(len(inputs), np.uint32)
+        self._set = np.zeros(len(inputs), dtype=bool)
+        self._debounce = Debounce(inputs)
+        self._record, self._reports = record, reports
+
+    def poll(self, dt_s: float) -> None:
+        """Look at the newest sample, `dt_s` after the one before."""
+        if not self._names:
+            return
+        self._flat.take(self._index, out=self._words, mode="clip")
+        np.bitwise_and(self._words, self._bit, self._words)
+        np.not_equal(self._words, self._zero, self._set)
+        for index, kind in self._debounce.poll(self._set, dt_s):
+            name = self._names[index]
+            self._reports.events.append(Event("button", NAMES[kind], NAMES[kind], name, value=PAYLOADS[kind]))
+        self._record.input[...] = self._debounce.value

@@ -1,0 +1,203 @@
+"""What io does when asked: one method per row of the `io` command table; refusals say why and what to do first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.bias import Bias
+from procs.io.follow import Follow
+from procs.io.power import Power
+from procs.io.record import Record
+from procs.io.robots import Robots
+from procs.io.safety import Safety
+from procs.lib.faults import fault_of
+from procs.lib.pid import Pid
+
+MOST_SAMPLES: Final = 100_000
+
+
+class Command(Protocol):
+    """A command from the mailbox."""
+
+    @property
+    def name(self) -> str:
+        """Its name in the command table."""
+
+    @property
+    def text(self) -> str:
+        """The robot it is about."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers."""
+
+    def accept(self, text: str = "") -> None:
+        """It is under way."""
+
+    def refuse(self, reason: str) -> None:
+        """It will not be done."""
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed."""
+
+
+class Refused(Exception):
+    """A command that cannot be done now; the text says why."""
+
+
+class Commands:
+    """Carries out commands; power and bias answer again when they are finished."""
+
+    def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
+                 safety: Safety) -> None:
+        self._robots, self._record, self._power, self._bias = robots, record, power, bias
+        self._follow, self._pid, self._safety = follow, pid, safety
+        self._powering: list[tuple[int, Command]] = []
+        self._biasing: list[tuple[int, Command]] = []
+        self._now_ns = 0
+        self._table: dict[str, Callable[[int, Command], None]] = {
+            "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
+            "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
+            "tracking_check": self._tracking_check, "pot_check": self._pot_check,
+            "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
+        }
+
+    def execute(self, commands: Iterable[Command], now_ns: int) -> None:
+        """Carry out what came in, then answer what has finished."""
+        self._now_ns = now_ns
+        for command in commands:
+            try:
+                action = self._table.get(command.name)
+                if action is None:
+                    raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
+                action(self._robot(command.text), command)
+            except Refused as reason:
+                command.refuse(str(reason))
+        if self._powering or self._biasing:
+            self._answer()
+
+    def _answer(self) -> None:
+        record = self._record
+        for robot, command in list(self._powering):
+            if record.amps_on[robot] and record.powered[robot]:
+                command.done()
+            elif not record.power_wanted[robot]:
+                command.fail(self._why(robot, "power was switched off"))
+            else:
+                continue
+            self._powering.remove((robot, command))
+        for robot, command in list(self._biasing):
+            if not record.biasing[robot]:
+                self._biasing.remove((robot, command))
+                if record.biased[robot]:
+                    command.done()
+                else:
+                    command.fail(self._why(robot, "the bias was given up"))
+
+    def _why(self, robot: int, otherwise: str) -> str:
+        fault = fault_of(int(self._record.fault[robot]))
+        return f"{fault.text}; {fault.hint}" if fault else otherwise
+
+    def _robot(self, name: str) -> int:
+        if name not in self._robots.names:
+            raise Refused(f"no robot {name!r} here; there are: {', '.join(self._robots.names)}")
+        return self._robots.names.index(name)
+
+    def _power_on(self, robot: int, command: Command) -> None:
+        if not self._record.power_wanted[robot]:
+            self._record.fault[robot] = 0
+        self._power.on(robot, self._now_ns)
+        command.accept()
+        self._powering.append((robot, command))
+
+    def _power_off(self, robot: int, command: Command) -> None:
+        self._follow.enable(robot, False, self._now_ns)
+        self._power.off(robot, bool(len(command.values) and command.values[0]))
+        command.done()
+
+    def _bias_encoders(self, robot: int, command: Command) -> None:
+        record = self._record
+        samples = command.values[0] if len(command.values) else 0.0
+        if not 1.0 <= abs(samples) <= MOST_SAMPLES:
+            raise Refused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
+        if record.pid_enabled[robot]:
+            raise Refused("the joint controller is on; switch it off first")
+        if record.biasing[robot]:
+            raise Refused("a bias is under way")
+        if not record.valid:
+            raise Refused("there is no good sample of the controllers")
+        reason = self._bias.begin(robot, int(samples))
+        if reason:
+            raise Refused(reason)
+        command.accept()
+        self._biasing.append((robot, command))
+
+    def _pid_enable(self, robot: int, command: Command) -> None:
+        record, on = self._record, _switch(command)
+        if on and not record.pid_enabled[robot]:
+            if not self._follow.controlled(robot):
+                raise Refused("it has no joint controller")
+            for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
+                               (record.biased, "its encoders are not biased")):
+                if not flag[robot]:
+                    raise Refused(what)
+            if record.fault[robot]:
+                raise Refused(self._why(robot, "a fault is latched"))
+            if not record.valid:
+                raise Refused("there is no good sample of the controllers")
+            self._follow.enable(robot, True, self._now_ns)
+        elif not on and record.pid_enabled[robot]:
+            self._follow.enable(robot, False, self._now_ns)
+        command.done()
+
+    def _servo_zero(self, robot: int, command: Command) -> None:
+        self._follow.enable(robot, False, self._now_ns)
+        command.done()
+
+    def _enforce_limits(self, robot: int, command: Command) -> None:
+        reason = self._follow.enforce_limits(robot, _switch(command))
+        if reason:
+            raise Refused(reason)
+        command.done()
+
+    def _tracking_check(self, robot: int, command: Command) -> None:
+        self._record.tracking_check[robot] = _switch(command)
+        self._pid.check_tracking(self._robots.slices[robot], _switch(command))
+        command.done()
+
+    def _pot_check(self, robot: int, command: Command) -> None:
+        self._record.pot_check[robot] = _switch(command)
+        self._safety.forget_pots(self._robots.slices[robot])
+        self._power.changed = True
+        command.done()
+
+    def _use_velocity(self, robot: int, command: Command) -> None:
+        self._follow.use_velocity(robot, _switch(command))
+        command.done()
+
+    def _torque_mode(self, robot: int, command: Command) -> None:
+        axes = self._robots.slices[robot]
+        count = axes.stop - axes.start
+        if len(command.values) != count:
+            raise Refused(f"{len(command.values)} values; allowed: {count}")
+        if not self._follow.controlled(robot):
+            raise Refused("it has no joint controller")
+        self._follow.torque_mode(robot, command.values != 0.0)
+        command.done()
+
+    def _clear_fault(self, robot: int, command: Command) -> None:
+        self._record.fault[robot] = 0
+        command.done()
+
+
+def _switch(command: Command) -> bool:
+    if len(command.values) != 1 or command.values[0] not in (0.0, 1.0):
+        raise Refused("one value is needed: 1 (on) or 0 (off)")
+    return bool(command.values[0])

@@ -1,0 +1,217 @@
+"""One I/O cycle: read → decide → control → write → publish, on plain arrays and somebody's clock.
+
+A bad read is tolerated while the last good sample is younger than the watchdog time: the last outputs are written
+again (the boards must see a living host), nothing is computed from old values, the record says `valid` = false and how
+old they are. After that it is a fault: joint controllers and power go off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from procs.io.bias import Bias
+from procs.io.buttons import Buttons
+from procs.io.commands import Command, Commands
+from procs.io.follow import Follow, SetpointSource
+from procs.io.outputs import Outputs
+from procs.io.port import Port
+from procs.io.power import Power
+from procs.io.record import Record
+from procs.io.reports import Event, Reports, Trip
+from procs.io.robots import Robots, Samples
+from procs.io.safety import Safety
+from procs.lib import faults
+from procs.lib.document import Io, PidAxis
+from procs.lib.pid import Pid
+
+DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
+MISSED_REPEAT_NS: Final = 1_000_000_000
+FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
+
+
+class RobotIo:
+    """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
+
+    def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
+                 sources: Sequence[SetpointSource], preset: Sequence[bool] | None = None) -> None:
+        """`sources` in the order of `io.pids`; `preset` says per robot whether its encoders kept a preload."""
+        self.io, self.record, self.reports = io, record, Reports()
+        self._port, self._now_ns = port, now_ns
+        self.robots = robots = Robots(io)
+        if robots.board_ids != tuple(port.board_ids):
+            raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
+        record.restart()
+        preset = list(preset or [False] * len(robots.names))
+        record.biased[...] = preset
+        self.samples = samples = Samples(robots, port.blocks, record)
+        self._outputs = Outputs(robots, port, record)
+        self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
+            record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
+            record.effort_mode))
+        self._power = Power(robots, port.blocks, record, self._outputs, self.reports, samples)
+        self._safety = Safety(robots, samples, record, self.reports)
+        self._bias = Bias(robots, port, samples, record, self.reports, preset)
+        self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
+        self._buttons = Buttons(robots, port.blocks, record, self.reports)
+        self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety)
+        self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
+        self._good_ns = now_ns()
+        self._before_ns = self._good_ns
+        self._missed_ns = -MISSED_REPEAT_NS
+        self._lost = False
+        self._cycles = 0
+        self._bad_by_board = port.counters.board_bad_reads.copy()
+        if io.close_all_relays:
+            self._outputs.close_relays()
+
+    def cycle(self, commands: Iterable[Command] = ()) -> None:
+        """One cycle; the caller publishes the record afterwards."""
+        read_ns = self._now_ns()
+        good = self._port.read_all()
+        now_ns = self._now_ns()
+        with np.errstate(all="ignore"):
+            if good:
+                self._look(now_ns)
+            else:
+                self._missed(now_ns)
+            self.record.valid[...] = good
+            self._follow.receive(now_ns)
+            self._commands.execute(commands, now_ns)
+            if self.reports.trips:
+                self._act(now_ns)
+            if good:
+                self._control(now_ns)
+            finite = self._outputs.encode(self.pid.effort)
+            self._port.write_all()
+            self._outputs.written()
+            if not finite:
+                self._not_finite(now_ns)
+            self._show(good, read_ns, now_ns)
+
+    def _look(self, now_ns: int) -> None:
+        """Decode a good sample and check it."""
+        self._before_ns, self._good_ns = self._good_ns, now_ns
+        if self._lost:
+            self._lost = False
+            self.reports.status("the controllers answer again")
+        self.samples.update()
+        self._power.step(now_ns)
+        if self._power.changed:
+            self._power.changed = False
+            self._safety.refresh()
+        self._safety.check(now_ns)
+        if self._safety.set_encoder_zero:
+            for robot in self._safety.set_encoder_zero:
+                self._bias.zero(robot)
+            self._safety.set_encoder_zero.clear()
+        self._bias.step()
+
+    def _missed(self, now_ns: int) -> None:
+        """A bad read: tolerated for the watchdog time."""
+        self.record.bad_reads += np.uint64(1)
+        age_ns = now_ns - self._good_ns
+        if now_ns - self._missed_ns >= MISSED_REPEAT_NS:
+            self._missed_ns = now_ns
+            self.reports.warn(faults.READ_MISSED, self._blamed(), value=age_ns * 1e-9, limit=self._oldest_ns * 1e-9)
+        if age_ns > self._oldest_ns and not self._lost:
+            self._lost = True
+            blamed = self._blamed()
+            for robot in range(len(self.robots.names)):
+                self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=self._oldest_ns * 1e-9,
+                                  detail=blamed)
+
+    def _blamed(self) -> str:
+        """Boards with bad reads since the last time somebody asked."""
+        counts = self._port.counters.board_bad_reads
+        rows = np.flatnonzero(counts > self._bad_by_board)
+        self._bad_by_board = counts.copy()
+        return "board " + ", ".join(str(self.robots.board_ids[row]) for row in rows) if len(rows) else ""
+
+    def _control(self, now_ns: int) -> None:
+        """The joint controllers, on this very sample."""
+        tripped = self.pid.step(self.samples.position, self.samples.velocity, self.record.at_limit)
+        if tripped is not None:
+            for robot, axes in enumerate(self.robots.slices):
+                if tripped[axes].any():
+                    axis = int(np.argmax(tripped[axes]))
+                    self.reports.trip(faults.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
+                                      float(self.pid.tolerance[axes][axis]))
+        if self.reports.trips:
+            self._act(now_ns)
+
+    def _not_finite(self, now_ns: int) -> None:
+        """An effort that was not a number left as 0 A; whoever made it is switched off."""
+        request = self.record.current_request
+        for robot, axes in enumerate(self.robots.slices):
+            bad = ~np.isfinite(request[axes])
+            if bad.any():
+                self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)))
+        request[~np.isfinite(request)] = 0.0
+        self._act(now_ns)
+
+    def _act(self, now_ns: int) -> None:
+        """Switch off what the faults of this cycle ask for, latch the first of each robot, tell."""
+        trips = self.reports.trips
+        while trips:
+            trip = trips.pop(0)
+            robot, fault, record = trip.robot, trip.fault, self.record
+            if record.fault[robot] != fault.number:
+                self._tell(trip)
+            if fault.action == faults.NOTHING:
+                continue
+            if not record.fault[robot]:
+                record.fault[robot] = fault.number
+            self._follow.enable(robot, False, now_ns)
+            if fault.action == faults.POWER_OFF:
+                self._bias.stop(robot)
+                self._power.off(robot)
+                for other in self.robots.sharing(robot):
+                    if record.power_wanted[other]:
+                        self.reports.trip(faults.SHARED_BOARD, other)
+
+    def _tell(self, trip: Trip) -> None:
+        fault = trip.fault
+        text = f"{fault.text}{f' ({trip.detail})' if trip.detail else ''}; {fault.hint}"
+        self.reports.events.append(
+            Event("error", text, fault.code, self.robots.names[trip.robot], trip.axis, trip.value, trip.limit))
+
+    def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
+        """The rest of the record; the boards have been written already."""
+        record = self.record
+        if good:
+            self.samples.publish()
+            self._buttons.poll((now_ns - self._before_ns) * 1e-9)
+        self._cycles += 1
+        record.cycle[...] = self._cycles
+        record.read_ns[...] = read_ns
+        written_ns = self._now_ns()
+        record.write_ns[...] = written_ns
+        record.age_ns[...] = written_ns - self._good_ns
+
+    def farewell(self) -> None:
+        """Zero every output: controllers off, amplifiers and power off, relays open. On every path out."""
+        now_ns = self._now_ns()
+        for robot in range(len(self.robots.names)):
+            self._follow.enable(robot, False, now_ns)
+        self.pid.effort.fill(0.0)
+        for _ in range(FAREWELLS):
+            for robot in range(len(self.robots.names)):
+                self._power.off(robot, open_relays=True)
+            self._outputs.encode(self.pid.effort)
+            self._port.write_all()
+            self._outputs.written()
+
+
+def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:
+    """Gains per flat axis, None where no controller is configured."""
+    gains: list[PidAxis | None] = [None] * robots.axes
+    for row in io.pids:
+        axes = robots.slices[robots.names.index(row.robot)]
+        if len(row.axes) != axes.stop - axes.start:
+            raise ValueError(f"{row.source or row.robot}: {len(row.axes)} actuators; its robot has "
+                             f"{axes.stop - axes.start}")
+        gains[axes] = row.axes
+    return gains

@@ -1,0 +1,255 @@
+"""Set-points of the arms: taken when fresh and meant for us, held when not.
+
+A set-point counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of
+the joint controller. Without a fresh one the last accepted position is held, with its feed-forward (gravity) and
+without its velocity; where efforts were passed through, the joint controller takes over at the measured position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.record import Flags, Floats, Record
+from procs.io.reports import Reports
+from procs.io.robots import Robots, Samples
+from procs.lib import faults
+from procs.lib.document import Io
+from procs.lib.pid import Pid
+
+REST: Final = 0  # modes of a set-point
+POSITIONS: Final = 1
+EFFORTS: Final = 2
+
+
+class SetpointSource(Protocol):
+    """The newest set-point record of one arm; scalars are arrays of shape (), the others (8,)."""
+
+    mode: NDArray[Any]
+    has_velocity: NDArray[Any]
+    count: NDArray[Any]
+    bias_generation: NDArray[Any]
+    pid_generation: NDArray[Any]
+    position: Floats
+    velocity: Floats
+    effort: Floats
+    feed_forward: Floats
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record, 0: there was none yet."""
+
+    def newest(self) -> bool:
+        """Take the newest record."""
+
+
+@dataclass(slots=True)
+class Follower:
+    """One controlled robot and where its set-points come from."""
+
+    robot: int
+    axes: slice
+    arm: str
+    source: SetpointSource
+    stamp_ns: int = 0
+    fresh_ns: int = 0  # stamp of the last fresh set-point, or when the controller was enabled
+    mode: int = REST
+    velocity: bool = False
+    own: bool = True  # the present set-point is ours (enable, take-over): limits do not move it
+    lost: bool = False
+    off: bool = False
+
+
+class Follow:
+    """Feeds the joint controller from the arms' rings."""
+
+    def __init__(self, io: Io, robots: Robots, samples: Samples, pid: Pid, record: Record, reports: Reports,
+                 sources: Sequence[SetpointSource]) -> None:
+        """`sources` in the order of `io.pids`."""
+        n = robots.axes
+        self._io, self._robots, self._samples, self._pid = io, robots, samples, pid
+        self._record, self._reports = record, reports
+        self._timeout_ns = round(io.setpoint_timeout_s * 1e9)
+        self._lost_ns = round(io.arm_lost_s * 1e9)
+        self._off_ns = round(io.arm_lost_power_off_s * 1e9)
+        self._incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as they came
+        self._finite: NDArray[np.bool_] = np.ones((4, n), dtype=bool)
+        pid.requested_effort, pid.feed_forward = self._incoming[2], self._incoming[3]
+        self._low, self._high = np.full(n, -np.inf), np.full(n, np.inf)
+        self._torque: Flags = np.zeros(n, dtype=bool)
+        self._dirty = False
+        self._followers = []
+        for row, source in zip(io.pids, sources, strict=True):
+            robot = robots.names.index(row.robot)
+            self._followers.append(Follower(robot, robots.slices[robot], row.arm, source))
+        self._of_robot = {f.robot: f for f in self._followers}
+
+    def controlled(self, robot: int) -> bool:
+        """Whether the robot has a joint controller."""
+        return robot in self._of_robot
+
+    def enable(self, robot: int, on: bool, now_ns: int) -> None:
+        """Joint controller on, holding where the robot is, or off with zero effort."""
+        follower, record = self._of_robot.get(robot), self._record
+        if follower is None:
+            return
+        axes = follower.axes
+        self._pid.enable(axes, on, self._samples.position)
+        self._incoming[:, axes] = 0.0
+        self._torque[axes] = False
+        self._stay(follower)
+        follower.mode, follower.velocity, follower.fresh_ns = REST, False, now_ns
+        follower.lost = follower.off = False
+        record.pid_enabled[robot] = on
+        record.holding[robot] = False
+        if on:
+            record.pid_generation[robot] += 1
+
+    def enforce_limits(self, robot: int, on: bool) -> str:
+        """Clip set-points from now on; what is held does not move. Returns why not, or ""."""
+        axes = self._robots.slices[robot]
+        if on and not (np.any(self._robots.lower[axes]) or np.any(self._robots.upper[axes])):
+            return "all its position limits are 0"
+        self._record.limits_enforced[robot] = on
+        follower = self._of_robot.get(robot)
+        if follower is not None:
+            follower.own = True
+            self._limit(follower)
+        return ""
+
+    def torque_mode(self, robot: int, mask: Flags) -> None:
+        """Pass the efforts of some actuators through, also while the others follow positions."""
+        follower = self._of_robot[robot]
+        self._torque[follower.axes] = mask
+        follower.mode = REST  # applied with the next set-point
+
+    def use_velocity(self, robot: int, on: bool) -> None:
+        """Use the velocity feed of set-points."""
+        self._record.velocity_used[robot] = on
+
+    def receive(self, now_ns: int) -> None:
+        """Newest set-points of all arms, then what the joint controller is to follow."""
+        record = self._record
+        for follower in self._followers:
+            source = follower.source
+            source.newest()
+            stamp_ns = source.stamp_ns
+            age_ns = now_ns - stamp_ns
+            robot = follower.robot
+            record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1
+            if not record.pid_enabled[robot]:
+                continue
+            if -self._timeout_ns <= age_ns <= self._timeout_ns and stamp_ns:
+                follower.fresh_ns = stamp_ns
+                if stamp_ns != follower.stamp_ns or follower.mode == REST:
+                    follower.stamp_ns = stamp_ns
+                    self._take(follower)
+            else:
+                self._stale(follower, now_ns)
+        if self._dirty:
+            self._apply(now_ns)
+
+    def _take(self, follower: Follower) -> None:
+        """A fresh record: what it asks for, if it is meant for us."""
+        source, record, robot, axes = follower.source, self._record, follower.robot, follower.axes
+        if record.holding[robot]:
+            record.holding[robot] = follower.lost = follower.off = False
+            self._reports.status(f"set-points of {follower.arm} are back", self._robots.names[robot])
+        mode, count = source.mode.item(), axes.stop - axes.start
+        meant = (source.bias_generation.item() == record.bias_generation[robot]
+                 and source.pid_generation.item() == record.pid_generation[robot])
+        if mode not in (POSITIONS, EFFORTS) or not meant or source.count.item() != count:
+            self._rest(follower)
+            return
+        incoming = self._incoming
+        incoming[0, axes] = source.position[:count]
+        incoming[2, axes] = source.effort[:count]
+        incoming[3, axes] = source.feed_forward[:count]
+        velocity = bool(source.has_velocity.item() and record.velocity_used[robot])
+        if velocity:
+            incoming[1, axes] = source.velocity[:count]
+        if velocity != follower.velocity:
+            self._carry_velocity(follower, velocity)
+        if mode != follower.mode:
+            follower.mode = mode
+            self._pid.use_effort(axes, True if mode == EFFORTS else self._torque[axes])
+        if follower.own:
+            follower.own = False
+            self._limit(follower)
+        self._dirty = True
+
+    def _stale(self, follower: Follower, now_ns: int) -> None:
+        """No fresh set-point: hold; say so once, and again when the arm stays away."""
+        record, robot = self._record, follower.robot
+        silent_ns = now_ns - follower.fresh_ns
+        if not record.holding[robot] and silent_ns > self._timeout_ns:
+            record.holding[robot] = True
+            self._rest(follower)
+            self._reports.status(f"no set-point of {follower.arm}; holding", self._robots.names[robot])
+        if silent_ns > self._lost_ns and not follower.lost:
+            follower.lost = True
+            self._reports.trip(faults.ARM_LOST, robot, value=silent_ns * 1e-9, limit=self._io.arm_lost_s)
+        if self._off_ns and silent_ns > self._off_ns and not follower.off:
+            follower.off = True
+            self._reports.trip(faults.ARM_LOST_POWER_OFF, robot, value=silent_ns * 1e-9,
+                               limit=self._io.arm_lost_power_off_s)
+
+    def _rest(self, follower: Follower) -> None:
+        """Nothing is asked for: no velocity, and no effort without a position to hold."""
+        if follower.velocity:
+            self._carry_velocity(follower, False)
+        follower.mode = REST
+        if self._pid.effort_mode[follower.axes].any():
+            self._incoming[2, follower.axes] = 0.0
+            self._pid.use_effort(follower.axes, False)
+            self._stay(follower)
+
+    def _carry_velocity(self, follower: Follower, on: bool) -> None:
+        follower.velocity = on
+        if not on:
+            self._incoming[1, follower.axes] = 0.0
+        self._pid.carry_velocity(follower.axes, on)
+
+    def _stay(self, follower: Follower) -> None:
+        """Hold the measured position."""
+        self._incoming[0, follower.axes] = self._samples.position[follower.axes]
+        follower.own = self._dirty = True
+        self._limit(follower)
+
+    def _limit(self, follower: Follower) -> None:
+        """Limits of one robot; a set-point of our own that lies outside them stays where it is."""
+        axes, robots = follower.axes, self._robots
+        enforced = self._record.limits_enforced[follower.robot]
+        low = robots.lower[axes] if enforced else np.full(axes.stop - axes.start, -np.inf)
+        high = robots.upper[axes] if enforced else np.full(axes.stop - axes.start, np.inf)
+        if follower.own:
+            low, high = np.minimum(low, self._incoming[0, axes]), np.maximum(high, self._incoming[0, axes])
+        self._low[axes], self._high[axes] = low, high
+        self._dirty = True
+
+    def _apply(self, now_ns: int) -> None:
+        """Clip all positions at once and hand everything to the joint controller."""
+        incoming, pid, record = self._incoming, self._pid, self._record
+        self._dirty = False
+        np.isfinite(incoming, self._finite)
+        if b"\0" in self._finite.tobytes():
+            self._refuse(now_ns)
+        setpoint = pid.setpoint_position
+        np.maximum(incoming[0], self._low, out=setpoint)
+        np.minimum(setpoint, self._high, out=setpoint)
+        np.not_equal(setpoint, incoming[0], record.at_limit)
+        pid.setpoint_velocity[...] = incoming[1]
+
+    def _refuse(self, now_ns: int) -> None:
+        """Something is not a number: that robot's controller goes off before any of it is used."""
+        for follower in self._followers:
+            bad = ~self._finite[:, follower.axes].all(axis=0)
+            if bad.any():
+                self._reports.trip(faults.NOT_FINITE, follower.robot, int(np.argmax(bad)))
+                self.enable(follower.robot, False, now_ns)
+        self._incoming[~np.isfinite(self._incoming)] = 0.0
+        self._dirty = False

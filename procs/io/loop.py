@@ -1,0 +1,70 @@
+"""The io process: owns its bus, runs robot I/O and joint controllers in one loop, publishes what it sees."""
+
+from __future__ import annotations
+
+from procs import runtime
+from procs.io.cycle import RobotIo
+from procs.io.record import Record
+from procs.io.reports import Event
+from procs.io.robots import Robots
+from procs.io.start import prepare
+from procs.io.udp import UdpPort
+from shm.events import ERROR, STATUS, WARNING
+from shm.ring import RingReader
+
+SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
+
+
+class RingSource:
+    """The set-point ring of an arm as a `SetpointSource`."""
+
+    def __init__(self, ring: RingReader) -> None:
+        self._ring, self.newest = ring, ring.newest
+        self.mode, self.has_velocity, self.count = (ring.field(n) for n in ("mode", "has_velocity", "count"))
+        self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
+        self.position, self.velocity = ring.field("position"), ring.field("velocity")
+        self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest record, 0: there was none yet."""
+        return self._ring.stamp_ns
+
+
+def main() -> None:
+    """Run until asked to stop; outputs are zero on every path out."""
+    with runtime.process("io") as me:
+        io = me.document.io(me.name)
+        robots = Robots(io)
+        hardware = next((r.hardware for r in io.robots if r.hardware != "HARDWARE_UNDEFINED"), "QLA1")
+        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, hardware=hardware,
+                       real_time=not me.clock.simulated)
+        try:
+            out, mailbox = me.writes("state"), me.mailbox()
+            sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
+            preset = prepare(robots, port)
+            core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset)
+            try:
+                me.ready()
+                while me.tick():
+                    core.cycle(mailbox.drain())
+                    out.publish(me.clock.now_ns())
+                    if core.reports.events:
+                        _tell(me, core.reports.events)
+            finally:
+                core.farewell()
+        finally:
+            port.close()
+
+
+def _tell(me: runtime.Me, events: list[Event]) -> None:
+    for event in events:
+        me.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
+                       component=event.component, axis=event.axis, value=event.value, limit=event.limit)
+        if event.kind in ("warning", "error"):
+            me.log.log(SEVERITY[event.kind] * 10 + 10, "%s: %s", event.component or me.name, event.text)
+    events.clear()
+
+
+if __name__ == "__main__":
+    main()
