@@ -98,7 +98,7 @@ class Climb:
             self._fail(f"not {self.goal} in time; {how}" + (f": {error}" if error else ""))
 
     def _fail(self, why: str) -> None:
-        self.over, self.problem = True, why
+        self.over, self.problem = True, why.removeprefix(f"{self.watch.name}: ")
 
     def line(self) -> str:
         """The arm in a word or two, for a progress line."""

@@ -46,21 +46,23 @@ def demo(
     Example: trocar demo --for 20
     """
     begin = monotonic_ns()
-    summary: dict[str, Any] = {}
+    summary: dict[str, Any] = {"state": None, "problems": []}
     with _robot(system) as background:
         try:
             _climb(system, begin)
             summary = _trace(system, begin, seconds)
         except KeyboardInterrupt:
             note("stopped before the circle began")
+        except Problem as problem:
+            summary["problems"].append(str(problem))
         finally:
             with contextlib.suppress(Problem), progress("power off") as say:
                 power_off(system, say=say)
     summary["supervisor_exit"] = background.popen.returncode
     if background.popen.returncode:
-        summary.setdefault("problems", []).append(f"the supervisor ended with {background.popen.returncode}")
+        summary["problems"].append(f"the supervisor ended with {background.popen.returncode}")
     emit(summary) if as_json else _show(summary)
-    return 1 if summary.get("problems") else 0
+    return 1 if summary["problems"] else 0
 
 
 @contextlib.contextmanager
@@ -111,15 +113,18 @@ def _trace(system: str, begin: int, seconds: float) -> dict[str, Any]:
         stack.callback(run.close)
         length = max(SHORTEST_S, seconds - _since(begin)) if seconds else None
         follower = Follower(watch, remote, False)
+        skipped = [0]
         with _line() as show:
-            skipped = _circles(follower, path, run, watch, length, show)
-        return _summary(run, follower, watch, skipped, homed_s)
+            try:
+                _circles(follower, path, run, watch, length, skipped, show)
+            except Problem as problem:  # it goes into the summary
+                run.errors.append(str(problem))
+        return _summary(run, follower, watch, skipped[0], homed_s)
 
 
-def _circles(follower: Follower, path: Path, run: Run, watch: Watch, length: float | None,
-             show: Callable[[str], None]) -> int:
-    """Follow the path round and round; returns how many set-points came too late to be sent."""
-    skipped = [0]
+def _circles(follower: Follower, path: Path, run: Run, watch: Watch, length: float | None, skipped: list[int],
+             show: Callable[[str], None]) -> None:
+    """Follow the path round and round; `skipped[0]` counts set-points that came too late to be sent."""
     count = None if length is None else round(length * RATE_HZ)
     angle, full = 0.0, 2 * np.pi / TURN_S
     try:
@@ -136,7 +141,6 @@ def _circles(follower: Follower, path: Path, run: Run, watch: Watch, length: flo
         pass
     finally:
         follower.hold()
-    return skipped[0]
 
 
 def _status(run: Run, watch: Watch) -> str:
@@ -188,7 +192,7 @@ def _show(summary: dict[str, Any]) -> None:
         table("tracking error", ("joint", "RMS mrad|mm", "largest"),
               [(name, number(rms * 1e3, ".3f"), number(most * 1e3, ".3f")) for name, rms, most in joints],
               ("RMS mrad|mm", "largest"))
-    problems = summary.get("problems", [])
-    for problem in problems:
+    for problem in summary["problems"]:
         print(f"PROBLEM: {problem}")
-    print("everything stayed healthy" if not problems and "processes" in summary else "not healthy" if problems else "")
+    if "processes" in summary and not summary["problems"]:
+        print("everything stayed healthy")

@@ -38,6 +38,7 @@ class Follower:
         self.names = tuple(names + ["jaw"]) if has_jaw else tuple(names)
         self._measured = watch.reader.field("position")[: self._joints]
         self._jaw = watch.reader.field("jaw_position")
+        self._valid = watch.reader.field("valid")
         width = len(self.names)
         self._now, self._before = np.zeros(width), np.zeros(width)  # rows in force: the last one, the one before
         self._now_ns = self._before_ns = 0
@@ -86,7 +87,7 @@ class Follower:
             row, since_ns = self._now, self._now_ns
         else:
             row, since_ns = self._before, self._before_ns
-        if not since_ns or stamp_ns < since_ns:
+        if not since_ns or stamp_ns < since_ns or not self._valid[()]:
             return
         n = self._joints
         self._error[:n] = self._measured
