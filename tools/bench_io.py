@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import yaml
 
 from shm import directory
@@ -41,7 +42,7 @@ def run(seconds: float = SECONDS, psms: int = PSMS) -> dict[str, Any]:
     figures = {**nominal, "top_rate_hz": fast["rate_hz"]}
     conditions = {
         "boards": 2 * psms, "arms": psms, "seconds": seconds, "state": "every arm homed and holding",
-        "cores": len(os.sched_getaffinity(0)), "cpu": _cpu(), "kernel": platform.release(),
+        "cores": len(psutil.Process().cpu_affinity() or []), "cpu": _cpu(), "kernel": platform.release(),
         "python": platform.python_version(), "numpy": np.__version__, "bus": "emulated boards on loopback UDP",
     }
     return {"bench": "io", "figures": figures, "conditions": conditions}

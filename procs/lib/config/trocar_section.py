@@ -29,7 +29,7 @@ class IoOptions(Section):
     """All buses."""
 
     period_s: Period | None = None
-    priority: Priority = 0
+    priority: Priority = 80
     cpu: Cpu | None = None
     setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old set-point, then hold")
     arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
@@ -41,7 +41,7 @@ class ArmOptions(Section):
     """All arms."""
 
     period_s: Period | None = None
-    priority: Priority = 0
+    priority: Priority = 60
     cpu: Cpu | None = None
     use_setpoint_v: bool = True
 
@@ -50,7 +50,7 @@ class EmulationOptions(Section):
     """The emulated boards."""
 
     period_s: Period = 0.001
-    priority: Priority = 0
+    priority: Priority = 70
     cpu: Cpu | None = None
     seed: int = Field(default=1, ge=0, le=2**32 - 1)
     pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
