@@ -166,9 +166,8 @@ class Commands:
         return outside, f"clipped: {names}"
 
     def _base(self) -> None:
-        """`_goal` := what servo commands are relative to: the accepted set-point, or a goal given in this cycle."""
-        pending = self._motion.pending_since(self._now_ns)
-        self._goal[...] = self._motion.goal if pending or self._motion.mode is not Mode.EFFORT else self._io.setpoint
+        """`_goal` := where all joints are kept now; a servo command then changes its own part of it."""
+        self._goal[...] = self._io.setpoint if self._motion.mode is Mode.EFFORT else self._motion.goal
 
     def _follow(self, velocity: Array | None = None) -> str:
         outside, text = self._clip()
@@ -194,7 +193,7 @@ class Commands:
     def _servo_jr(self, request: Request) -> str:
         values = self._arm_values(request)
         self._base()
-        if not self._motion.pending_since(self._now_ns):
+        if not self._motion.pending_since(self._now_ns):  # else on top of the goal given in this very cycle
             self._goal[: len(values)] = self._io.setpoint[: len(values)]
         self._goal[: len(values)] += values
         return self._follow()
