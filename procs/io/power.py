@@ -164,8 +164,10 @@ class Power:
             reports.trip(faults.WATCHDOG, robot)
         elif record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
             reports.trip(faults.POWER_FAULT, robot)
-        elif not record.powered[robot] and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
-            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
+        elif not record.powered[robot]:
+            supply.amps_off_ns = 0
+            if age_ns > POWER_GRACE_NS or record.pid_enabled[robot]:
+                reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
         elif not record.amps_on[robot]:
             self._judge_amps(robot, now_ns, age_ns)
         else:

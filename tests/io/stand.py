@@ -53,8 +53,8 @@ def robot(name: str, first_board: int, axes: int = 7, **changes) -> Robot:
     return Robot(**(values | changes))
 
 
-def document(robots: int = 1, **changes) -> Io:
-    names = [f"PSM{i + 1}" for i in range(robots)]
+def document(robot_count: int = 1, **changes) -> Io:
+    names = [f"PSM{i + 1}" for i in range(robot_count)]
     values = {
         "name": "IO1", "port": "udp:127.1.2.3", "protocol": "broadcast-query-read-write", "period_s": 1 / 1500,
         "watchdog_s": 0.03, "close_all_relays": True,
@@ -222,8 +222,8 @@ class FakeCommand:
 class Stand:
     """Core, boards, clock and arms; the arms are alive and ask for nothing unless told."""
 
-    def __init__(self, robots: int = 1, preset: bool = True, **changes) -> None:
-        self.io = document(robots, **changes)
+    def __init__(self, robot_count: int = 1, preset: bool = True, **changes) -> None:
+        self.io = document(robot_count, **changes)
         boards = sorted({a.board_id for r in self.io.robots for a in r.actuators}
                         | {i.board_id for i in self.io.digital_inputs})
         self.clock, self.port = Clock(), FakePort(tuple(boards))

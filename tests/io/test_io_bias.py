@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+from procs.io.port import PortError
+from procs.io.robots import Robots
+from procs.io.start import prepare
+from procs.lib import registers
+from tests.io.stand import FakePort, Stand, document
+
+
+def test_encoders_take_the_value_of_constant_potentiometers() -> None:
+    stand = Stand(preset=False)
+    for axis in range(7):
+        stand.port.pot(axis, 1.5)
+    generation = int(stand.record.bias_generation[0])
+    command = stand.ask("bias_encoders", 1970)
+    assert command.outcome == "accepted"
+    stand.run(1000)
+    assert stand.record.biasing[0]
+    assert not stand.record.biased[0]
+    stand.run(1000)
+    assert command.outcome == "done"
+    assert stand.record.biased[0]
+    assert not stand.record.biasing[0]
+    assert stand.record.bias_generation[0] == generation + 1
+    np.testing.assert_allclose(stand.record.position, stand.record.pot_position, atol=1e-5)
+    np.testing.assert_allclose(stand.record.position, 1.5, atol=5e-5)
+
+
+def test_motion_during_the_bias_does_no_harm() -> None:
+    stand = Stand(preset=False)
+    command = stand.ask("bias_encoders", 100)
+    for k in range(1, 99):
+        for axis in range(7):
+            stand.port.place(axis, 1e-3 * k)
+            stand.port.pot(axis, 0.5 + 1e-3 * k)
+        stand.run(1)
+    stand.run(10)
+    assert command.outcome == "done"
+    np.testing.assert_allclose(stand.record.position, 0.598, atol=1e-4)
+
+
+def test_preset_encoders_are_accepted_when_asked() -> None:
+    stand = Stand(preset=True)
+    generation = int(stand.record.bias_generation[0])
+    assert stand.ask("bias_encoders", -1970).outcome == "done"
+    assert stand.record.bias_generation[0] == generation + 1
+    assert stand.port.quadlets == []
+
+
+def test_a_lost_preload_is_written_again() -> None:
+    stand = Stand(preset=False)
+    stand.port.pot(2, 0.7)
+    stand.port.lost_writes = 7
+    command = stand.ask("bias_encoders", 10)
+    stand.run(20)
+    assert command.outcome == "done"
+    assert stand.record.position[2] == pytest.approx(0.7, abs=1e-4)
+
+
+def test_encoders_that_take_nothing_fail_the_bias() -> None:
+    stand = Stand(preset=False)
+    stand.port.pot(2, 0.7)
+    stand.port.lost_writes = 1000
+    command = stand.ask("bias_encoders", 10)
+    stand.run(30)
+    assert command.outcome == "failed"
+    assert stand.codes == ["BIAS_FAILED"]
+    assert not stand.record.biased[0]
+
+
+def test_bias_is_refused_where_it_makes_no_sense() -> None:
+    stand = Stand()
+    assert stand.ask("bias_encoders", 0).outcome == "refused"
+    assert stand.ask("bias_encoders", np.nan).outcome == "refused"
+    stand.control()
+    assert "joint controller" in stand.ask("bias_encoders", 100).answers[0][1]
+    stand.ask("pid_enable", 0)
+    stand.ask("bias_encoders", 100)
+    assert "under way" in stand.ask("bias_encoders", 100).answers[0][1]
+
+
+def test_generations_go_on_after_a_restart() -> None:
+    stand = Stand(preset=False)
+    stand.record.bias_generation[...] = 7
+    stand.record.pid_generation[...] = 5
+    stand.record.powered[...] = True
+    stand.record.restart()
+    assert stand.record.bias_generation[0] == 8
+    assert stand.record.pid_generation[0] == 6
+    assert not stand.record.powered[0]
+
+
+def test_start_sets_watchdogs_and_reads_preloads() -> None:
+    robots, port = Robots(document(2)), FakePort((0, 1, 2, 3))
+    for board in (2, 3):
+        for axis in range(4):
+            port.registers[board, registers.axis_register(axis, registers.ENCODER_PRELOAD)] = 0x800123
+    assert prepare(robots, port) == [False, True]
+    assert (0x3F, registers.WATCHDOG, 5760) in port.quadlets
+    assert port.quadlets[0] == (0x3F, registers.STATUS, 0x00080F00)
+
+
+def test_start_refuses_boards_that_are_not_there() -> None:
+    with pytest.raises(PortError, match="board 2 does not answer"):
+        prepare(Robots(document(2)), FakePort((0, 1)))
+
+
+def test_buttons_become_events() -> None:
+    stand = Stand()
+    stand.run(2)
+    stand.core.reports.events.clear()
+    stand.port.live[0, 2] |= np.uint32(1)
+    stand.run(2)
+    assert [(e.kind, e.text, e.component) for e in stand.core.reports.events] == [("button", "pressed", "clutch")]
+    assert stand.record.input[0]
