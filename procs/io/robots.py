@@ -104,7 +104,6 @@ class Samples:
         columns = (blocks.PERIOD, blocks.QUARTER_5, blocks.QUARTER_1, blocks.RUNNING)
         self._velocity_index = np.array(
             [robots.board_row * blocks.READ_COLUMNS + c.start + robots.channel for c in columns], dtype=np.intp)
-        self._velocity_words = np.zeros((4, n), dtype=np.uint32)
         self._any_software = bool(np.any(robots.software))
         self._firmware = FirmwareVelocity(n)
         self._softly = SoftwareVelocity(n)
@@ -113,7 +112,7 @@ class Samples:
 
     def update(self) -> None:
         """Decode the port's blocks."""
-        words, values = self._words, self.values
+        words, values, robots = self._words, self.values, self._robots
         self._flat.take(self._index, out=words, mode="clip")
         np.right_shift(words, self._shift, words)
         np.bitwise_and(words, self._mask, words)
@@ -128,8 +127,8 @@ class Samples:
             np.matmul(pots[axes], matrix, out=result)
             pots[axes] = result
         np.subtract(pots, self.position, self.pot_error)
-        self._flat.take(self._velocity_index, out=self._velocity_words, mode="clip")
-        np.multiply(self._firmware.update(self._velocity_words), self._scale[POSITION], self.velocity)
+        self._flat.take(self._velocity_index, out=self._firmware.words, mode="clip")
+        np.multiply(self._firmware.update(), robots.position_scale, self.velocity)
         if self._any_software:
             self._update_software()
 

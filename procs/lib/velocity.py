@@ -24,91 +24,100 @@ _NEVER: Final = 1e-300  # stands for 0 ticks where a division needs something
 
 
 class FirmwareVelocity:
-    """Counts/s and counts/s² from period, quarter 1, quarter 5 and running words.
+    """Counts/s and counts/s² from period, quarter 5, quarter 1 and running words.
 
-    Magnitudes are worked on without a sign, so that a prediction that would change sign stops at zero.
+    A caller fills `words` (4, n), in that order, and calls `update`. Magnitudes are worked on without a sign, so that a
+    prediction that would change sign stops at zero.
     """
 
     def __init__(self, n: int, clock_hz: float = float(registers.CLOCK_HZ)) -> None:
         """`clock_hz` is the tick rate of the boards."""
-        self.velocity: Floats = np.zeros(n)  # counts/s over the last four edges
-        self.acceleration: Floats = np.zeros(n)  # counts/s²
+        self.words: Words = np.zeros((4, n), dtype=np.uint32)
         self.predicted: Floats = np.zeros(n)  # counts/s at the time of the sample
-        self._words = np.zeros((4, n), dtype=np.uint32)
+        self._speed, self._rate, self._sign = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._period_word, self._quarter5_word, self._quarter1_word, _ = self.words
+        self._masked = np.zeros((4, n), dtype=np.uint32)
         self._ticks_mask = np.full((4, n), registers.VELOCITY_TICKS_MASK, dtype=np.uint32)
         self._ticks = np.zeros((4, n))
+        self._period, self._quarter5, self._quarter1, self._running = self._ticks
         self._least = np.array([[1.0], [0.0], [0.0], [_NEVER]]) + np.zeros((4, n))
         self._shift = np.full(n, 29, dtype=np.uint32)
         self._kind = np.zeros(n, dtype=np.uint32)
         # by the top three bits of the period word: overflow, direction, direction changed
         self._signs = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        self._sign = np.zeros(n)
-        self._edges = np.zeros((2, n), dtype=np.uint32)
-        self._edge_mask = np.array([[_SAME_EDGE], [registers.VELOCITY_DIRECTION]], dtype=np.uint32) + np.zeros(
-            (2, n), dtype=np.uint32)
-        self._comparable = np.zeros(n, dtype=bool)
-        self._long = np.zeros(n, dtype=bool)
-        self._saturated = np.zeros(n, dtype=bool)
-        self._zero = np.zeros(n, dtype=np.uint32)
+        self._edges, self._turns = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
+        self._edge_mask = np.full(n, _SAME_EDGE, dtype=np.uint32)
+        self._turn_mask = np.full(n, registers.VELOCITY_DIRECTION, dtype=np.uint32)
+        self._apart, self._short = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        self._no_bits = np.zeros(n, dtype=np.uint32)
         self._threshold = np.full(n, 1.0 / ACCELERATION_THRESHOLD)
         self._smallest = np.full(n, 1.0)
         self._overflow = np.full(n, registers.VELOCITY_OVERFLOW, dtype=np.uint32)
         self._largest = np.full(n, float(registers.VELOCITY_TICKS_MASK))
         self._four_hz, self._clock = np.full(n, 4.0 * clock_hz), np.full(n, clock_hz)
         self._eight_hz2 = np.full(n, 8.0 * clock_hz * clock_hz)
-        self._half_tick, self._tick = np.full(n, 0.5 / clock_hz), np.full(n, 1.0 / clock_hz)
-        self._a, self._b, self._c = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._half_period, self._tick = np.full(n, 0.5), np.full(n, 1.0 / clock_hz)
+        self._a, self._b = np.zeros(n), np.zeros(n)
         self._none = np.zeros(n)
 
-    def update(self, words: Words) -> Floats:
-        """Estimate from `words` (4, n): period, quarter 5, quarter 1, running. Returns `predicted`."""
-        np.bitwise_and(words, self._ticks_mask, self._words)
-        ticks = self._ticks
-        ticks[...] = self._words
-        np.maximum(ticks, self._least, out=ticks)
-        period, quarter5, quarter1, running = ticks
-        np.right_shift(words[0], self._shift, self._kind)
-        self._signs.take(self._kind, out=self._sign, mode="clip")
-        speed = np.divide(self._four_hz, period, self.velocity)
-        self._acceleration(words, period, quarter1, quarter5)
-        # half the period back to the middle of the four edges, and the time since the last one
-        since, step, cap = self._a, self._b, self._c
-        np.multiply(period, self._half_tick, since)
-        np.multiply(running, self._tick, step)
-        np.add(since, step, since)
-        np.multiply(self.acceleration, since, step)
-        np.add(step, speed, step)
-        np.divide(self._clock, running, cap)
-        np.minimum(step, cap, out=step)
-        np.maximum(step, self._none, out=step)
-        np.multiply(step, self._sign, self.predicted)
-        np.multiply(speed, self._sign, self.velocity)
-        np.multiply(self.acceleration, self._sign, self.acceleration)
-        return self.predicted
+    @property
+    def velocity(self) -> Floats:
+        """Counts/s over the last four edges."""
+        return self._speed * self._sign
 
-    def _acceleration(self, words: Words, period: Floats, quarter1: Floats, quarter5: Floats) -> None:
+    @property
+    def acceleration(self) -> Floats:
+        """Counts/s²."""
+        return self._rate * self._sign
+
+    def update(self) -> Floats:
+        """Estimate from `words`; returns `predicted`."""
+        ticks, period, running = self._ticks, self._period, self._running
+        np.bitwise_and(self.words, self._ticks_mask, self._masked)
+        ticks[...] = self._masked
+        np.maximum(ticks, self._least, out=ticks)
+        np.right_shift(self._period_word, self._shift, self._kind)
+        self._signs.take(self._kind, out=self._sign, mode="clip")
+        speed = np.divide(self._four_hz, period, self._speed)
+        self._accelerate()
+        # half the period back to the middle of the four edges, and the time since the last one
+        since, cap = self._a, self._b
+        np.multiply(period, self._half_period, since)
+        np.add(since, running, since)
+        np.multiply(since, self._tick, since)
+        np.multiply(self._rate, since, since)
+        np.add(since, speed, since)
+        np.divide(self._clock, running, cap)
+        np.minimum(since, cap, out=since)
+        np.maximum(since, self._none, out=since)
+        return np.multiply(since, self._sign, self.predicted)
+
+    def _accelerate(self) -> None:
         """Magnitude of the acceleration along the direction of motion; zero where the edges do not compare."""
-        edges = np.bitwise_xor(words[1::-1], words[2], self._edges)  # quarter 5, then period, against quarter 1
+        edges, turns, apart, short = self._edges, self._turns, self._apart, self._short
+        quarter1, quarter5 = self._quarter1, self._quarter5
+        np.bitwise_xor(self._quarter5_word, self._quarter1_word, edges)
         np.bitwise_and(edges, self._edge_mask, edges)
-        np.bitwise_or(edges[0], edges[1], edges[0])
-        np.equal(edges[0], self._zero, self._comparable)
-        np.greater_equal(quarter1, self._threshold, self._long)
-        np.logical_and(self._comparable, self._long, self._comparable)
-        np.greater_equal(quarter5, self._smallest, self._long)
-        np.logical_and(self._comparable, self._long, self._comparable)
-        change, before, both = self._a, self._b, self._c
+        np.bitwise_xor(self._period_word, self._quarter1_word, turns)
+        np.bitwise_and(turns, self._turn_mask, turns)
+        np.bitwise_or(edges, turns, edges)
+        np.not_equal(edges, self._no_bits, apart)
+        np.less(quarter1, self._threshold, short)
+        np.bitwise_or(apart, short, apart)
+        np.less(quarter5, self._smallest, short)
+        np.bitwise_or(apart, short, apart)
+        change, before, both = self._rate, self._a, self._b
         np.subtract(quarter5, quarter1, change)
-        np.add(period, change, before)
-        np.greater_equal(words[1], self._overflow, self._saturated)
-        np.putmask(before, self._saturated, self._largest)
-        np.maximum(before, self._smallest, out=before)
+        np.add(self._period, change, before)
+        np.greater_equal(self._quarter5_word, self._overflow, short)
+        np.putmask(before, short, self._largest)
         np.add(quarter5, quarter1, both)
-        np.maximum(both, self._smallest, out=both)
-        np.multiply(before, period, before)
         np.multiply(before, both, before)
+        np.multiply(before, self._period, before)
+        np.putmask(before, apart, self._smallest)  # also where there would be nothing to divide by
         np.divide(change, before, change)
         np.multiply(change, self._eight_hz2, change)
-        np.multiply(change, self._comparable, self.acceleration)
+        np.putmask(change, apart, self._none)
 
 
 class SoftwareVelocity:
