@@ -75,8 +75,9 @@ class Firmware:
         rt[:, blocks.TEMPERATURE] = TEMPERATURES
         self._status, self._inputs = rt[:, blocks.STATUS], rt[:, blocks.DIGITAL_INPUT]
         self._stamp, self._adc, self._motor = rt[:, blocks.TIMESTAMP], rt[:, blocks.ADC], rt[:, blocks.MOTOR_STATUS]
-        self._encoder_words = tuple(rt[:, columns] for columns in (
-            blocks.POSITION, blocks.PERIOD, blocks.QUARTER_1, blocks.QUARTER_5, blocks.RUNNING))
+        self._positions = rt[:, blocks.POSITION]
+        self._velocities = rt[:, blocks.PERIOD.start : blocks.RUNNING.stop].reshape(n, 4, 4)
+        assert np.shares_memory(self._velocities, rt)
         self._outputs = np.zeros(n, dtype=np.uint32)
         self._sampled = np.full(n, -1, dtype=np.int64)
         self.config = np.full((n, 4), reg.MOTOR_CONFIG_POWER_UP, dtype=np.uint32)
@@ -194,7 +195,7 @@ class Firmware:
     def sample(self, tick: int) -> None:
         """Bring the real-time blocks of all boards up to `tick`; time stamps are left alone."""
         self.encoders.observe(tick)
-        self.encoders.words(tick, *self._encoder_words)
+        self.encoders.words(tick, self._positions, self._velocities)
         if self._seen_changes != self.power.changes:
             self._seen_changes = self.power.changes
             self._status[...] = self.power.status

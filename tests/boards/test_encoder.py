@@ -33,10 +33,10 @@ class Bench:
         self.tick += STEP
 
     def words(self, tick: int) -> list[int]:
-        out = [np.zeros((1, 4), dtype=np.uint32) for _ in range(5)]
+        position, velocity = np.zeros((1, 4), dtype=np.uint32), np.zeros((1, 4, 4), dtype=np.uint32)
         self.encoders.observe(tick)
-        self.encoders.words(tick, *out)
-        return [int(words[0, 0]) for words in out]
+        self.encoders.words(tick, position, velocity)
+        return [int(position[0, 0]), *velocity[0, :, 0].tolist()]
 
 
 def _speed(period: int) -> float:
