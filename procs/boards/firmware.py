@@ -199,14 +199,14 @@ class Firmware:
         if self._seen_changes != self.power.changes:
             self._seen_changes = self.power.changes
             self._status[...] = self.power.status
-        self._inputs[...] = self.encoders.pins
-        self._inputs |= self.lines.inputs
-        self._inputs |= self._outputs
+        np.bitwise_or(self.encoders.pins, self.lines.inputs, out=self._inputs)
+        np.bitwise_or(self._inputs, self._outputs, out=self._inputs)
         self._adc[...] = self.lines.adc
         np.bitwise_or(self.power.motor_flags, self.lines.dac, out=self._motor)
 
     def _restamp(self, first: int, end: int, tick: int) -> None:
-        self._stamp[first:end] = np.maximum(tick - self._sampled[first:end] - 1, 0) & 0xFFFFFFFF
+        since = tick - 1 - self._sampled[first:end]
+        self._stamp[first:end] = np.maximum(since, 0, out=since)  # the counter wraps at 32 bits
         self._sampled[first:end] = tick
 
     def _query(self, value: int, tick: int) -> None:
@@ -246,7 +246,7 @@ class Firmware:
         groups = self._groups
         if rows is self._every and quads.size == groups.size:
             groups[...] = quads.reshape(groups.shape)
-            if (groups[:, 0] == self._group_heads).all():
+            if not np.count_nonzero(groups[:, 0] != self._group_heads):
                 self.power.refresh_all(tick)
                 self._execute(groups[:, 1:5], groups[:, 5], tick)
                 return
@@ -272,12 +272,12 @@ class Firmware:
         A word of zeros changes nothing: without a mask bit an enable stays, and it is never left on where power or a
         latch forbids it.
         """
-        top = np.right_shift(words, 24, out=self._top)
-        if (top != self._last_top).any() or self._settled != self.power.changes or control.any():
+        top, busy = np.right_shift(words, 24, out=self._top), np.count_nonzero(control)
+        if busy or self._settled != self.power.changes or np.count_nonzero(top != self._last_top):
             # The same enables on the same state change nothing; this is what a running host sends every cycle.
             self.power.enable((top & 0x20) != 0, (top & 0x10) != 0, tick)
             self._settled = self.power.changes
-            if control.any():  # counts as a change: the same enables may mean something else with power on
+            if busy:  # counts as a change: the same enables may mean something else with power on
                 self.power.control(control & np.uint32(reg.CONTROL_REAL_TIME_BITS), tick)
             self._last_top[...] = top
             self._accept = (top & 0x8F) == 0x80  # valid, current mode; there is no expander for voltage mode
