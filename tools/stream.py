@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from procs.lib.document import Tool
 from tools.errors import Misuse, Problem
 from tools.following import Follower, beats
 from tools.options import JsonOption, SystemOption
@@ -14,7 +15,7 @@ from tools.printing import Say, emit, note, progress, table
 from tools.remote import Remote
 from tools.setpoints import Clipped, Setpoints, clipped, read_setpoints
 from tools.systems import chosen_system
-from tools.watch import Watch, arm_document, arm_names
+from tools.watch import Watch, arm_names, tool_on
 
 APPROACH_S = 60.0
 SHOWN_EVERY = 20
@@ -40,7 +41,7 @@ def stream(
         if not watch.look() or watch.state != "ENABLED" or not watch.homed:
             raise Problem(f"{arm} is not homed; first: trocar home {arm}")
         has_jaw = watch.flag("has_jaw")
-        rows, cut, notes = _fitted(name, arm, read_setpoints(file, watch.count, has_jaw), has_jaw)
+        rows, cut, notes = _fitted(arm, read_setpoints(file, watch.count, has_jaw), has_jaw, tool_on(name, watch))
         for text in notes:
             note(text)
         _approach(remote, rows, say)
@@ -54,15 +55,16 @@ def stream(
     return 0
 
 
-def _fitted(system: str, arm: str, rows: Setpoints, has_jaw: bool) -> tuple[Setpoints, Clipped | None, list[str]]:
+def _fitted(
+    arm: str, rows: Setpoints, has_jaw: bool, tool: Tool | None
+) -> tuple[Setpoints, Clipped | None, list[str]]:
     """Rows with the jaw brought into the instrument's range, and what a person should know about it."""
     if rows.jaw is None:
         return rows, None, [f"{arm}: the file moves no jaw"] if has_jaw else []
     if not has_jaw:
         return Setpoints(rows.position, rows.velocity, None), None, [f"{arm} has no jaw: the last column is left out"]
-    tool = arm_document(system, arm).tool
     if tool is None:
-        return rows, None, []
+        return rows, None, [f"{arm}: the range of its jaw is not known; the arm clips by itself"]
     jaw, cut = clipped(rows.jaw, tool.jaw.lower, tool.jaw.upper)
     said = []
     if cut.rows:

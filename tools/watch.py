@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.document import Arm, from_json
+from procs.lib.document import Arm, Tool, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
@@ -28,6 +28,13 @@ def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
 def arm_document(system: str, name: str) -> Arm:
     """What the configuration says of an arm."""
     return from_json(directory.document(system)).arm(name)
+
+
+def tool_on(system: str, watch: Watch) -> Tool | None:
+    """The instrument that is on, as the configuration describes it; None: none is on, or it is not described."""
+    arm, name = arm_document(system, watch.name), watch.text("tool")
+    known = arm.tools + ((arm.tool,) if arm.tool is not None else ())
+    return next((tool for tool in known if name and tool.name == name), None)
 
 
 class Watch:
