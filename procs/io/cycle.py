@@ -59,6 +59,8 @@ class RobotIo:
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
+        self.stamp_ns = self._good_ns
+        """When the newest sample arrived, or a bad read was given up: the stamp of the record."""
         self._before_ns = self._good_ns
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
@@ -71,7 +73,7 @@ class RobotIo:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
         good = self._port.read_all()
-        now_ns = self._now_ns()
+        now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
         with np.errstate(all="ignore"):
             if good:
                 self._look(now_ns)
@@ -187,9 +189,9 @@ class RobotIo:
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = read_ns
-        written_ns = self._now_ns()
-        record.write_ns[...] = written_ns
-        record.age_ns[...] = written_ns - self._good_ns
+        record.recv_ns[...] = self._port.recv_ns
+        record.write_ns[...] = self._port.send_ns
+        record.age_ns[...] = self._now_ns() - self._good_ns
 
     def farewell(self) -> None:
         """Zero every output: controllers off, amplifiers and power off, relays open. On every path out."""

@@ -48,7 +48,7 @@ def main() -> None:
                 me.ready()
                 while me.tick():
                     core.cycle(mailbox.drain())
-                    out.publish(me.clock.now_ns())
+                    out.publish(core.stamp_ns)
                     if core.reports.events:
                         _tell(me, core.reports.events)
             finally:

@@ -22,7 +22,8 @@ class Record:
     def __init__(self, field: Field) -> None:
         """`field(name)` gives the array of a field."""
         self.valid, self.age_ns, self.cycle = field("valid"), field("age_ns"), field("cycle")
-        self.read_ns, self.write_ns, self.bad_reads = field("read_ns"), field("write_ns"), field("bad_reads")
+        self.read_ns, self.recv_ns, self.write_ns = field("read_ns"), field("recv_ns"), field("write_ns")
+        self.bad_reads = field("bad_reads")
         self.position: Floats = field("position")
         self.velocity: Floats = field("velocity")
         self.effort: Floats = field("effort")

@@ -86,6 +86,7 @@ class FakePort:
         self.live = np.zeros((n, 32), dtype=np.uint32)
         self.counters = Counters(n)
         self.recv_ns = self.send_ns = 0
+        self.now_ns = Clock()
         self.good = True
         self.has_supply = True
         self.dead_amps: set[tuple[int, int]] = set()
@@ -129,10 +130,12 @@ class FakePort:
             self.counters.board_bad_reads += 1
             return False
         self.blocks[...] = self.live
+        self.recv_ns = self.now_ns()
         return True
 
     def write_all(self) -> bool:
         self.sent.append(self.out.copy())
+        self.send_ns = self.now_ns()
         for row in range(len(self.board_ids)):
             self._obey(row)
         self.out[:, 4] = 0
@@ -230,6 +233,7 @@ class Stand:
         self.arms = [FakeSource() for _ in self.io.pids]
         axes = sum(len(r.actuators) for r in self.io.robots)
         self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs))
+        self.port.now_ns = self.clock
         self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, [preset] * len(self.io.robots))
         self.arms_alive = True
 
