@@ -138,6 +138,8 @@ class Me:
 
     def close(self) -> None:
         """Give everything back."""
+        gc.unfreeze()  # or extension modules see their objects leak at exit
+        gc.enable()
         self.pulse.close()
 
 
@@ -155,7 +157,7 @@ def process(kind: str) -> Iterator[Me]:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
     _signals(me)
-    me.pulse.field("policy")[...] = _realtime(kind, me.row).encode()
+    me.pulse.field("policy")[...] = realtime(me.row, locked=proc(kind).realtime).encode()
     try:
         yield me
     except Exception as error:
@@ -176,19 +178,19 @@ def _signals(me: Me) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _realtime(kind: str, row: Process) -> str:
-    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words."""
+def realtime(row: Process, *, locked: bool) -> str:
+    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words. Children get none of it."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
     libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
     notes = []
     if row.priority > 0:
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(row.priority))
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
             notes.append(f"FIFO {row.priority}")
         except PermissionError:
             notes.append("no FIFO (not permitted)")
-    if proc(kind).realtime:
+    if locked:
         notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else "not locked")
     if row.cpu is not None:
         try:

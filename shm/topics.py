@@ -59,7 +59,8 @@ IO_STATE = Topic(
         Field("age_ns", "<i8", "ns", "age of the last good sample when this record was written"),
         Field("cycle", "<u8", "", "I/O cycles since start"),
         Field("read_ns", "<i8", "ns", "monotonic time when the read request went out"),
-        Field("write_ns", "<i8", "ns", "monotonic time when the boards were written"),
+        Field("recv_ns", "<i8", "ns", "monotonic time when the last reply had been received"),
+        Field("write_ns", "<i8", "ns", "monotonic time when the last write had been sent"),
         Field("bad_reads", "<u8", "", "failed reads since start"),
         # axes: all actuators of all robots, in the order of the document; `robots` of the header's info has the cuts
         Field("position", "(axes,)<f8", "rad|m", "measured actuator position from the encoders"),

@@ -95,7 +95,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
             rows = reader.since(reader.stamp_ns + 1)
             reader.newest()
             rows = rows[rows["valid"]]
-            latencies.append(rows["write_ns"] - rows["stamp_ns"])
+            latencies.append(rows["write_ns"] - rows["recv_ns"])
             stamps.append(rows["stamp_ns"])
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))

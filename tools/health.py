@@ -23,7 +23,7 @@ class Run:
         """`io` is the instance whose cycles are watched."""
         self.system, self._io = system, io
         self._reader = directory.reader(system, io, "state", "io")
-        self._write = self._reader.field("write_ns")
+        self._recv, self._write = self._reader.field("recv_ns"), self._reader.field("write_ns")
         self._stamps: deque[int] = deque(maxlen=KEPT)
         self._latency: deque[int] = deque(maxlen=KEPT)
         self._events = {
@@ -38,7 +38,7 @@ class Run:
         while self._reader.next():
             stamp = self._reader.stamp_ns
             self._stamps.append(stamp)
-            self._latency.append(int(self._write) - stamp)
+            self._latency.append(int(self._write) - int(self._recv))
         for instance, reader in self._events.items():
             while reader.next():
                 if int(reader.field("severity")) == ERROR:

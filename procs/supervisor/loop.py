@@ -19,6 +19,7 @@ from procs.lib.config import load_system
 from procs.lib.document import Process, System
 from procs.lib.paths import log_folder
 from procs.manifest import proc
+from procs.runtime import realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from shm import directory
@@ -56,6 +57,8 @@ class Supervisor:
         self.pulse = Pulse(system.name, "supervisor", write=True)
         self.pulse.segment.claim("supervisor")
         self.pulse.field("pid")[...] = os.getpid()
+        row = Process("supervisor", "supervisor", BEAT_S, priority=max((p.priority for p in system.processes), default=0))
+        self.pulse.field("policy")[...] = realtime(row, locked=False).encode()
         self.conductor = Conductor(system.name) if system.clock == "lockstep" else None
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns)

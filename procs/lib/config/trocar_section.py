@@ -50,7 +50,7 @@ class EmulationOptions(Section):
     """The emulated boards."""
 
     period_s: Period = 0.001
-    priority: Priority = 70
+    priority: Priority = 90
     cpu: Cpu | None = None
     seed: int = Field(default=1, ge=0, le=2**32 - 1)
     pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
