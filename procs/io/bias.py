@@ -47,7 +47,6 @@ class Bias:
         self._running: dict[int, Collection] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         self._usable: Flags = robots.has_encoder & robots.has_pot
-        self.changed: list[int] = []  # robots whose encoders were set in this cycle
 
     def begin(self, robot: int, samples: int) -> str:
         """Start with |samples| potentiometer samples; negative accepts preset encoders. Returns why not, or ""."""
@@ -119,7 +118,6 @@ class Bias:
             address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
             self._port.write_quadlet(board, address, value)
         self._samples.encoders_were_set()
-        self.changed.append(robot)
 
     def zero(self, robot: int) -> None:
         """The encoders mean nothing any more (overflow): mid-range, not biased."""

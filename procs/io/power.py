@@ -77,10 +77,6 @@ class Power:
             masks.append(mask[self._rows[robot]])
         return masks
 
-    def state(self, robot: int) -> str:
-        """OFF, SUPPLY, AMPS or ON."""
-        return self._supplies[robot].state
-
     def on(self, robot: int, now_ns: int) -> None:
         """Begin the power sequence; while it runs or after it, asking again changes nothing."""
         if self._record.power_wanted[robot]:

@@ -1,0 +1,21 @@
+from procs.lib.faults import FAULTS, NOTHING, WARNING, fault_of
+
+
+def test_numbers_and_codes_are_unique() -> None:
+    assert len({row.number for row in FAULTS}) == len({row.code for row in FAULTS}) == len(FAULTS)
+    assert all(row.number > 0 for row in FAULTS)
+
+
+def test_texts_fit_their_event() -> None:
+    for row in FAULTS:
+        assert len(row.code) <= 32
+        assert len(f"{row.text}; {row.hint}") <= 200
+
+
+def test_warnings_switch_nothing_off() -> None:
+    assert all(row.action == NOTHING for row in FAULTS if row.severity == WARNING)
+
+
+def test_a_fault_is_found_by_its_number() -> None:
+    assert all(fault_of(row.number) is row for row in FAULTS)
+    assert fault_of(0) is None
