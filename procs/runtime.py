@@ -157,7 +157,7 @@ def process(kind: str) -> Iterator[Me]:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
     _signals(me)
-    me.pulse.field("policy")[...] = realtime(me.row, locked=proc(kind).realtime).encode()
+    me.pulse.field("policy")[...] = realtime(me.row, me.document.clock, locked=proc(kind).realtime).encode()
     try:
         yield me
     except Exception as error:
@@ -178,13 +178,16 @@ def _signals(me: Me) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def realtime(row: Process, *, locked: bool) -> str:
-    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words. Children get none of it."""
+def realtime(row: Process, clock: str, *, locked: bool) -> str:
+    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words; children get none of it.
+
+    In lock-step nothing is urgent, and loops that never sleep must not keep others from the cores: no priority there.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
     libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
     notes = []
-    if row.priority > 0:
+    if row.priority > 0 and clock == "wall":
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
             notes.append(f"FIFO {row.priority}")

@@ -57,8 +57,9 @@ class Supervisor:
         self.pulse = Pulse(system.name, "supervisor", write=True)
         self.pulse.segment.claim("supervisor")
         self.pulse.field("pid")[...] = os.getpid()
-        row = Process("supervisor", "supervisor", BEAT_S, priority=max((p.priority for p in system.processes), default=0))
-        self.pulse.field("policy")[...] = realtime(row, locked=False).encode()
+        highest = max((p.priority for p in system.processes), default=0)
+        row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
+        self.pulse.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
         self.conductor = Conductor(system.name) if system.clock == "lockstep" else None
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns)
@@ -243,13 +244,19 @@ def free_address(system: str) -> Callable[[int], str]:
 @contextlib.contextmanager
 def supervised(system: System) -> Iterator[Supervisor]:
     """A supervisor that removes its shared memory on every path."""
-    supervisor = Supervisor(system)
+    asked: list[str] = []
+    made: list[Supervisor] = []
 
-    def asked(number: int, frame: FrameType | None) -> None:
-        supervisor.stopping = f"got {signal.Signals(number).name}"
+    def hear(number: int, frame: FrameType | None) -> None:
+        asked.append(f"got {signal.Signals(number).name}")
+        for each in made:
+            each.stopping = asked[0]
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, asked)
+        signal.signal(number, hear)  # before there is anything to leave behind
+    supervisor = Supervisor(system)
+    made.append(supervisor)
+    supervisor.stopping = asked[0] if asked else ""
     try:
         yield supervisor
     finally:
