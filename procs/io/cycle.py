@@ -72,15 +72,16 @@ class RobotIo:
     def cycle(self, commands: Iterable[Command] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
-        good = self._port.read_all()
-        now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
         with np.errstate(all="ignore"):
+            # They wait in their rings since the arms' last cycle: taken now, they cost no time between read and write.
+            self._follow.receive(read_ns)
+            good = self._port.read_all()
+            now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
             if good:
                 self._look(now_ns)
             else:
                 self._missed(now_ns)
             self.record.valid[...] = good
-            self._follow.receive(now_ns)
             self._commands.execute(commands, now_ns)
             if self.reports.trips:
                 self._act(now_ns)
