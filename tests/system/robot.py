@@ -62,7 +62,7 @@ class Robot:
         assert self.supervisor is not None
         if self.supervisor.poll() is not None:
             pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
-        return self.state("supervisor") == "RUNNING"
+        return self.state("supervisor") == "RUNNING" and self.pid("supervisor") == self.supervisor.pid
 
     def state(self, instance: str) -> str:
         """Lifecycle state an instance shows, empty when it has no control page."""
