@@ -24,7 +24,7 @@ from tools.topics import EVENT, RECORD, Entry, catalogue
 from tools.views import Source
 
 WINDOW_S = 0.4
-EVENTS_SHOWN = 8
+EVENTS_SHOWN = 6
 SEVERITY = ("", "status", "warning", "error")
 
 
@@ -56,9 +56,9 @@ def _page(system: str, entries: list[Entry]) -> Group:
              for row in measured(system, records, WINDOW_S)]
     return Group(
         made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in lives(system)], RIGHT),
-        made_table("topics", ("topic", "Hz", "longest ms"), rates, ("Hz", "longest ms")),
         made_table("arms", ("arm", "state", "homed", "busy", "joints"), list(_arms(system, entries))),
         made_table("newest events", ("from", "event", "about", "text"), _events(system, entries)),
+        made_table("topics", ("topic", "Hz", "longest ms"), rates, ("Hz", "longest ms")),
     )
 
 

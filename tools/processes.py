@@ -15,8 +15,8 @@ from tools.systems import alive, is_lockstep
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
-COLUMNS = ("process", "kind", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "over", "deaths", "trouble")
-RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "over", "deaths")
+COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
+RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
 FIGURES = ("cycles", "missed", "overruns", "period_avg", "period_p99", "work_avg", "work_p99")
 
 
@@ -124,8 +124,8 @@ def _stalled(kind: str, pulse: Pulse) -> bool:
 def cells(life: Life) -> tuple[str, ...]:
     """A process as a row of a table with COLUMNS; times are the 99 % ones of period and work."""
     in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
-    return (life.name, life.kind, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed),
-            str(life.overruns), str(life.restarts), life.trouble)
+    return (life.name, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed),
+            str(life.restarts), life.trouble)
 
 
 def remarks(life: Life) -> str:
