@@ -53,7 +53,8 @@ def made_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]
 
     made = Table(title=title or None, box=SIMPLE_HEAD, title_justify="left", pad_edge=False, collapse_padding=True)
     for column in columns:
-        made.add_column(column, justify="right" if column in right else "left", no_wrap=column in right or column == columns[0])
+        whole = column in right or column == columns[0]
+        made.add_column(column, justify="right" if column in right else "left", no_wrap=whole)
     for row in rows:
         made.add_row(*(Text(cell) for cell in row))
     return made
