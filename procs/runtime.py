@@ -35,6 +35,7 @@ PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
 SUPERVISOR_CHECK_NS = 100_000_000
 LOCKSTEP_SERVE_NS = 200_000
+MOST_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 
 
@@ -51,7 +52,10 @@ class Me:
         self.pulse.field("pid")[...] = os.getpid()
         self.pulse.show("STARTING")
         self.clock: WallClock | LockstepClock
-        self.clock = LockstepClock(system, self.pulse) if self.document.clock == "lockstep" else WallClock()
+        if self.document.clock == "lockstep":
+            self.clock = LockstepClock(system, self.pulse)
+        else:
+            self.clock = WallClock(_spin_ns(self.document, kind, name))
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
         period_ns = round(self.row.period_s * 1e9)
@@ -168,6 +172,13 @@ def process(kind: str) -> Iterator[Me]:
     me.pulse.show("STOPPED", me.stop_reason)
     me.log.info("ended: %s", me.stop_reason or "done")
     me.close()
+
+
+def _spin_ns(system: System, kind: str, name: str) -> int:
+    """Only io may spin, for as long as its bus's entry says, and never on its only core."""
+    if kind != "io" or len(os.sched_getaffinity(0)) < 2:
+        return 0
+    return round(min(system.io(name).spin_us, MOST_SPIN_US) * 1e3)
 
 
 def _signals(me: Me) -> None:
