@@ -109,14 +109,15 @@ class Supervisor:
                 raise SetupFailed(f"{child.row.name}: {child.reason}; see trocar logs {child.row.name}")
         return all(child.ready for child in children)
 
-    def _wait(self, done: Callable[[], bool], seconds: float) -> bool:
+    def _wait(self, done: Callable[[], bool], seconds: float, to_the_end: bool = False) -> bool:
+        """Wait for `done`, at most so long; given up when asked to stop, unless it is `to_the_end`."""
         end = monotonic_ns() + round(seconds * 1e9)
-        while monotonic_ns() < end and not self.stopping:
+        while monotonic_ns() < end and (to_the_end or not self.stopping):
             if done():
                 return True
             self.beat()
             self.let_time_pass()
-        return done() if not self.stopping else False
+        return done() if to_the_end or not self.stopping else False
 
     def let_time_pass(self) -> None:
         """One beat's worth of time: sleep on the wall clock, conduct in lock-step."""
@@ -182,7 +183,6 @@ class Supervisor:
     def stop_all(self) -> bool:
         """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
         self.pulse.show("STOPPING")
-        self.stopping = ""  # waiting below goes on until its own end
         clean = True
         for wave in reversed(_waves(self.system.processes)):
             names = {row.name for row in wave}
@@ -190,13 +190,14 @@ class Supervisor:
             for child in children:
                 child.ask_to_stop()
             limit = max((proc(c.row.kind).stop_s for c in children), default=0.0)
-            self._wait(lambda group=children: _all_ended(group), limit)  # type: ignore[misc]  # bound default
+            # Asked twice, it takes no less time: an io that is killed has not switched anything off.
+            self._wait(lambda group=children: _all_ended(group), limit, True)  # type: ignore[misc]  # bound default
             for child in children:
                 if child.popen is not None:
                     log.warning("%s did not end within %.0f s, killed", child.row.name, limit)
                     child.kill()
                     clean = False
-            self._wait(lambda group=children: _all_ended(group), 5.0)  # type: ignore[misc]  # bound default
+            self._wait(lambda group=children: _all_ended(group), 5.0, True)  # type: ignore[misc]  # bound default
         return clean
 
     def close(self) -> None:
@@ -302,7 +303,7 @@ def _run(system: System, seconds: float | None) -> int:
                 supervisor.run(seconds)
                 log.info("stopping: %s", supervisor.stopping)
                 failed = any(c.given_up for c in supervisor.children)
-            except SetupFailed as error:
+            except (SetupFailed, OSError) as error:  # OSError: no process or log file could be made
                 log.error("%s", error)
                 failed = True
             clean = supervisor.stop_all()
