@@ -109,6 +109,18 @@ class Motion:
             self.moving = True
         return reason
 
+    def resume(self, position: Array, now_ns: int) -> bool:
+        """A move was not followed for a while and stands at `position`: go on from there, from rest.
+
+        Returns False when that cannot be planned; the move has ended at `position` then.
+        """
+        self.goal[...] = position
+        self.velocity[...] = 0.0
+        if not self._plan(self.target, now_ns):
+            return True
+        self.hold(position)
+        return False
+
     def set_ratio(self, v: float, a: float, now_ns: int) -> None:
         """New ratios, in ]0, 1]; what is left of a running move takes them on."""
         self.ratio_v, self.ratio_a = v, a

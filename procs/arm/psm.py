@@ -109,6 +109,8 @@ class PsmArm:
         if not self._started and io.fresh:
             self._start()
         self._supervise()
+        if motion.moving and self._driving is not None and io.holding.item():
+            self._resume()
         self._commands.run(requests, now_ns)
         run = self._runs.get(machine.state)
         if run is not None:
@@ -190,6 +192,11 @@ class PsmArm:
         code, reason = trouble(state, io, self._epoch, self._driving, self._fault_text)
         if code:
             self._machine.fault(code, reason)
+
+    def _resume(self) -> None:
+        """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""
+        if not self._motion.resume(self._io.setpoint, self._now_ns) and self._machine.moving:
+            self._commands.move_ended(False, "io held, and it cannot go on from there")
 
     def _is_homed(self) -> bool:
         machine = self._machine

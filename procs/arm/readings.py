@@ -47,7 +47,7 @@ class Readings:
         self.pid_enabled, self.pid_generation = flag("pid_enabled"), flag("pid_generation")
         self.limits_enforced, self.tracking_check = flag("limits_enforced"), flag("tracking_check")
         self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
-        self.fault = flag("fault")
+        self.fault, self.holding = flag("fault"), flag("holding")
         # (2, 3, 7): position, velocity, effort, measured and then as set-point
         self._actuator = stacked([axis(name) for name in ROWS]).reshape(2, 3, AXES)
         self.rows = np.zeros((6, AXES))

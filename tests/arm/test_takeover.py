@@ -153,3 +153,22 @@ def test_nothing_is_decided_before_io_answers() -> None:
     rig.io.deaf = False
     rig.run(0.1)
     assert rig.arm.state == "HOMED" and not rig.reports.of("error")
+
+
+@pytest.mark.parametrize("away_s", (0.2, 5.0))
+def test_a_move_waits_while_its_process_is_stopped(away_s: float) -> None:
+    rig = Rig().homed()
+    move = rig.send("move_jp", ELSEWHERE)
+    rig.run(0.2)
+    for _ in range(round(away_s * 1e9 / PERIOD_NS)):  # SIGSTOP, SIGCONT
+        rig.now_ns += PERIOD_NS
+        rig.setpoint.set("mode", 0)
+        rig.io.flag("holding", True)
+        rig.io.cycle(rig.now_ns, rig.setpoint)
+    rig.io.largest_step = 0.0
+    rig.step()
+    rig.io.flag("holding", False)
+    rig.until(lambda: "done" in move.outcomes)
+    rig.run(0.1)
+    assert rig.io.largest_step < 2 * PERIOD_NS * 1e-9, "no jump to where the move would have been"
+    assert np.allclose(rig.state["setpoint_position"][:6], ELSEWHERE, atol=1e-9)
