@@ -7,8 +7,9 @@ Drain (owner):    N1 sent ≠ taken?   N2 copy the slot   N3 taken := taken + 1 
 Reply (owner):    slot.sequence := 0, payload, slot.sequence := n, answered := n; read as a ring is read (shm/ring.py)
 
 N3 comes before N4: a command runs at most once, also when the owner dies in between; the client then gets no reply and
-sees the owner's epoch change. A client claims a place with a lock that the kernel frees when it dies; its successor
-goes on from the cursors, commands that were accepted (M3 done) are still run.
+sees the owner's epoch change. An owner that begins refuses what is waiting: a move or a power-on asked of its
+predecessor must not happen whenever it comes back. A client claims a place with a lock that the kernel frees when it
+dies; its successor goes on from the cursors, commands that were accepted (M3 done) are still run.
 
 Nothing here is looked up by name or built by numpy while commands travel: a slot is one `struct` call into the map on
 the way in, one copy of the bytes in use on the way out; values and text are decoded when somebody asks for them.
@@ -199,6 +200,12 @@ class Mailbox:
         if sent == self._seen and not self._backlog:  # N1 for all places at once
             return iter(())
         return self._drain(sent)
+
+    def refuse_waiting(self, reason: str) -> None:
+        """Refuse all that came in before now: an owner that begins must not act on what its predecessor was told."""
+        for _ in range(COMMANDS_DEPTH // PER_CYCLE):
+            for command in self.drain():
+                command.refuse(reason)
 
     def _drain(self, sent: bytes) -> Iterator[Received]:
         """Serve the client that came last, without looking who else has come; then all whose cursors have moved.

@@ -79,6 +79,7 @@ def main() -> None:
         psm = PsmArm(arm, readings, orders, state.field, setpoint.field, me.events, faults)
         mailbox = me.mailbox()
         written = io.field("write_ns")
+        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         me.ready()
         while me.tick():
             io.newest()

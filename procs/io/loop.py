@@ -45,6 +45,7 @@ def main() -> None:
             preset = prepare(robots, port)
             core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset)
             try:
+                mailbox.refuse_waiting(f"{me.name} has just started; ask again")
                 me.ready()
                 while me.tick():
                     core.cycle(mailbox.drain())

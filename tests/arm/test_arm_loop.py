@@ -125,6 +125,13 @@ def homed(bench: Bench) -> None:
     assert bench.ask("state_command", text="home") == "done"
 
 
+def come_back(bench: Bench) -> None:
+    """A new process after the death of the old one, till its first record says that it is homed."""
+    last = bench.state.head
+    bench.child = bench.start()
+    bench.until(lambda: bench.state.head > last and bench.state.field("is_homed"), "homed again")
+
+
 def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
     homed(bench)
     goal = np.array((0.3, 0.1, 0.1, 0.0, 0.0, 0.0))
@@ -132,14 +139,23 @@ def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
     bench.until(lambda: np.allclose(bench.state.field("position")[:6], goal), "the goal, measured")
     bench.world.kill(bench.child)
     held = bench.io.setpoint.copy()
-    epoch = bench.state.epoch
-    bench.child = bench.start()
-    bench.until(lambda: bench.state.epoch > epoch and bench.state.field("is_homed"), "homed again")
+    come_back(bench)
     for _ in range(20):
         bench.cycle()
         time.sleep(0.002)
     assert np.allclose(bench.io.setpoint, held, atol=1e-12)
     assert bench.ask("move_jp", goal * 0.5) == "done"
+
+
+def test_commands_to_a_dead_arm_do_not_move_its_successor(bench: Bench) -> None:
+    homed(bench)
+    bench.world.kill(bench.child)
+    bench.client.poll()
+    held = bench.io.setpoint.copy()
+    numbers = [bench.client.send("servo_jp", (0.3, 0.1, 0.1, 0.0, 0.0, 0.0)) for _ in range(5)]
+    come_back(bench)
+    assert [(r.id, r.outcome) for r in bench.client.poll()] == [(number, "refused") for number in numbers]
+    assert np.allclose(bench.io.setpoint, held, atol=1e-12)
 
 
 def test_arm_process_gives_the_words_of_io_for_a_fault(bench: Bench) -> None:

@@ -289,3 +289,16 @@ def test_busy_clients_lose_and_reorder_nothing(world: Any, system: str, box: Mai
 
     world.until(serve, "all commands run")
     assert [world.finish(child).split() for child in children] == [[str(count), "0"]] * 2
+
+
+def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: Client) -> None:
+    for i in range(m.COMMANDS_DEPTH):
+        client.send("power_off", (i,))
+    owner = Mailbox(system, "IO1", "io")
+    owner.refuse_waiting("just started")
+    assert list(owner.drain()) == []
+    replies = client.poll()
+    assert {(r.outcome, r.text) for r in replies} == {("refused", "just started")}
+    last = client.send("power_off", (1,))
+    assert [c.id for c in owner.drain()] == [last]
+    owner.close()
