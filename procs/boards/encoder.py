@@ -21,38 +21,79 @@ Quads = npt.NDArray[np.uint32]
 EDGES = 6  # five quarter periods lie between six edges
 TICKS_MAX = reg.VELOCITY_TICKS_MASK
 LONG_AGO = -(1 << 40)  # tick of edges that never were: older than any counter can tell
+_DIRECTION = 16  # above the four bits of an edge's type
 
-# A queue entry is tick << 5 | direction << 4 | edge type: one gather moves all three.
-_DIRECTION = 16
 _RISING = (reg.EDGE_B_DOWN, reg.EDGE_A_UP, reg.EDGE_B_UP, reg.EDGE_A_DOWN)  # crossing k upwards, by k mod 4
 _FALLING = (reg.EDGE_B_UP, reg.EDGE_A_DOWN, reg.EDGE_B_DOWN, reg.EDGE_A_UP)
 _PINS = (0, reg.ENCODER_PIN_A, reg.ENCODER_PIN_A | reg.ENCODER_PIN_B, reg.ENCODER_PIN_B)  # by ⌊x⌋ mod 4
 
+# What an axis remembers of its five newest edges beside their ticks: which way each went (bits 4:0, newest lowest,
+# 1 is upwards) and how many there ever were (bits above, at most 5). Edges follow in order, so that with ⌊x⌋ mod 4 this
+# says of which type each was. States are kept times 16, which leaves room for what is added to look something up.
+_WAYS = 32
+_SEEN = 5
+_STATES = _WAYS * (_SEEN + 1)
+_STRIDE = 16
+_NOW, _QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue
+_NOTHING_SEEN = (_WAYS - 1) * _STRIDE
+
 
 def _push_table(axes: int) -> Ints:
-    """What n new edges do to the queue, by 13 · phase + n + 6 (n clipped to ±6, phase = ⌊x⌋ mod 4 after them).
+    """What n new edges do to the queue, by n + 6, n from -6 to 6 (column).
 
-    Rows 0-5: flags of the six newest edges. Rows 6-11: where the new queue comes from in the pool of the six newest
-    edges (rows 0-5) and the old queue (rows 6-11), as the start of a flat row of `axes` entries.
+    Rows 0-5: where the new queue comes from in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
     """
-    table = np.zeros((2 * EDGES, 52), dtype=np.int64)
-    for phase in range(4):
-        for n in range(-EDGES, EDGES + 1):
-            for j in range(EDGES):
-                key = 13 * phase + n + EDGES
-                table[j, key] = _RISING[(phase - j) % 4] | _DIRECTION if n > 0 else _FALLING[(phase + 1 + j) % 4]
-                table[EDGES + j, key] = (j if j < abs(n) else EDGES + j - abs(n)) * axes
+    table = np.zeros((EDGES + 1, 2 * EDGES + 1), dtype=np.int64)
+    for n in range(-EDGES, EDGES + 1):
+        for j in range(EDGES):
+            table[j, n + EDGES] = (j if j < abs(n) else _QUEUE + j - abs(n)) * axes
+        table[EDGES, n + EDGES] = n + EDGES
     return table
 
 
-def _flag_table() -> Ints:
-    """Bits of the velocity words by an edge's flags: period, quarter 1, quarter 5, running; then period by edge 4."""
-    table = np.zeros((5, 32), dtype=np.int64)
-    for flags in range(32):
-        table[:, flags] = (flags & _DIRECTION, flags, flags, flags & _DIRECTION if flags & 15 else 0, 0)
-    table <<= reg.QUARTER_EDGE_SHIFT
-    table[4] = [0 if flags & 15 else reg.PERIOD_PARTIAL for flags in range(32)]
+def _state_table() -> Ints:
+    """The next state by state · 16 + n + 6, times 16."""
+    table = np.zeros((_STATES, _STRIDE), dtype=np.int64)
+    for state in range(_STATES):
+        seen, ways = divmod(state, _WAYS)
+        for n in range(-EDGES, EDGES + 1):
+            new = (1 << abs(n)) - 1 if n > 0 else 0
+            after = (ways << abs(n) | new) & _WAYS - 1
+            table[state, n + EDGES] = (min(seen + abs(n), _SEEN) * _WAYS + after) * _STRIDE
     return table.ravel()
+
+
+def _edges_of(state: int, phase: int) -> list[int]:
+    """Direction and type, as in the velocity words, of the five newest edges; 0 types are edges that never were."""
+    seen, ways = divmod(state, _WAYS)
+    edges = []
+    for j in range(_SEEN):
+        up = ways >> j & 1
+        kind = _RISING[phase % 4] if up else _FALLING[(phase + 1) % 4]
+        edges.append(up * _DIRECTION | (kind if j < seen else 0))
+        phase += -1 if up else 1
+    return edges
+
+
+def _flag_table() -> Ints:
+    """By state · 16 + ⌊x⌋ mod 4 (column).
+
+    Rows 0-3: bits of period, quarter 1, quarter 5 and running. Row 4: pins in the position word. Row 5: pins in the
+    digital inputs of axis 0.
+    """
+    table = np.zeros((6, _STATES, _STRIDE), dtype=np.int64)
+    for state in range(_STATES):
+        for phase in range(4):
+            edges = _edges_of(state, phase)
+            newest, pins = edges[0], _PINS[phase]
+            changed = len({edge & _DIRECTION for edge in edges[:4]}) > 1
+            period = ((newest & _DIRECTION) << reg.QUARTER_EDGE_SHIFT | changed * reg.PERIOD_DIRECTION_CHANGED
+                      | (0 if edges[3] & 15 else reg.PERIOD_PARTIAL))
+            table[:, state, phase] = (
+                period, newest << reg.QUARTER_EDGE_SHIFT, edges[4] << reg.QUARTER_EDGE_SHIFT,
+                (newest & _DIRECTION if newest & 15 else 0) << reg.QUARTER_EDGE_SHIFT, pins,
+                (pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT)
+    return table.reshape(6, -1)
 
 
 class Encoders:
@@ -65,64 +106,75 @@ class Encoders:
         self.pins: Quads = np.zeros(n // 4, dtype=np.uint32)  # (boards,) bits of the digital input register
         self.start = 0  # tick the motion counts from
         self._span = 0.0  # ticks the motion is good for
-        self._x0, self._v, self._h = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._x0, self._v = np.zeros(n), np.zeros(n)
+        self._rates = np.zeros((3, n))  # what changes sign with the direction: way since x0 - ½, h, v/2
+        self._way, self._h, self._half_v = self._rates
         self._whole = np.zeros(n)  # ⌊x⌋ when last observed
-        self._count = np.zeros(n, dtype=np.int64)
+        self._whole_bytes = self._whole.tobytes()
         self._offset = self.preload.copy()  # counter minus ⌊x⌋
         self._turning = False  # some axis turns round within the step
         self._turns: list[float] = []  # turning points still ahead that hide edges from a plain look at ⌊x⌋
-        self._stale = True  # flags and pins do not yet show the newest edges
+        self._stale = True  # the words do not yet show the newest counts and edges
         self._lap = np.zeros(n, dtype=np.int64)
         self._overflow = np.zeros(n, dtype=np.int64)
+        self._state = np.full(n, _NOTHING_SEEN, dtype=np.int64)
         # Two pools take turns: one gather moves the queue from one to the other.
-        self._pool = np.zeros((2 * EDGES, n), dtype=np.int64)
+        self._pool = np.zeros((_QUEUE + EDGES, n), dtype=np.int64)
         self._spare = np.zeros_like(self._pool)
-        self._pool[EDGES:] = ((LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1)) * 32 + _DIRECTION)[:, None]
+        self._pool[_QUEUE:] = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]
         self._constants(n)
         self._scratch(n)
 
     def _constants(self, n: int) -> None:
         """Whole arrays instead of numbers: numpy takes twice as long where one side has to be stretched."""
-        self._push_table = _push_table(n)
-        self._flag_table = _flag_table()
-        self._pin_table = np.array(_PINS, dtype=np.int64)
-        pins, axis = self._pin_table[:, None], np.arange(4)
-        self._input_table = ((pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT + axis
-                             | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT + axis).ravel()
-        self._axis = np.arange(n, dtype=np.int64) % 4
+        self._push_table, self._state_table, self._flag_table = _push_table(n), _state_table(), _flag_table()
         self._columns = np.tile(np.arange(n, dtype=np.int64), (EDGES, 1))
         self._steps = np.tile(np.arange(EDGES)[:, None] + 0.5, (1, n))
         self._no_less, self._zero = np.full((EDGES, n), 1e-15), np.zeros((EDGES, n))
-        self._most, self._least = (np.full(n, k, dtype=np.int64) for k in (EDGES, -EDGES))
-        self._three, self._thirteen = (np.full(n, k, dtype=np.int64) for k in (3, 13))
+        self._half, self._six = np.full(n, 0.5), np.full(n, float(EDGES))
+        self._three, self._none, self._lap_shift = (np.full(n, k, dtype=np.int64) for k in (3, 0, 24))
+        self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
+        self._place = 1 << np.arange(4, dtype=np.int64)
         self._stretch = np.repeat(np.arange(4), EDGES)
-        # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0; row 0 is now
-        self._pairs = np.array([1, 1, 5, 0, 5, 2, 6, 1])
+        # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0
+        self._pairs = np.array((0, 0, 4, _NOW - _QUEUE, 4, 1, 5, 0)) + _QUEUE
         self._spent = np.repeat([4, 1, 1, 0], n).reshape(4, n)
         self._longest = np.full((4, n), TICKS_MAX, dtype=np.int64)
-        self._flag_rows = np.array([0, 0, 4, 0, 3])
-        self._flag_starts = np.repeat(np.arange(5) * 32, n).reshape(5, n)
-        self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
+        self._too_long = np.full((4, n), reg.VELOCITY_OVERFLOW | TICKS_MAX, dtype=np.int64)
 
     def _scratch(self, n: int) -> None:
-        self._x, self._moved, self._sign, self._half_v, self._x_half = (np.zeros(n) for _ in range(5))
-        self._next_count, self._key, self._word, self._phase = (np.zeros(n, dtype=np.int64) for _ in range(4))
-        self._push_rows = np.zeros((2 * EDGES, n), dtype=np.int64)
-        self._motion = np.zeros((4, n))
+        self._x, self._moved, self._sign, self._x_half = (np.zeros(n) for _ in range(4))
+        self._key, self._count, self._word, self._phase = (np.zeros(n, dtype=np.int64) for _ in range(4))
+        self._word_by_board = self._word.reshape(-1, 4)
+        self._rows = np.zeros((EDGES + 1, n), dtype=np.int64)
+        self._where, self._lifted = self._rows[:EDGES], self._rows[EDGES]
+        self._motion = np.zeros((4, n))  # rates in the direction of motion, and v²/4
+        self._forward, self._square = self._motion[:3], self._motion[3]
         self._stretched = np.zeros((4 * EDGES, n))
-        self._ticks = np.zeros((EDGES + 1, n), dtype=np.int64)
+        self._blocks = tuple(self._stretched.reshape(4, EDGES, n))
         self._pair_ticks = np.zeros((8, n), dtype=np.int64)
-        self._flags = np.zeros((5, n), dtype=np.int64)
-        self._over = np.zeros((4, n), dtype=np.int64)
+        self._spans, self._before = self._pair_ticks[:4], self._pair_ticks[4:]
+        self._spans_by_board = self._spans.reshape(4, -1, 4).transpose(1, 0, 2)
+        self._over = np.zeros((4, n), dtype=np.bool_)
+        self._flags = np.zeros((6, n), dtype=np.int64)
+        self._input_pins = self._flags[5].reshape(-1, 4)
+        self._inputs = np.zeros(n // 4, dtype=np.int64)
+        self._turned = np.zeros(n, dtype=np.bool_)
+        self._when, self._peak, self._end, self._bound = (np.zeros(n) for _ in range(4))
 
     def place(self, x: Floats) -> None:
         """Take `x` (counts) as the position at power-up: the counters start at mid-range wherever the arm is."""
         self._x0[:] = x
         np.floor(x, out=self._whole)
-        self._count[:] = self._whole
-        self._offset[:] = reg.ENCODER_ZERO - self._count
+        self._whole_bytes = self._whole.tobytes()
+        self._offset[:] = reg.ENCODER_ZERO - self._counts()
         self._lap[:] = 0
         self._stale = True
+
+    def _counts(self) -> Ints:
+        """⌊x⌋ as whole numbers."""
+        np.copyto(self._count, self._whole, casting="unsafe")
+        return self._count
 
     def follow(self, tick: int, span: int, x0: Floats, v: Floats, h: Floats) -> None:
         """A new step begins at `tick`, good for `span` ticks: x0 in counts, v in counts/tick, h in counts/tick².
@@ -131,27 +183,35 @@ class Encoders:
         """
         self.start, self._span = tick, float(span)
         self._x0[:], self._v[:], self._h[:] = x0, v, h
-        np.multiply(self._v, 0.5, self._half_v)
-        np.multiply(self._half_v, self._half_v, self._motion[3])
-        np.subtract(self._x0, 0.5, self._x_half)
+        np.multiply(v, self._half, self._half_v)
+        np.multiply(self._half_v, self._half_v, self._square)
+        np.subtract(x0, self._half, self._x_half)
         # v changes sign within the step: v · (v + 2·h·span) < 0
-        np.multiply(self._h, 2.0 * span, self._sign)
-        np.add(self._sign, self._v, self._sign)
-        np.multiply(self._sign, self._v, self._sign)
-        turning = self._sign < 0.0
-        self._turning = bool(np.count_nonzero(turning))
-        self._turns = []
-        if self._turning:
-            self._find_turns(np.flatnonzero(turning), span)
+        sign = self._sign
+        np.multiply(h, 2.0 * span, sign)
+        np.add(sign, v, sign)
+        np.multiply(sign, v, sign)
+        np.less(sign, self._zero[0], self._turned)
+        self._turning = bool(np.count_nonzero(self._turned))
+        self._turns = self._find_turns() if self._turning else []
 
-    def _find_turns(self, axes: npt.NDArray[np.intp], span: int) -> None:
+    def _find_turns(self) -> list[float]:
         """Turning points beyond which edges were crossed that lie outside the way from start to end."""
-        v, h, x0 = self._v[axes], self._h[axes], self._x0[axes]
-        when = -v / (2.0 * h)
-        peak = np.floor(x0 + v * when / 2.0)
-        end = np.floor(x0 + (v + h * span) * span)
-        beyond = (peak > np.maximum(np.floor(x0), end)) | (peak < np.minimum(np.floor(x0), end))
-        self._turns = sorted(float(t) for t in when[beyond])
+        when, peak, end, bound, work = self._when, self._peak, self._end, self._bound, self._sign
+        when.fill(0.0)
+        np.divide(self._half_v, self._h, out=when, where=self._turned)  # up to its sign
+        np.multiply(self._half_v, when, peak)
+        np.subtract(self._x0, peak, peak)
+        np.floor(peak, peak)
+        np.multiply(self._h, self._span, end)
+        np.add(end, self._v, end)
+        np.multiply(end, self._span, end)
+        np.add(end, self._x0, end)
+        np.floor(end, end)
+        np.floor(self._x0, work)
+        beyond = np.greater(peak, np.maximum(work, end, out=bound))
+        beyond |= np.less(peak, np.minimum(work, end, out=bound))
+        return sorted(-t for t in when[beyond].tolist()) if np.count_nonzero(beyond) else []
 
     def observe(self, tick: int) -> None:
         """Bring the edges up to `tick` (not before the last observation; clipped to the step)."""
@@ -167,37 +227,28 @@ class Encoders:
         np.multiply(x, tau, x)
         np.add(x, self._x0, x)
         np.floor(x, x)
-        np.subtract(x, self._whole, self._moved)
-        if np.count_nonzero(self._moved):
+        whole = x.tobytes()
+        if whole != self._whole_bytes:
+            self._whole_bytes = whole
             self._push()
 
     def _push(self) -> None:
         """Put the newest edges of every axis that moved in front of its queue."""
-        x, moved, key, motion, sign = self._x, self._moved, self._key, self._motion, self._sign
+        x, moved, sign, key = self._x, self._moved, self._sign, self._key
+        np.subtract(x, self._whole, moved)
         self._whole, self._x = x, self._whole
-        count, old = self._next_count, self._count
-        self._count, self._next_count = count, old
-        np.copyto(count, x, casting="unsafe")
-        np.subtract(count, old, key)
-        np.minimum(key, self._most, out=key)
-        np.maximum(key, self._least, out=key)
-        np.add(key, self._most, key)
-        np.bitwise_and(count, self._three, old)
-        np.multiply(old, self._thirteen, old)
-        np.add(key, old, key)
-        rows = self._push_rows
-        self._push_table.take(key, 1, rows, "clip")
+        np.add(moved, self._six, sign)
+        np.copyto(key, sign, casting="unsafe")
+        self._push_table.take(key, 1, self._rows, "clip")
+        np.add(self._state, self._lifted, key)
+        self._state_table.take(key, None, self._state, "clip")
         # In the direction of motion s: distance of the newest edge from x0, then one count less for each older edge
         # (upwards the newest edge is ⌊x⌋, downwards ⌊x⌋ + 1).
         np.sign(moved, sign)
-        np.subtract(x, self._x_half, motion[0])
-        np.multiply(motion[0], sign, motion[0])
-        np.multiply(self._h, sign, motion[1])
-        np.multiply(self._half_v, sign, motion[2])
-        stretched = self._stretched
-        motion.take(self._stretch, 0, stretched, "clip")
-        wide, root = stretched[:EDGES], stretched[EDGES : 2 * EDGES]
-        half_speed, square = stretched[2 * EDGES : 3 * EDGES], stretched[3 * EDGES :]
+        np.subtract(x, self._x_half, self._way)
+        np.multiply(self._rates, sign, self._forward)
+        self._motion.take(self._stretch, 0, self._stretched, "clip")
+        wide, root, half_speed, square = self._blocks
         np.subtract(wide, self._steps, wide)
         # h'·τ² + w·τ = distance, solved as distance / (w/2 + √(w²/4 + h'·distance))
         np.multiply(root, wide, root)
@@ -213,17 +264,15 @@ class Encoders:
         fresh = pool[:EDGES]
         np.copyto(fresh, wide, casting="unsafe")
         np.add(fresh, self.start + 1, fresh)
-        np.left_shift(fresh, 5, fresh)
-        np.bitwise_or(fresh, rows[:EDGES], fresh)
-        where = rows[EDGES:]
-        np.add(where, self._columns, where)
-        pool.take(where, None, spare[EDGES:], "clip")
+        np.add(self._where, self._columns, self._where)
+        pool.take(self._where, None, spare[_QUEUE:], "clip")
         self._pool, self._spare = spare, pool
         self._stale = True
 
     def _solve_after_turn(self, wide: Floats, root: Floats, half_speed: Floats) -> None:
         """Where the axis first ran the other way (w < 0) the root is (√… − w/2) / h': put it as distance over root."""
-        after = np.flatnonzero((half_speed[0] < 0.0) & (self._moved != 0.0))
+        np.less(half_speed[0], self._zero[0], self._turned)
+        after = np.flatnonzero(np.logical_and(self._turned, self._moved, self._turned))
         if after.size:
             wide[:, after] = (root[:, after] - half_speed[:, after]) / self._motion[1, after]
             root[:, after] = 1.0 - half_speed[:, after]
@@ -231,60 +280,55 @@ class Encoders:
     def load(self, axes: Ints, values: Ints) -> None:
         """Preload registers of `axes` are written: the counters become `values` at once (observe first)."""
         self.preload[axes] = values
-        self._offset[axes] = values - self._count[axes]
+        self._offset[axes] = values - self._counts()[axes]
         self._lap[axes] = 0
+        self._stale = True
 
     def jump(self, axis: int, counts: int) -> None:
         """The counter is wrong by `counts` from now on, as after lost edges."""
         self._offset[axis] += counts
+        self._stale = True
 
     def words(self, tick: int, position: Quads, velocity: Quads) -> None:
         """Write the encoder quadlets of every axis as seen at `tick` (observe first).
 
         `position` is (boards, 4), `velocity` (boards, 4, 4): period, quarter 1, quarter 5 and running, each per axis.
         """
-        word, phase = self._word, self._phase
-        np.add(self._count, self._offset, word)
-        np.right_shift(word, 24, phase)
-        if np.count_nonzero(phase != self._lap):  # over its end; the bit then stays, as in the real one
+        pool, spans = self._pool, self._spans
+        pool[_NOW].fill(tick)
+        if self._stale:
+            self._stale = False
+            self._show_counts()
+            pool.take(self._pairs, 0, self._pair_ticks, "clip")
+            np.subtract(spans, self._before, spans)
+            np.subtract(spans, self._spent, spans)
+            np.maximum(spans[3], self._none, out=spans[3])
+            np.greater(spans, self._longest, self._over)
+            np.putmask(spans, self._over, self._too_long)
+            np.bitwise_or(spans, self._flags[:4], spans)
+        else:  # only the running counters go on
+            running = spans[3]
+            np.subtract(pool[_NOW], pool[_QUEUE], running)
+            np.maximum(running, self._none, out=running)
+            np.greater(running, self._longest[3], self._over[3])
+            np.putmask(running, self._over[3], self._too_long[3])
+            np.bitwise_or(running, self._flags[3], running)
+        position[...] = self._word_by_board
+        velocity[...] = self._spans_by_board
+
+    def _show_counts(self) -> None:
+        """Position words, flags and pins after a change."""
+        count, word, phase, flags = self._counts(), self._word, self._phase, self._flags
+        np.add(count, self._offset, word)
+        np.right_shift(word, self._lap_shift, phase)
+        if phase.tobytes() != self._lap.tobytes():  # over its end; the bit then stays, as in the real one
             self._overflow[phase != self._lap] = reg.ENCODER_OVERFLOW
             self._lap[:] = phase
-        np.bitwise_and(self._count, self._three, phase)
-        if self._stale:
-            self._show_edges(phase)
-            self._stale = False
+        np.bitwise_and(count, self._three, phase)
+        np.add(self._state, phase, phase)
+        self._flag_table.take(phase, 1, flags, "clip")
         np.bitwise_and(word, self._mask, word)
         np.bitwise_or(word, self._overflow, word)
-        np.bitwise_or(word, self._pin_table.take(phase, None, self._key, "clip"), word)
-        position[...] = word.reshape(-1, 4)
-        ticks, pairs, over = self._ticks, self._pair_ticks, self._over
-        ticks[0] = tick
-        ticks.take(self._pairs, 0, pairs, "clip")
-        spans = pairs[:4]
-        np.subtract(spans, pairs[4:], spans)
-        np.subtract(spans, self._spent, spans)
-        np.subtract(self._longest, spans, over)  # negative where too long
-        np.right_shift(over, 63, over)
-        np.bitwise_and(over, reg.VELOCITY_OVERFLOW, over)
-        np.minimum(spans, self._longest, out=spans)
-        np.maximum(spans[3], 0, out=spans[3])
-        np.bitwise_or(spans, over, spans)
-        np.bitwise_or(spans, self._flags[:4], spans)
-        velocity[...] = spans.reshape(4, -1, 4).transpose(1, 0, 2)
-
-    def _show_edges(self, phase: Ints) -> None:
-        """Ticks, flags and pins after new edges."""
-        queue, flags = self._pool[EDGES:], self._flags
-        np.right_shift(queue, 5, self._ticks[1:])
-        edge = queue & 31
-        selected = edge.take(self._flag_rows, 0)
-        np.add(selected, self._flag_starts, selected)
-        self._flag_table.take(selected, None, flags, "clip")
-        changed = np.bitwise_or.reduce(edge[:4], 0)
-        np.bitwise_xor(changed, np.bitwise_and.reduce(edge[:4], 0), changed)
-        np.bitwise_and(changed, _DIRECTION, changed)
-        np.left_shift(changed, 25, changed)
-        np.bitwise_or(flags[0], changed, flags[0])
-        np.bitwise_or(flags[0], flags[4], flags[0])
-        bits = self._input_table.take(phase * 4 + self._axis).reshape(-1, 4)
-        np.copyto(self.pins, np.add.reduce(bits, 1), casting="unsafe")
+        np.bitwise_or(word, flags[4], word)
+        self._input_pins.dot(self._place, self._inputs)
+        np.copyto(self.pins, self._inputs, casting="unsafe")

@@ -193,3 +193,16 @@ def test_pins_show_the_phase_in_the_digital_inputs() -> None:
     position = bench.words(0)[0]
     assert position & reg.ENCODER_PIN_A and position & reg.ENCODER_PIN_B
     assert int(bench.encoders.pins[0]) & 0x11 << 20 == 0x11 << 20
+
+
+def test_at_rest_only_the_running_counter_goes_on() -> None:
+    bench = Bench()
+    for _ in range(3):
+        bench.step(7000.0)
+    bench.step(0.0)
+    first = bench.words(bench.tick - 4000)
+    second = bench.words(bench.tick - 1000)
+    assert second[:4] == first[:4]
+    assert second[4] - first[4] == 3000
+    bench.encoders.jump(0, 5)
+    assert bench.words(bench.tick)[0] & reg.ENCODER_MASK == (first[0] & reg.ENCODER_MASK) + 5
