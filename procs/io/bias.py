@@ -98,6 +98,7 @@ class Bias:
     def _set(self, robot: int, job: Collection) -> None:
         """Write the preloads; a lost datagram is noticed by the look that follows."""
         job.attempts, job.settle = job.attempts + 1, SETTLE_SAMPLES
+        self.preset[robot] = False  # until they are seen to have taken it
         assert job.goal is not None
         try:
             self.preload(robot, job.goal)

@@ -48,6 +48,21 @@ def test_preset_encoders_are_accepted_when_asked() -> None:
     assert stand.port.quadlets == []
 
 
+def test_encoders_that_failed_to_be_set_are_preset_no_more() -> None:
+    stand = Stand(preset=True)
+    stand.port.pot(2, 0.7)
+    stand.port.lost_writes = 1000
+    assert stand.ask("bias_encoders", 10).outcome == "accepted"
+    stand.run(30)
+    assert not stand.record.biased[0]
+    assert stand.codes == ["BIAS_FAILED"]
+    assert stand.ask("bias_encoders", -10).outcome == "accepted", "not done at once: they are set anew"
+    stand.port.lost_writes = 0
+    stand.run(30)
+    assert stand.record.biased[0]
+    assert stand.record.position[2] == pytest.approx(0.7, abs=1e-4)
+
+
 def test_a_lost_preload_is_written_again() -> None:
     stand = Stand(preset=False)
     stand.port.pot(2, 0.7)
