@@ -104,7 +104,7 @@ class RobotIo:
         self._power.step(now_ns)
         if self._power.changed:
             self._power.changed = False
-            self._safety.refresh()
+            self._safety.refresh(self._power.reached)
         self._safety.check(now_ns)
         if self._safety.set_encoder_zero:
             for robot in self._safety.set_encoder_zero:
@@ -195,17 +195,20 @@ class RobotIo:
         record.age_ns[...] = self._now_ns() - self._good_ns
 
     def farewell(self) -> None:
-        """Zero every output: controllers off, amplifiers and power off, relays open. On every path out."""
+        """Zero every output: amplifiers and power off, relays open; then the books. On every path out.
+
+        The boards come first, and with nothing in between that an error in the loop may have left unable to run.
+        """
+        nothing = np.zeros(self.robots.axes)
+        for _ in range(FAREWELLS):
+            self._outputs.all_off()
+            self._outputs.encode(nothing)
+            self._port.write_all()
+            self._outputs.written()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)
-        self.pid.effort.fill(0.0)
-        for _ in range(FAREWELLS):
-            for robot in range(len(self.robots.names)):
-                self._power.off(robot, open_relays=True)
-            self._outputs.encode(self.pid.effort)
-            self._port.write_all()
-            self._outputs.written()
+            self._power.off(robot)
 
 
 def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:

@@ -65,6 +65,14 @@ class Outputs:
         self._flags[axes] = DISABLE
         self._record.amp_enabled[axes] = False
 
+    def all_off(self) -> None:
+        """Amplifiers and motor power of all boards off, relays open, whatever was asked for before."""
+        self._flags.fill(DISABLE)
+        self._record.amp_enabled[...] = False
+        self._standing.fill(registers.CONTROL_POWER_OFF)
+        self._once.fill(registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF)
+        self._pulses = True
+
     def encode(self, effort: Floats) -> bool:
         """Efforts [N·m or N] to words in the port's buffer; False when one was not finite (it went out as 0 A)."""
         request = self._record.current_request

@@ -65,6 +65,7 @@ class Power:
         self._rows = [np.flatnonzero(row) for row in robots.on_board]
         self._amp_bits = self._amp_masks()
         self._wake_ns = 0
+        self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
         self.changed = False  # limits that depend on power must be looked at again
 
     def _amp_masks(self) -> list[NDArray[np.uint32]]:
@@ -83,6 +84,7 @@ class Power:
             return
         self._record.power_wanted[robot] = True
         self._supplies[robot] = Supply(SUPPLY, now_ns)
+        self.reached[robot] = False
         self._wake_ns, self.changed = 0, True
 
     def off(self, robot: int, open_relays: bool = False) -> None:
@@ -91,6 +93,7 @@ class Power:
         was_on = bool(record.power_wanted[robot])
         record.power_wanted[robot] = record.amps_on[robot] = False
         self._supplies[robot] = Supply()
+        self.reached[robot] = False
         self._outputs.disable_amps(robots.slices[robot])
         free = robots.on_board[robot].copy()
         for other in robots.sharing(robot):
@@ -142,6 +145,7 @@ class Power:
             supply.state, supply.retry_ns = AMPS, now_ns
         if supply.state == AMPS and record.amps_on[robot]:
             supply.state = ON
+            self.reached[robot] = True
             self._reports.status("amplifiers on", self._robots.names[robot])
         if supply.state in (SUPPLY, AMPS) and in_time and now_ns >= supply.retry_ns:
             supply.retry_ns = now_ns + RETRY_NS

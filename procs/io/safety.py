@@ -51,10 +51,14 @@ class Safety:
         counted = counts[robots.robot_of_axis] if n else np.zeros(0, dtype=bool)
         self._limits[OVERFLOW] = np.where(counted & robots.has_encoder, 0.5, np.inf)
         self.set_encoder_zero: list[int] = []  # robots whose encoders overflowed in this cycle
-        self.refresh()
+        self.refresh(np.zeros(len(robots.names), dtype=bool))
 
-    def refresh(self) -> None:
-        """Amplifier enables, power or a switch changed: other limits apply."""
+    def refresh(self, reached: Flags) -> None:
+        """Amplifier enables, power or a switch changed: other limits apply.
+
+        `reached` (robots,): all amplifiers have been on. A board's cut-off counts from then on, also when the amplifier
+        it cut shows as off in the same sample; what is latched from before goes with the enable.
+        """
         robots, record = self._robots, self._record
         wanted = record.power_wanted[robots.robot_of_axis]
         powered = record.powered[robots.robot_of_axis]
@@ -62,7 +66,7 @@ class Safety:
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
         self._limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
         self._limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
-        self._limits[SAFETY] = np.where(record.amps_on[robots.robot_of_axis], 0.5, np.inf)
+        self._limits[SAFETY] = np.where(reached[robots.robot_of_axis], 0.5, np.inf)
         self._limits[POT_ERROR] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
 
     def forget_pots(self, axes: slice) -> None:

@@ -1,5 +1,7 @@
 import dataclasses
 
+import pytest
+
 from procs.lib import registers
 from tests.io.stand import Stand, actuator, robot
 
@@ -182,6 +184,24 @@ def test_farewell_leaves_everything_off() -> None:
     assert (last[0, :4] & 0xFFFF == 0x8000).all()
     assert (last[0, :4] & registers.DAC_AMP_ENABLE == 0).all()
     assert not stand.record.pid_enabled[0]
+
+
+def test_farewell_switches_off_although_the_rest_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand = Stand()
+    stand.control()
+    stand.send(1, position=0.5)
+    stand.run(5)
+
+    def broken(*_: object) -> None:
+        raise IndexError("whatever ended the loop")
+
+    monkeypatch.setattr(stand.core._follow, "enable", broken)
+    with pytest.raises(IndexError):
+        stand.core.farewell()
+    last = stand.port.sent[-1]
+    assert (last[:, 4] == registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF).all()
+    assert (last[0, :4] & 0xFFFF == 0x8000).all()
+    assert (last[0, :4] & registers.DAC_AMP_ENABLE == 0).all()
 
 
 def shared_stand() -> Stand:

@@ -53,6 +53,28 @@ def test_safety_amp_disable_trips() -> None:
     assert not stand.record.pid_enabled[0]
 
 
+def test_safety_amp_disable_trips_with_the_amplifier_it_cut() -> None:
+    stand = Stand()
+    stand.control()
+    stand.port.dead_amps.add((1, 1))
+    stand.port.live[1, blocks.STATUS] |= np.uint32(1 << registers.STATUS_SAFETY_SHIFT + 1)
+    stand.port.live[1, blocks.STATUS] &= ~np.uint32(1 << registers.STATUS_AMP_ON_SHIFT + 1)
+    stand.run(1)
+    assert stand.codes == ["SAFETY_AMP_DISABLE"]
+
+
+def test_a_cut_off_from_before_does_not_bar_power_on() -> None:
+    stand = Stand()
+    stand.port.live[1, blocks.STATUS] |= np.uint32(1 << registers.STATUS_SAFETY_SHIFT + 1)
+    command = stand.ask("power_on")
+    stand.run(1)
+    assert stand.codes == []
+    stand.port.live[1, blocks.STATUS] &= ~np.uint32(1 << registers.STATUS_SAFETY_SHIFT + 1)  # as enabling does
+    stand.run(10)
+    assert command.outcome == "done"
+    assert stand.codes == []
+
+
 def test_warm_amplifiers_warn_every_two_minutes() -> None:
     stand = Stand()
     stand.power()
