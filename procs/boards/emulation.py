@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from procs.boards.firmware import Firmware
 from procs.boards.lines import Lines
-from procs.boards.wiring import Wiring, bits
+from procs.boards.power import CURRENT_EXCESS
+from procs.boards.wiring import Wiring
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import System
@@ -75,16 +76,52 @@ class Emulation:
         axes = len(wiring.slots)
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
         self.current = np.zeros(axes)
-        self._work = np.zeros(axes)
-        self._speed_scale = wiring.counts.scale / reg.CLOCK_HZ
-        self._x = wiring.counts.apply(world.position, np.zeros(axes))
-        self._v = world.velocity * self._speed_scale
-        self._motion = np.zeros((3, 4 * len(wiring.rows)))  # x0, v, h of every slot
-        self._motion[0, wiring.slots] = self._x
         self._dac, self._on, self._adc = (a.reshape(-1) for a in (self.lines.dac, self.lines.on, self.lines.adc))
-        for firmware, cut in self._cuts():
-            firmware.encoders.place(self._motion[0, cut])
+        self._at_slots(len(self._dac))
+        self._cut = tuple(self._cuts())
+        for firmware, cut in self._cut:
+            firmware.encoders.place(self._x[cut])
         self._step()
+
+    def _at_slots(self, count: int) -> None:
+        """What belongs to actuators, laid out by slots: no gather is needed but for what the world says and hears.
+
+        Slots without an actuator look at the first one's values, and all their scales are 0.
+        """
+        wiring = self.wiring
+        self._axis_of = np.zeros(count, dtype=np.intp)
+        self._axis_of[wiring.slots] = np.arange(len(wiring.slots))
+
+        def spread(values: Floats, elsewhere: float = 0.0) -> Floats:
+            spread = np.full(count, float(elsewhere))
+            spread[wiring.slots] = values
+            return spread
+
+        self._amps = (spread(wiring.amps.scale), spread(wiring.amps.offset))
+        self._volts = (spread(wiring.pot_volts.scale), spread(wiring.pot_volts.offset))
+        self._counts = (spread(wiring.counts.scale), spread(wiring.counts.offset))
+        self._to_bits = (np.array((spread(wiring.pot_bits.scale), spread(wiring.measured.scale))),
+                         np.array((spread(wiring.pot_bits.offset), spread(wiring.measured.offset, reg.CURRENT_ZERO))))
+        self._speed_scale = self._counts[0] / reg.CLOCK_HZ
+        self._flowing = np.zeros(count)
+        self._words = np.zeros((2, count))  # potentiometers and measured currents as bits
+        self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
+        self._upper = np.full(count, 65536.0)
+        self._compared = np.zeros((2, count))  # measured and commanded currents, bits from mid-range
+        self._middle = np.full((2, count), 32767.5)
+        self._over, self._excess = np.zeros(count, dtype=np.bool_), np.full(count, float(CURRENT_EXCESS))
+        self._is_over = False
+        self._x, self._x_next, self._v, self._v_next, self._mean, self._h = (np.zeros(count) for _ in range(6))
+        self._ticks, self._two_spans = np.full(count, float(self._span)), np.full(count, 2.0 * self._span)
+        self._where(self._x, self._v)
+
+    def _where(self, x: Floats, v: Floats) -> None:
+        """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
+        self._world.position.take(self._axis_of, None, x, "clip")
+        np.multiply(x, self._counts[0], x)
+        np.add(x, self._counts[1], x)
+        self._world.velocity.take(self._axis_of, None, v, "clip")
+        np.multiply(v, self._speed_scale, v)
 
     def _cuts(self) -> list[tuple[Firmware, slice]]:
         return [(bus, slice(4 * first, 4 * (first + bus.count)))
@@ -127,8 +164,7 @@ class Emulation:
         for bus in self.buses:
             bus.step(tick)
         self._sense()
-        for bus in self.buses:
-            bus.check_currents(tick)
+        self._check_currents(tick)
         self.position[:], self.velocity[:] = self._world.position, self._world.velocity
         self._world.step_current(self.current)
         self._move()
@@ -136,27 +172,54 @@ class Emulation:
 
     def _sense(self) -> None:
         """The currents that flow, and what the converters make of them and of the potentiometers."""
-        wiring, work, slots = self.wiring, self._work, self.wiring.slots
-        wiring.amps.apply(self._dac[slots].astype(np.float64), self.current)
-        self.current *= self._on[slots]
-        wiring.pot_volts.apply(self._world.pot_position, work)
+        words, (volts, measured), flowing = self._words, self._words, self._flowing
+        np.copyto(flowing, self._dac)
+        np.multiply(flowing, self._amps[0], flowing)
+        np.add(flowing, self._amps[1], flowing)
+        np.multiply(flowing, self._on, flowing)
+        flowing.take(self.wiring.slots, None, self.current, "clip")
+        self._world.pot_position.take(self._axis_of, None, volts, "clip")
+        np.multiply(volts, self._volts[0], volts)
+        np.add(volts, self._volts[1], volts)
         if self._noise_v > 0.0:
-            work += self._random.normal(0.0, self._noise_v, work.size)
-        words = bits(wiring.pot_bits.apply(work, work)).astype(np.uint32) << 16
-        self._adc[slots] = words | bits(wiring.measured.apply(self.current, work)).astype(np.uint32)
+            volts += self._random.normal(0.0, self._noise_v, self.current.size)[self._axis_of]
+        measured[:] = flowing
+        np.multiply(words, self._to_bits[0], words)
+        np.add(words, self._to_bits[1], words)
+        np.rint(words, words)
+        np.maximum(words, self._least, out=words)
+        np.minimum(words, self._most, out=words)
+        np.multiply(volts, self._upper, volts)
+        np.add(volts, measured, volts)
+        np.copyto(self._adc, volts, casting="unsafe")
+
+    def _check_currents(self, tick: int) -> None:
+        """The boards' current check, left out while no current is near being too much and none was."""
+        compared, over = self._compared, self._over
+        compared[0], compared[1] = self._words[1], self._dac
+        np.subtract(compared, self._middle, compared)
+        np.absolute(compared, compared)
+        np.subtract(compared[0], compared[1], compared[0])
+        np.greater(compared[0], self._excess, over)
+        is_over = bool(np.count_nonzero(over))
+        if is_over or self._is_over:
+            for bus in self.buses:
+                bus.check_currents(tick)
+        self._is_over = is_over
 
     def _move(self) -> None:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
-        slots, motion, span = self.wiring.slots, self._motion, self._span
-        x = self.wiring.counts.apply(self._world.position, np.zeros_like(self._x))
-        v = self._world.velocity * self._speed_scale
-        h = (v - self._v) / (2.0 * span)
-        motion[0, slots] = self._x
-        motion[1, slots] = (x - self._x) / span - h * span
-        motion[2, slots] = h
-        self._x, self._v = x, v
-        for bus, cut in self._cuts():
-            bus.encoders.follow(self.begin, span, motion[0, cut], motion[1, cut], motion[2, cut])
+        x, v, h, mean, span = self._x, self._v, self._h, self._mean, self._ticks
+        self._where(self._x_next, self._v_next)
+        np.subtract(self._v_next, v, h)
+        np.divide(h, self._two_spans, h)
+        np.subtract(self._x_next, x, mean)
+        np.divide(mean, span, mean)
+        np.multiply(h, span, v)
+        np.subtract(mean, v, mean)  # the velocity at the beginning
+        self._x, self._x_next, self._v, self._v_next = self._x_next, x, self._v_next, v
+        for bus, cut in self._cut:
+            bus.encoders.follow(self.begin, self._span, x[cut], mean[cut], h[cut])
 
     # -- what happens to boards and robots -----------------------------------------------------------------------------
 

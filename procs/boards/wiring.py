@@ -104,10 +104,3 @@ class Wiring:
     def boards_of(self, robot: str) -> list[int]:
         """Rows of the boards a robot hangs on."""
         return sorted({int(slot) // 4 for slot in self.slots[self.robots[robot]]})
-
-
-def bits(values: Floats) -> Floats:
-    """Round to whole bits of a 16-bit converter, in place."""
-    np.rint(values, out=values)
-    np.maximum(values, 0.0, out=values)
-    return np.minimum(values, 0xFFFF, out=values)

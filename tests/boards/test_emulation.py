@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import socket
 
@@ -132,6 +133,28 @@ def test_commanded_current_flows_only_through_amplifiers_that_are_on() -> None:
     _write(world, 0, 1, reg.STATUS, reg.CONTROL_AMPS_OFF, now + 66 * MS)
     world.advance(now + 68 * MS)
     assert not rails.currents[-1].any()
+
+
+def test_current_far_from_its_command_trips_the_boards_check() -> None:
+    system = _system()
+    first, *others = system.ios[0].robots[0].actuators  # board 9, axis 0: measures half as much again
+    wrong = dataclasses.replace(first, bits_to_current=Linear(1 / 5242.88 / 1.5, -6.25 / 1.5))
+    robot = dataclasses.replace(system.ios[0].robots[0], actuators=(wrong, *others))
+    io = dataclasses.replace(system.ios[0], robots=(robot,))
+    rails = Rails(7)
+    world = Emulation(dataclasses.replace(system, ios=(io, system.ios[1])), rails, START)
+    power = world.buses[0].power
+    _write(world, 0, 0, reg.WATCHDOG, 0, START)
+    _write(world, 0, 0, reg.STATUS, 0x000C0F0F, START)
+    world.advance(START + 70 * MS)
+    for amps in (1.5, 0.0, 1.5):  # the pause starts the 50 ms anew
+        at = world.board_ns
+        _write(world, 0, 0, reg.axis_register(0, reg.DAC), 0x8000_0000 | round(amps * 5242.88 + 32768), at)
+        world.advance(at + 49 * MS)
+        assert not power.safety.any()
+    world.advance(at + 60 * MS)
+    assert power.safety.tolist() == [[False] * 4, [True, False, False, False]]
+    assert rails.currents[-1][0] == 0.0
 
 
 def test_watchdog_expires_by_arrival_times_whenever_polled() -> None:
