@@ -32,7 +32,9 @@ class Outputs:
         self._encoder = conversion.CurrentEncoder(robots.dac_scale, robots.dac_offset)
         self._flags: NDArray[np.int64] = np.full(n, DISABLE, dtype=np.int64)
         self._words: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
-        self._most, self._least = robots.maximum_current, -robots.maximum_current
+        least, most = conversion.current_range(robots.dac_scale, robots.dac_offset)
+        self._most = np.minimum(robots.maximum_current, most)
+        self._least = np.maximum(-robots.maximum_current, least)
         self._standing: NDArray[np.uint32] = np.full(len(robots.board_ids), registers.CONTROL_POWER_OFF, np.uint32)
         self._once: NDArray[np.uint32] = self._standing.copy()
         self._pulses = False

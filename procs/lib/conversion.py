@@ -71,6 +71,15 @@ class CurrentEncoder:
         return finite
 
 
+def current_range(scale: Floats, offset: Floats) -> tuple[Floats, Floats]:
+    """Least and most current [A] of a 16-bit converter; beyond them bits would come round with the other sign."""
+    turn = np.floor(np.trunc(offset) / (CURRENT_MASK + 1)) * (CURRENT_MASK + 1)
+    ends = np.zeros((2, len(scale)))
+    for row, bits in enumerate((turn + 0.5, turn + CURRENT_MASK - 0.5)):  # half a bit inside: they are cut off later
+        np.divide(bits - offset, scale, out=ends[row], where=scale != 0.0)
+    return ends.min(axis=0), ends.max(axis=0)
+
+
 def inverse(scale: Floats) -> Floats:
     """1 / scale, 0 where the scale is 0 (an actuator without a motor has no effort)."""
     result: Floats = np.zeros_like(scale)

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from procs.lib import registers
-from tests.io.stand import Stand, actuator, robot
+from tests.io.stand import Stand, actuator, robot, with_actuators
 
 
 def test_nothing_is_powered_before_somebody_asks() -> None:
@@ -202,6 +202,15 @@ def test_farewell_switches_off_although_the_rest_is_broken(monkeypatch: pytest.M
     assert (last[:, 4] == registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF).all()
     assert (last[0, :4] & 0xFFFF == 0x8000).all()
     assert (last[0, :4] & registers.DAC_AMP_ENABLE == 0).all()
+
+
+def test_a_current_beyond_the_converter_keeps_its_sign() -> None:
+    stand = Stand(robots=(with_actuators(robot("PSM1", 0), maximum_current=8.0),))
+    stand.control()
+    for sign, most in ((1.0, 0xFFFF), (-1.0, 0)):
+        stand.send(2, effort=15.0 * sign)
+        stand.run(2)
+        assert (abs(stand.currents - most) <= 1).all()
 
 
 def shared_stand() -> Stand:

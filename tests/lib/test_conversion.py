@@ -108,3 +108,23 @@ def test_what_is_not_finite_becomes_zero_current(current: float) -> None:
 
 def test_watchdog_of_30_ms_is_5760_counts() -> None:
     assert registers.watchdog_counts(0.03) == 5760
+
+
+@given(
+    offset=st.sampled_from((32768.0, 33010.5, 32500.25, -32768.0, -32700.5, 0.0, 65535.0)),
+    scale=st.sampled_from((5242.88, -5242.88)),
+    asked=st.floats(-1e3, 1e3),
+)
+def test_bits_within_the_converters_range_never_come_round(offset: float, scale: float, asked: float) -> None:
+    scales, offsets = np.array([scale]), np.array([offset])
+    least, most = conversion.current_range(scales, offsets)
+    current = np.clip(np.array([asked]), least, most)
+    encoder = conversion.CurrentEncoder(scales, offsets)
+    assert encoder.encode(current)
+    turn = np.floor(offset / 65536) * 65536
+    assert abs(int(encoder.bits[0]) + turn - (current[0] * scale + offset)) < 1.0
+
+
+def test_an_axis_without_a_motor_has_no_range() -> None:
+    least, most = conversion.current_range(np.zeros(1), np.zeros(1))
+    assert least[0] == most[0] == 0.0
