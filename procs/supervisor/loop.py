@@ -53,7 +53,19 @@ class Supervisor:
         left = memory.clear_left_over(system.name)
         if left:
             log.warning("cleared %d segments that a dead system left", left)
+        folder = log_folder(os.environ, system.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.stopping = ""
         self.size = memory.create_all(system, group)
+        try:
+            self._begin(folder)
+        except BaseException:  # nobody has us yet to close us
+            self.close()
+            raise
+
+    def _begin(self, folder: Path) -> None:
+        """Take our places in the memory that is there now."""
+        system = self.system
         self.pulse = Pulse(system.name, "supervisor", write=True)
         self.pulse.segment.claim("supervisor")
         self.pulse.field("pid")[...] = os.getpid()
@@ -65,10 +77,7 @@ class Supervisor:
         self.events = Events(self._writes("events"), self.now_ns)
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor")
         self._state = self._writes("state")
-        folder = log_folder(os.environ, system.name)
-        folder.mkdir(parents=True, exist_ok=True)
         self.children = [self._child(row, folder) for row in system.processes]
-        self.stopping = ""
 
     def _writes(self, topic: str) -> RingWriter:
         return directory.writer(self.system.name, "supervisor", topic, "supervisor")

@@ -12,6 +12,7 @@ from procs import lifecycle
 from procs.lib.document import Process, System
 from procs.supervisor import loop
 from procs.supervisor.loop import Supervisor
+from shm.segment import names_of
 
 SLOW = """
 import signal, sys, time
@@ -47,3 +48,17 @@ def test_asking_again_while_it_stops_kills_nobody(supervisor: Supervisor, monkey
     monkeypatch.setattr(supervisor, "let_time_pass", asked_again)
     assert supervisor.stop_all()
     assert supervisor.children[0].reason == "stopped"
+
+
+def test_a_supervisor_that_cannot_begin_leaves_no_memory(
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+
+    def full(*_: object, **__: object) -> str:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(loop, "realtime", full)
+    with pytest.raises(OSError, match="no space"):
+        Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "arm", 1 / 1500),)))
+    assert names_of(world.name) == []
