@@ -189,3 +189,15 @@ def test_fields_that_do_not_lie_evenly_are_refused() -> None:
     assert stacked([buffer[0:7], buffer[9:16], buffer[18:25]]).shape == (3, 7)
     with pytest.raises(ValueError, match="side by side"):
         stacked([buffer[0:7], buffer[9:16], buffer[20:27]])
+
+
+def test_one_refusal_of_the_joint_controller_is_asked_again() -> None:
+    rig = Rig()
+    rig.reach("ENABLED")
+    rig.io.refuses["pid_enable"] = "there is no good sample of the controllers"
+    home = rig.state_command("home")
+    rig.until(lambda: ("pid_enable", (1.0,)) in rig.io.sent)
+    rig.run(0.01)
+    del rig.io.refuses["pid_enable"]
+    rig.until(lambda: "done" in home.outcomes)
+    assert rig.arm.state == "HOMED"
