@@ -33,6 +33,7 @@ RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
 
 _HEAD = struct.Struct(">BBIII")
 _QUAD = struct.Struct(">I")
+_BIG_QUAD = np.dtype(">u4")
 _REPLY = struct.Struct(">IIIII")
 _END = struct.Struct(">IIBBBBHH")  # timing quadlet, data CRC, trailer
 _DATA_AT = 22  # payload of a block write
@@ -79,7 +80,7 @@ class Firmware:
         self._velocities = rt[:, blocks.PERIOD.start : blocks.RUNNING.stop].reshape(n, 4, 4)
         assert np.shares_memory(self._velocities, rt)
         self._outputs = np.zeros(n, dtype=np.uint32)
-        self._sampled = np.full(n, -1, dtype=np.int64)
+        self._sampled = [-1] * n  # tick of every board's last sample
         self.config = np.full((n, 4), reg.MOTOR_CONFIG_POWER_UP, dtype=np.uint32)
         self.unchecked = np.zeros((n, 4), dtype=np.bool_)
         self._seen_changes = -1
@@ -90,11 +91,15 @@ class Firmware:
         self._hub_quads = 0  # quadlets of the blocks of the last query
         self._complete = False
         self._queried = 0
-        self._headers = (self.layout.hub_quads << 24) + FIRST_UPDATE + NEXT_UPDATE * np.arange(n, dtype=np.uint32)
+        headers = (self.layout.hub_quads << 24) + FIRST_UPDATE + NEXT_UPDATE * np.arange(n, dtype=np.uint32)
+        self._headers = headers + (np.arange(256, dtype=np.uint32)[:, None] << 16)  # by sequence number
+        self._head = self._sample[:, 0]
         self._groups = np.zeros((n, self.layout.write_quads), dtype=np.uint32)
-        self._group_heads = np.array(self.ids, dtype=np.uint32) << 8 | np.uint32(self.layout.write_quads)
+        self._words, self._control = self._groups[:, 1:5], self._groups[:, 5]
+        self._group_heads = (np.array(self.ids, dtype=np.uint32) << 8 | np.uint32(self.layout.write_quads)).tobytes()
         self._top = np.zeros((n, 4), dtype=np.uint32)  # top byte of the last command words
-        self._last_top = np.full((n, 4), 0xFFFF, dtype=np.uint32)
+        self._last_top = b""
+        self._top_shift, self._dac_mask = (np.full((n, 4), k, dtype=np.uint32) for k in (24, reg.DAC_VALUE_MASK))
         self._accept = np.zeros((n, 4), dtype=np.bool_)
         self._settled = -1
         self._values = np.zeros((n, 4), dtype=np.uint32)
@@ -199,15 +204,18 @@ class Firmware:
         if self._seen_changes != self.power.changes:
             self._seen_changes = self.power.changes
             self._status[...] = self.power.status
-        np.bitwise_or(self.encoders.pins, self.lines.inputs, out=self._inputs)
-        np.bitwise_or(self._inputs, self._outputs, out=self._inputs)
+        np.bitwise_or(self.encoders.pins, self.lines.inputs, self._inputs)
+        np.bitwise_or(self._inputs, self._outputs, self._inputs)
         self._adc[...] = self.lines.adc
-        np.bitwise_or(self.power.motor_flags, self.lines.dac, out=self._motor)
+        np.bitwise_or(self.power.motor_flags, self.lines.dac, self._motor)
 
     def _restamp(self, first: int, end: int, tick: int) -> None:
-        since = tick - 1 - self._sampled[first:end]
-        self._stamp[first:end] = np.maximum(since, 0, out=since)  # the counter wraps at 32 bits
-        self._sampled[first:end] = tick
+        sampled = self._sampled
+        if end - first == self.count == sampled.count(sampled[0]):
+            self._stamp.fill(max(tick - 1 - sampled[0], 0) & 0xFFFF_FFFF)  # the counter wraps
+        else:
+            self._stamp[first:end] = [max(tick - 1 - last, 0) & 0xFFFF_FFFF for last in sampled[first:end]]
+        sampled[first:end] = [tick] * (end - first)
 
     def _query(self, value: int, tick: int) -> None:
         """Broadcast query: every board of the mask samples and reports to the hub memories of all."""
@@ -217,7 +225,7 @@ class Firmware:
         self._queried = tick
         if mask == self._mask:
             self._restamp(0, self.count, tick)
-            np.add(self._headers, (sequence & 0xFF) << 16, out=self._sample[:, 0])
+            self._head[...] = self._headers[sequence & 0xFF]
             self._hub_blocks[...] = self._sample
             self._hub_quads, self._complete = self._hub_blocks.size, True
             return
@@ -230,7 +238,7 @@ class Firmware:
             if board in self.ids:
                 row = self.ids.index(board)
                 self._restamp(row, row + 1, tick)
-                self._sample[row, 0] = int(self._headers[place % self.count]) + ((sequence & 0xFF) << 16)
+                self._sample[row, 0] = self._headers[sequence & 0xFF, place % self.count]
                 block[...] = self._sample[row]
 
     # -- writes --------------------------------------------------------------------------------------------------------
@@ -242,13 +250,13 @@ class Firmware:
                 self.power.refresh(row, tick)
                 self.boards[row].write_block(address, bytes(data[_DATA_AT : _DATA_AT + length]))
             return
-        quads = np.frombuffer(data, dtype=">u4", count=length // 4, offset=_DATA_AT)
+        quads = np.frombuffer(data, _BIG_QUAD, length // 4, _DATA_AT)
         groups = self._groups
         if rows is self._every and quads.size == groups.size:
             groups[...] = quads.reshape(groups.shape)
-            if not np.count_nonzero(groups[:, 0] != self._group_heads):
+            if groups[:, 0].tobytes() == self._group_heads:
                 self.power.refresh_all(tick)
-                self._execute(groups[:, 1:5], groups[:, 5], tick)
+                self._execute(self._words, self._control, tick)
                 return
         self._write_groups(rows, quads.tolist(), tick)
 
@@ -264,7 +272,7 @@ class Firmware:
                 groups[row] = quads[at : at + size]
                 self.power.refresh(row, tick)
             at += length
-        self._execute(groups[:, 1:5], groups[:, 5], tick)
+        self._execute(self._words, self._control, tick)
 
     def _execute(self, words: npt.NDArray[np.uint32], control: npt.NDArray[np.uint32], tick: int) -> None:
         """Motor command words (boards, 4), then control words (boards,); all 0 for boards not addressed.
@@ -272,16 +280,17 @@ class Firmware:
         A word of zeros changes nothing: without a mask bit an enable stays, and it is never left on where power or a
         latch forbids it.
         """
-        top, busy = np.right_shift(words, 24, out=self._top), np.count_nonzero(control)
-        if busy or self._settled != self.power.changes or np.count_nonzero(top != self._last_top):
+        top, busy = np.right_shift(words, self._top_shift, self._top), np.count_nonzero(control)
+        enables = top.tobytes()
+        if busy or self._settled != self.power.changes or enables != self._last_top:
             # The same enables on the same state change nothing; this is what a running host sends every cycle.
             self.power.enable((top & 0x20) != 0, (top & 0x10) != 0, tick)
             self._settled = self.power.changes
             if busy:  # counts as a change: the same enables may mean something else with power on
                 self.power.control(control & np.uint32(reg.CONTROL_REAL_TIME_BITS), tick)
-            self._last_top[...] = top
+            self._last_top = enables
             self._accept = (top & 0x8F) == 0x80  # valid, current mode; there is no expander for voltage mode
-        np.bitwise_and(words, reg.DAC_VALUE_MASK, out=self._values)
+        np.bitwise_and(words, self._dac_mask, self._values)
         np.copyto(self.lines.dac, self._values, where=self._accept)
 
     def _write_quadlet(self, rows: range, address: int, value: int, tick: int) -> None:
