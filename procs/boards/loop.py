@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 
 import numpy as np
+import numpy.typing as npt
 
 from procs import runtime
-from procs.boards.emulation import Emulation, ns_of
+from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.orders import Orders
 from procs.boards.plant import Plant
@@ -17,29 +18,45 @@ from shm.ring import RingWriter
 class Publisher:
     """Writes the state record at the beginning of every physics step."""
 
-    def __init__(self, out: RingWriter) -> None:
+    def __init__(self, out: RingWriter, world: Emulation) -> None:
         """Fields are looked up once."""
-        self._out = out
-        self._fields = {name: out.field(name) for name in (
-            "board_ns", "packets", "position", "velocity", "current", "amp_on", "watchdog", "watchdog_ns", "refresh_ns",
-            "amps_cut_ns")}
+        self._out, self._world = out, world
+        self._board_ns, self._packets = out.field("board_ns"), out.field("packets")
+        self._position, self._velocity, self._current = (out.field(n) for n in ("position", "velocity", "current"))
+        self._amp_on, self._watchdog = out.field("amp_on"), out.field("watchdog")
+        self._watchdog_ns, self._cut_ns = out.field("watchdog_ns"), out.field("amps_cut_ns")
+        self._refresh_ns = out.field("refresh_ns")
+        self._rows = world.wiring.topic_rows
+        self._changes = -1
+        self._ticks = np.zeros(len(self._rows), dtype=np.int64)
+        self._ratio = tuple(np.full(len(self._rows), k, dtype=np.int64) for k in (-15625, 768, world.epoch_ns))
 
-    def publish(self, world: Emulation) -> None:
+    def publish(self) -> None:
         """One record."""
-        field, rows = self._fields, world.wiring.topic_rows
-        powers = [bus.power for bus in world.buses]
-        field["board_ns"][...] = world.board_ns
-        field["packets"][...] = sum(bus.packets for bus in world.buses)
-        field["position"][...], field["velocity"][...] = world.position, world.velocity
-        field["current"][...] = world.current
-        field["amp_on"][...] = world.lines.on.reshape(-1)[world.wiring.slots]
-        field["watchdog"][...] = np.concatenate([p.watchdog for p in powers])[rows]
-        for name, ticks in (("watchdog_ns", [p.watchdog_tick for p in powers]),
-                            ("refresh_ns", [p.refreshed for p in powers]),
-                            ("amps_cut_ns", [p.cut_tick for p in powers])):
-            at = np.concatenate(ticks)[rows]
-            field[name][...] = [0 if tick < 0 else ns_of(tick) + world.epoch_ns for tick in at.tolist()]
-        self._out.publish(world.board_ns)
+        world, powers, now = self._world, [bus.power for bus in self._world.buses], self._world.board_ns
+        self._board_ns[...] = now
+        self._packets[...] = sum([bus.packets for bus in world.buses])
+        self._position[...], self._velocity[...], self._current[...] = world.position, world.velocity, world.current
+        self._times([power.refreshed for power in powers], self._refresh_ns)
+        changes = sum([power.changes for power in powers])
+        if changes != self._changes:
+            self._changes = changes
+            self._amp_on[...] = world.lines.on.reshape(-1)[world.wiring.slots]
+            self._watchdog[...] = np.concatenate([power.watchdog for power in powers])[self._rows]
+            for field, ticks in ((self._watchdog_ns, [power.watchdog_tick for power in powers]),
+                                 (self._cut_ns, [power.cut_tick for power in powers])):
+                self._times(ticks, field)
+                field[self._ticks < 0] = 0  # never
+        self._out.publish(now)
+
+    def _times(self, ticks: list[npt.NDArray[np.int64]], field: npt.NDArray[np.int64]) -> None:
+        """`ns_of` the ticks of every bus's boards, on the system's clock, in the topic's order."""
+        every = ticks[0] if len(ticks) == 1 else np.concatenate(ticks)
+        every.take(self._rows, None, self._ticks, "clip")
+        up, down, epoch = self._ratio
+        ns = np.multiply(self._ticks, up)
+        np.floor_divide(ns, down, ns)
+        np.subtract(epoch, ns, field)
 
 
 def main() -> None:
@@ -49,14 +66,14 @@ def main() -> None:
         if emulation is None:
             raise ValueError("this system has no emulated boards")
         plant = Plant(me.document)
-        publisher = Publisher(me.writes("state"))
         world = Emulation(me.document, plant, me.clock.now_ns())
-        world.on_step = lambda: publisher.publish(world)
+        publisher = Publisher(me.writes("state"), world)
+        world.on_step = publisher.publish
         orders = Orders(me.document, world, plant)
         mailbox = me.mailbox()
         endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated)
         stack.callback(endpoints.close)
-        publisher.publish(world)
+        publisher.publish()
         skipped = 0
         me.ready()
         while me.tick(endpoints.serve):
