@@ -80,7 +80,7 @@ class Emulation:
         self._at_slots(len(self._dac))
         self._cut = tuple(self._cuts())
         for firmware, cut in self._cut:
-            firmware.encoders.place(self._x[cut])
+            firmware.encoders.place(self._now[0, cut])
         self._step()
 
     def _at_slots(self, count: int) -> None:
@@ -99,29 +99,30 @@ class Emulation:
 
         self._amps = (spread(wiring.amps.scale), spread(wiring.amps.offset))
         self._volts = (spread(wiring.pot_volts.scale), spread(wiring.pot_volts.offset))
-        self._counts = (spread(wiring.counts.scale), spread(wiring.counts.offset))
+        counts = spread(wiring.counts.scale)
+        self._counts = (np.array((counts, counts / reg.CLOCK_HZ)),
+                        np.array((spread(wiring.counts.offset), np.zeros(count))))
         self._to_bits = (np.array((spread(wiring.pot_bits.scale), spread(wiring.measured.scale))),
                          np.array((spread(wiring.pot_bits.offset), spread(wiring.measured.offset, reg.CURRENT_ZERO))))
-        self._speed_scale = self._counts[0] / reg.CLOCK_HZ
         self._flowing = np.zeros(count)
-        self._words = np.zeros((2, count))  # potentiometers and measured currents as bits
+        self._bits = np.zeros((3, count))  # potentiometers, measured and commanded currents
         self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
         self._upper = np.full(count, 65536.0)
         self._compared = np.zeros((2, count))  # measured and commanded currents, bits from mid-range
         self._middle = np.full((2, count), 32767.5)
         self._over, self._excess = np.zeros(count, dtype=np.bool_), np.full(count, float(CURRENT_EXCESS))
         self._is_over = False
-        self._x, self._x_next, self._v, self._v_next, self._mean, self._h = (np.zeros(count) for _ in range(6))
-        self._ticks, self._two_spans = np.full(count, float(self._span)), np.full(count, 2.0 * self._span)
-        self._where(self._x, self._v)
+        self._now, self._end, self._motion = (np.zeros((2, count)) for _ in range(3))
+        self._change = np.zeros(count)
+        self._spans = np.array((np.full(count, float(self._span)), np.full(count, 2.0 * self._span)))
+        self._where(self._now)
 
-    def _where(self, x: Floats, v: Floats) -> None:
+    def _where(self, now: Floats) -> None:
         """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
-        self._world.position.take(self._axis_of, None, x, "clip")
-        np.multiply(x, self._counts[0], x)
-        np.add(x, self._counts[1], x)
-        self._world.velocity.take(self._axis_of, None, v, "clip")
-        np.multiply(v, self._speed_scale, v)
+        self._world.position.take(self._axis_of, None, now[0], "clip")
+        self._world.velocity.take(self._axis_of, None, now[1], "clip")
+        np.multiply(now, self._counts[0], now)
+        np.add(now, self._counts[1], now)
 
     def _cuts(self) -> list[tuple[Firmware, slice]]:
         return [(bus, slice(4 * first, 4 * (first + bus.count)))
@@ -172,9 +173,9 @@ class Emulation:
 
     def _sense(self) -> None:
         """The currents that flow, and what the converters make of them and of the potentiometers."""
-        words, (volts, measured), flowing = self._words, self._words, self._flowing
-        np.copyto(flowing, self._dac)
-        np.multiply(flowing, self._amps[0], flowing)
+        words, (volts, measured, commanded), flowing = self._bits[:2], self._bits, self._flowing
+        np.copyto(commanded, self._dac)
+        np.multiply(commanded, self._amps[0], flowing)
         np.add(flowing, self._amps[1], flowing)
         np.multiply(flowing, self._on, flowing)
         flowing.take(self.wiring.slots, None, self.current, "clip")
@@ -196,8 +197,7 @@ class Emulation:
     def _check_currents(self, tick: int) -> None:
         """The boards' current check, left out while no current is near being too much and none was."""
         compared, over = self._compared, self._over
-        compared[0], compared[1] = self._words[1], self._dac
-        np.subtract(compared, self._middle, compared)
+        np.subtract(self._bits[1:], self._middle, compared)
         np.absolute(compared, compared)
         np.subtract(compared[0], compared[1], compared[0])
         np.greater(compared[0], self._excess, over)
@@ -209,17 +209,16 @@ class Emulation:
 
     def _move(self) -> None:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
-        x, v, h, mean, span = self._x, self._v, self._h, self._mean, self._ticks
-        self._where(self._x_next, self._v_next)
-        np.subtract(self._v_next, v, h)
-        np.divide(h, self._two_spans, h)
-        np.subtract(self._x_next, x, mean)
-        np.divide(mean, span, mean)
-        np.multiply(h, span, v)
-        np.subtract(mean, v, mean)  # the velocity at the beginning
-        self._x, self._x_next, self._v, self._v_next = self._x_next, x, self._v_next, v
+        now, end, motion, change = self._now, self._end, self._motion, self._change
+        self._where(end)
+        np.subtract(end, now, motion)
+        np.divide(motion, self._spans, motion)  # mean velocity and h
+        mean, h = motion
+        np.multiply(h, self._spans[0], change)
+        np.subtract(mean, change, mean)  # the velocity at the beginning
+        self._now, self._end = end, now
         for bus, cut in self._cut:
-            bus.encoders.follow(self.begin, self._span, x[cut], mean[cut], h[cut])
+            bus.encoders.follow(self.begin, self._span, now[0, cut], mean[cut], h[cut])
 
     # -- what happens to boards and robots -----------------------------------------------------------------------------
 

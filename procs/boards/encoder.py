@@ -126,7 +126,7 @@ class Encoders:
         self._scratch(n)
 
     def _constants(self, n: int) -> None:
-        """Whole arrays instead of numbers: numpy takes twice as long where one side has to be stretched."""
+        """Whole arrays instead of numbers and rows: numpy takes three times as long to stretch one side."""
         self._push_table, self._state_table, self._flag_table = _push_table(n), _state_table(), _flag_table()
         self._columns = np.tile(np.arange(n, dtype=np.int64), (EDGES, 1))
         self._steps = np.tile(np.arange(EDGES)[:, None] + 0.5, (1, n))
@@ -134,8 +134,8 @@ class Encoders:
         self._half, self._six = np.full(n, 0.5), np.full(n, float(EDGES))
         self._three, self._none, self._lap_shift = (np.full(n, k, dtype=np.int64) for k in (3, 0, 24))
         self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
+        self._stretch, self._thrice = np.repeat(np.arange(4), EDGES), np.zeros(3, dtype=np.intp)
         self._place = 1 << np.arange(4, dtype=np.int64)
-        self._stretch = np.repeat(np.arange(4), EDGES)
         # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0
         self._pairs = np.array((0, 0, 4, _NOW - _QUEUE, 4, 1, 5, 0)) + _QUEUE
         self._spent = np.repeat([4, 1, 1, 0], n).reshape(4, n)
@@ -150,8 +150,10 @@ class Encoders:
         self._where, self._lifted = self._rows[:EDGES], self._rows[EDGES]
         self._motion = np.zeros((4, n))  # rates in the direction of motion, and v²/4
         self._forward, self._square = self._motion[:3], self._motion[3]
+        self._sign_row, self._signs = self._sign.reshape(1, n), np.zeros((3, n))
         self._stretched = np.zeros((4 * EDGES, n))
         self._blocks = tuple(self._stretched.reshape(4, EDGES, n))
+        self._first, self._tau = np.zeros((EDGES, n), dtype=np.int64), np.zeros(n)
         self._pair_ticks = np.zeros((8, n), dtype=np.int64)
         self._spans, self._before = self._pair_ticks[:4], self._pair_ticks[4:]
         self._spans_by_board = self._spans.reshape(4, -1, 4).transpose(1, 0, 2)
@@ -179,16 +181,20 @@ class Encoders:
     def follow(self, tick: int, span: int, x0: Floats, v: Floats, h: Floats) -> None:
         """A new step begins at `tick`, good for `span` ticks: x0 in counts, v in counts/tick, h in counts/tick².
 
-        The old step must have been observed to its end.
+        The old step must have been observed to its end. x0 and v are kept as they are, not copied: they must not change
+        within the step.
         """
         self.start, self._span = tick, float(span)
-        self._x0[:], self._v[:], self._h[:] = x0, v, h
+        self._x0, self._v = x0, v
+        self._h[:] = h
+        self._first.fill(tick + 1)
         np.multiply(v, self._half, self._half_v)
         np.multiply(self._half_v, self._half_v, self._square)
         np.subtract(x0, self._half, self._x_half)
         # v changes sign within the step: v · (v + 2·h·span) < 0
         sign = self._sign
-        np.multiply(h, 2.0 * span, sign)
+        self._tau.fill(2.0 * span)
+        np.multiply(h, self._tau, sign)
         np.add(sign, v, sign)
         np.multiply(sign, v, sign)
         np.less(sign, self._zero[0], self._turned)
@@ -222,9 +228,11 @@ class Encoders:
 
     def _advance(self, tau: float) -> None:
         x = self._x
-        np.multiply(self._h, tau, x)
+        taus = self._tau
+        taus.fill(tau)
+        np.multiply(self._h, taus, x)
         np.add(x, self._v, x)
-        np.multiply(x, tau, x)
+        np.multiply(x, taus, x)
         np.add(x, self._x0, x)
         np.floor(x, x)
         whole = x.tobytes()
@@ -246,7 +254,8 @@ class Encoders:
         # (upwards the newest edge is ⌊x⌋, downwards ⌊x⌋ + 1).
         np.sign(moved, sign)
         np.subtract(x, self._x_half, self._way)
-        np.multiply(self._rates, sign, self._forward)
+        self._sign_row.take(self._thrice, 0, self._signs, "clip")
+        np.multiply(self._rates, self._signs, self._forward)
         self._motion.take(self._stretch, 0, self._stretched, "clip")
         wide, root, half_speed, square = self._blocks
         np.subtract(wide, self._steps, wide)
@@ -263,7 +272,7 @@ class Encoders:
         pool, spare = self._pool, self._spare
         fresh = pool[:EDGES]
         np.copyto(fresh, wide, casting="unsafe")
-        np.add(fresh, self.start + 1, fresh)
+        np.add(fresh, self._first, fresh)
         np.add(self._where, self._columns, self._where)
         pool.take(self._where, None, spare[_QUEUE:], "clip")
         self._pool, self._spare = spare, pool
@@ -274,7 +283,7 @@ class Encoders:
         np.less(half_speed[0], self._zero[0], self._turned)
         after = np.flatnonzero(np.logical_and(self._turned, self._moved, self._turned))
         if after.size:
-            wide[:, after] = (root[:, after] - half_speed[:, after]) / self._motion[1, after]
+            wide[:, after] = (root[:, after] - half_speed[:, after]) / self._forward[1, after]
             root[:, after] = 1.0 - half_speed[:, after]
 
     def load(self, axes: Ints, values: Ints) -> None:
