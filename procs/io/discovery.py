@@ -8,7 +8,7 @@ from typing import Final
 
 from procs.io.link import Link, is_loopback
 from procs.io.port import BoardInfo, PortError
-from procs.lib import registers, wire
+from procs.lib import blocks, registers, wire
 
 NODES: Final = 16
 ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
@@ -146,18 +146,24 @@ def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
         link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, value)
 
 
-def refuse_other_host(link: Link, node: int, length: int) -> None:
+def refuse_other_host(link: Link, hub: Hub) -> None:
     """Raise PortError when somebody else samples the boards: the time since the last sample would be too short."""
     if not link.real_time:
         return
-    if link.read_block(node, registers.REAL_TIME, length) is None:
+    length = 4 * blocks.read_quads(hub.firmware)
+    if _sample(link, length) is None:
         raise PortError("the hub does not answer real-time reads", link.where, "check its firmware")
     link.pause(OTHER_HOST_PAUSE_MS)
-    data = link.read_block(node, registers.REAL_TIME, length)
+    data = _sample(link, length)
     since_s = (int.from_bytes(data[:4], "big") + 1) * registers.TICK_S if data else 0.0
     if data and since_s < OTHER_HOST_PAUSE_MS * 0.5e-3:
         raise PortError(f"another host uses this bus (the boards were sampled {since_s * 1e3:.1f} ms ago, not by us)",
                         link.where, "allowed: one host; stop the other")
+
+
+def _sample(link: Link, length: int) -> bytes | None:
+    """The real-time block of the hub, before any node number is known."""
+    return link.read_block(wire.BROADCAST, registers.REAL_TIME, length, flags=wire.NO_FORWARD)
 
 
 class Rescan:

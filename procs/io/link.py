@@ -183,13 +183,13 @@ class Link:
                 return reply.value
         return None
 
-    def read_block(self, node: int, address: int, length: int) -> bytes | None:
+    def read_block(self, node: int, address: int, length: int, *, flags: int = 0) -> bytes | None:
         """`length` bytes of a node; None when it does not answer."""
         for _ in range(SETUP_TRIES):
             self._open_socket()
             self.drain()
             tl = self.next_tl()
-            if not self.send(wire.block_read(node, address, length, tl, self.generation)):
+            if not self.send(wire.block_read(node, address, length, tl, self.generation, flags)):
                 continue
             size = self.receive(tl, SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS)
             reply = self._decode(size, wire.BLOCK_RESPONSE, node)

@@ -7,7 +7,7 @@ from procs.io.cycle import RobotIo
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
-from procs.io.start import prepare
+from procs.io.start import POWER_OFF, prepare
 from procs.io.udp import UdpPort
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
@@ -38,7 +38,7 @@ def main() -> None:
         robots = Robots(io)
         hardware = next((r.hardware for r in io.robots if r.hardware != "HARDWARE_UNDEFINED"), "QLA1")
         port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, hardware=hardware,
-                       real_time=not me.clock.simulated)
+                       real_time=not me.clock.simulated, first_control=POWER_OFF)
         try:
             out, mailbox = me.writes("state"), me.mailbox()
             sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]

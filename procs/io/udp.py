@@ -22,7 +22,7 @@ from procs.io.port import (
     PortName,
     Quads,
 )
-from procs.lib import blocks, wire
+from procs.lib import blocks, registers, wire
 
 ETHERNET_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
 
@@ -33,14 +33,16 @@ class UdpPort:
     `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
     deadlines are generous and nothing is waited for. `query_wait_ns` replaces the time the boards are given between
     query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (2 s when simulated). `exclusive` refuses a
-    bus that another host is driving; `asked_at` replaces the address discovery asks at. Without board ids (tools)
-    everything found is listed, and nothing can be read or written cyclically.
+    bus that another host is driving; `asked_at` replaces the address discovery asks at. `first_control` is written to
+    the status register of all boards as soon as the bus is known to be ours, before anything about them is judged (io:
+    power off, whatever a predecessor left). Without board ids (tools) everything found is listed, and nothing can be
+    read or written cyclically.
     """
 
     def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
                  protocol: str = BROADCAST_QUERY, *, hardware: str = "QLA1", real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
-                 asked_at: str = "", udp_port: int = wire.UDP_PORT) -> None:
+                 asked_at: str = "", first_control: int = 0, udp_port: int = wire.UDP_PORT) -> None:
         self._name = PortName.parse(name)
         self.board_ids = tuple(sorted(board_ids))
         where = f"port {name}"
@@ -51,6 +53,7 @@ class UdpPort:
             raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
         self._protocol, self._hardware = protocol, hardware
         self._exclusive, self._query_wait_ns, self._asked_at = exclusive, query_wait_ns, asked_at
+        self._first_control = first_control
         count = len(self.board_ids)
         self.blocks: Quads = np.zeros((count, blocks.READ_COLUMNS), np.uint32)
         self.out: Quads = np.zeros((count, blocks.WRITE_COLUMNS), np.uint32)
@@ -88,23 +91,24 @@ class UdpPort:
         self.close()
         link.open()
         hub = discovery.find_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
+        if self._exclusive and self.board_ids:
+            discovery.refuse_other_host(link, hub)
+        if self._first_control:
+            link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
         boards = discovery.find_boards(link, hub, self.board_ids, self._hardware)
         self._nodes = ChainMap({info.board: info.node for info in boards})
-        hub_node = self._nodes.get(hub.board)
-        if hub_node is None:
+        if hub.board not in self._nodes:
             raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
         discovery.tune_gap(link, boards)
         self.boards = boards
         if self.board_ids:
-            self._prepare(hub, hub_node)
+            self._prepare(hub)
         self.counters.clear()  # silent node numbers are no faults
         return boards
 
-    def _prepare(self, hub: discovery.Hub, hub_node: int) -> None:
+    def _prepare(self, hub: discovery.Hub) -> None:
         firmware = {info.board: info.firmware for info in self.boards}
         layout = blocks.layout_of(min(firmware[board] for board in self.board_ids))
-        if self._exclusive:
-            discovery.refuse_other_host(self._link, hub_node, 4 * blocks.read_quads(hub.firmware))
         self._check_size(layout)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
         rows = protocols.Rows(self.board_ids, layout, self.blocks, self.out, self.bad, wanted, hub.board,

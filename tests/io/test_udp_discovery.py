@@ -7,6 +7,7 @@ import pytest
 
 from procs.io.link import discovery_address
 from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError, PortName
+from procs.io.start import POWER_OFF
 from procs.io.udp import UdpPort
 from procs.lib import blocks, registers, wire
 from tests.io.stub_bus import StubBoard, StubBus, bus_of
@@ -166,3 +167,19 @@ def test_we_send_what_the_original_host_sent(data, recording, protocol, ids, fir
 def is_cyclic(datagram):
     request = wire.decode_request(datagram)
     return request.tcode in (wire.BLOCK_READ, wire.BLOCK_WRITE) or request.address == registers.QUERY
+
+
+def test_power_is_switched_off_even_when_the_bus_is_then_refused():
+    boards = [StubBoard(0, 0), StubBoard(1, 1)]
+    with StubBus(boards) as bus, port_to(bus, (0, 1, 5), exclusive=True, first_control=POWER_OFF) as port:
+        with pytest.raises(PortError, match="missing: board 5"):
+            port.discover()
+    assert all((registers.STATUS, POWER_OFF) in board.writes for board in boards)
+
+
+def test_a_bus_of_another_host_is_left_as_it_is():
+    boards = [StubBoard(0, 0, other_host_ns=500_000)]
+    with StubBus(boards) as bus, port_to(bus, (0,), exclusive=True, first_control=POWER_OFF) as port:
+        with pytest.raises(PortError, match="another host"):
+            port.discover()
+    assert (registers.STATUS, POWER_OFF) not in boards[0].writes
