@@ -14,6 +14,8 @@ from procs.boards.orders import Orders
 from procs.boards.plant import Plant
 from shm.ring import RingWriter
 
+BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken
+
 
 class Publisher:
     """Writes the state record at the beginning of every physics step."""
@@ -78,6 +80,7 @@ def main() -> None:
         me.ready()
         while me.tick(endpoints.serve):
             world.advance(me.now_ns)
+            me.follow(world.board_ns, BEHIND_STEP_NS)
             for command in mailbox.drain():
                 orders.carry_out(command)
             if world.skipped_steps != skipped:
