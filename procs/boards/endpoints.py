@@ -18,6 +18,7 @@ DATAGRAM_BYTES = 4096
 _STAMP = struct.Struct("@qq")
 _ANCILLARY = socket.CMSG_SPACE(_STAMP.size)
 _OFFSET_AGE_NS = 1_000_000
+_OFFSET_SPAN_NS = 20_000
 
 Answer = Callable[[int, Buffer, int], Buffer | None]
 
@@ -56,12 +57,19 @@ class Endpoints:
         now = self._now_ns()
         if self._simulated or not ancillary:
             return number, size, now, sender
-        seconds, nanoseconds = _STAMP.unpack(ancillary[0][2][: _STAMP.size])
+        seconds, nanoseconds = _STAMP.unpack_from(ancillary[0][2])
         if now >= self._offset_until:
-            # Between the two clocks, taken anew every millisecond: the wall clock may be set at any time.
-            self._offset = time.clock_gettime_ns(time.CLOCK_REALTIME) - self._now_ns()
-            self._offset_until = now + _OFFSET_AGE_NS
+            self._compare_clocks(now)
         return number, size, min(seconds * 1_000_000_000 + nanoseconds - self._offset, now), sender
+
+    def _compare_clocks(self, now: int) -> None:
+        """Between the two clocks, taken anew every millisecond: the wall clock may be set at any time."""
+        self._offset_until = now + _OFFSET_AGE_NS
+        before = time.clock_gettime_ns(time.CLOCK_REALTIME)
+        between = self._now_ns()
+        after = time.clock_gettime_ns(time.CLOCK_REALTIME)
+        if after - before < _OFFSET_SPAN_NS or abs(before - between - self._offset) > _OFFSET_AGE_NS:
+            self._offset = (before + after) // 2 - between  # else we were held up, and the old one is better
 
     def _reply(self, number: int, size: int, stamp_ns: int, sender: object) -> None:
         reply = self._answer(number, self._views[number][:size], stamp_ns)
