@@ -34,6 +34,7 @@ class Child:
     reason: str = ""
     started_ns: int = 0
     restart_at_ns: int = 0  # 0: no restart planned
+    kill_at_ns: int = 0  # 0: nobody waits for its end
     given_up: bool = field(default=False)
 
     @property
@@ -77,11 +78,18 @@ class Child:
         if self.popen is not None:
             self.popen.kill()
 
+    def kill_when_due(self) -> None:
+        """Kill what was asked to end and does not."""
+        if self.kill_at_ns and monotonic_ns() >= self.kill_at_ns:
+            self.kill_at_ns = 0
+            self.kill()
+
     def reap(self) -> str:
         """Notice that the process ended; returns how, in words, or an empty string."""
         if self.popen is None or self.popen.poll() is None:
             return ""
         code = self.popen.returncode
+        self.kill_at_ns = 0
         self.popen = None
         asked = self.state != lifecycle.RUNNING
         begins = lifecycle.starts_process(self.state, lifecycle.QUIT)

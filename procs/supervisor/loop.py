@@ -50,17 +50,26 @@ class Supervisor:
         """Make all shared memory; SegmentError when the name is taken or memory is full."""
         self.system = system
         group = grp.getgrnam(system.group).gr_gid if system.group else -1
+        self.stopping = ""
+        self._name = memory.hold_name(system.name)
+        try:
+            self._make(group)
+        except BaseException:  # nobody has us yet to close us
+            self._name.close()
+            raise
+
+    def _make(self, group: int) -> None:
+        system = self.system
         left = memory.clear_left_over(system.name)
         if left:
             log.warning("cleared %d segments that a dead system left", left)
         folder = log_folder(os.environ, system.name)
         folder.mkdir(parents=True, exist_ok=True)
-        self.stopping = ""
         self.size = memory.create_all(system, group)
         try:
             self._begin(folder)
-        except BaseException:  # nobody has us yet to close us
-            self.close()
+        except BaseException:
+            memory.remove_all(system.name)
             raise
 
     def _begin(self, folder: Path) -> None:
@@ -162,6 +171,7 @@ class Supervisor:
                 command.refuse(f"no instance {command.text}; there are {', '.join(c.row.name for c in self.children)}")
             else:
                 child.ask_to_stop()
+                child.kill_at_ns = monotonic_ns() + round(proc(child.row.kind).stop_s * 1e9)
                 child.failures, child.given_up = 0, False
                 child.start()
                 command.accept()
@@ -169,6 +179,7 @@ class Supervisor:
 
     def _watch(self) -> None:
         for child in self.children:
+            child.kill_when_due()
             how = child.reap()
             if how:
                 planned = "restarting" if child.restart_at_ns else "not restarted"
@@ -210,8 +221,9 @@ class Supervisor:
         return clean
 
     def close(self) -> None:
-        """Remove all shared memory."""
+        """Remove all shared memory, then give the name back."""
         memory.remove_all(self.system.name)
+        self._name.close()
 
 
 def _all_ended(children: list[Child]) -> bool:

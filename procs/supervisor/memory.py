@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+import contextlib
+import errno
+import socket
+from typing import Any, Final
 
 from procs.lib.document import Io, Process, System, to_json
 from procs.manifest import proc
 from shm import directory
+from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.mailbox import create_mailbox
 from shm.pulse import create_control
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 
+ORPHANS_NS: Final = 10_000_000_000
+POLL_S: Final = 0.05
 Dims = dict[str, int]
 Info = dict[str, Any]
 
@@ -42,24 +48,54 @@ def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
     return {"axes": first, "robots": len(robots), "inputs": len(inputs)}, {"robots": robots, "inputs": inputs}
 
 
-def clear_left_over(name: str) -> int:
-    """Remove what a dead system of this name left; returns the number of segments.
+def hold_name(name: str) -> socket.socket:
+    """Hold the system's name for as long as we live; SegmentError names the supervisor that has it.
 
-    SegmentError names the pid when a living supervisor holds the name.
+    An abstract Unix socket: taking it is one step (two `up` at once cannot both have it), and the kernel gives it back.
     """
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        lock.bind(f"\0trocar~{name}")
+    except OSError as error:
+        lock.close()
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise SegmentError(f"system {name} is up already{_pid_of(name)}; trocar down stops it") from None
+    return lock
+
+
+def _pid_of(name: str) -> str:
+    try:
+        with Segment(segment_name(name, "supervisor", "control")) as segment:
+            return f" (supervisor pid {segment.identity().pid})"
+    except SegmentError:
+        return " (it is just starting or ending)"
+
+
+def clear_left_over(name: str) -> int:
+    """Remove what a dead supervisor of this name left, when its processes have ended; returns the number of segments.
+
+    They notice its death by themselves and end in order. SegmentError names those that do not. Hold the name before.
+    """
+    end = monotonic_ns() + ORPHANS_NS
+    while orphans := _orphans(name):
+        if monotonic_ns() >= end:
+            raise SegmentError(f"processes of an earlier {name} still run: {', '.join(orphans)}; kill them first")
+        pause(POLL_S)
     found = names_of(name)
-    if ("supervisor", "control") in {(i, what) for _, i, what in found}:
-        try:
-            with Segment(segment_name(name, "supervisor", "control")) as segment:
-                if segment.claimed():
-                    pid = segment.identity().pid
-                    raise SegmentError(f"system {name} is up already (supervisor pid {pid}); trocar down stops it")
-        except SegmentError as error:
-            if "is up already" in str(error):
-                raise
     for system, instance, what in found:
         unlink(segment_name(system, instance, what))
     return len(found)
+
+
+def _orphans(name: str) -> list[str]:
+    found = []
+    for system, instance, what in names_of(name):
+        if what == "control":
+            with contextlib.suppress(SegmentError), Segment(segment_name(system, instance, what)) as segment:
+                if segment.claimed():
+                    found.append(f"{instance} (pid {segment.identity().pid})")
+    return found
 
 
 def create_all(system: System, group: int = -1) -> int:

@@ -171,15 +171,21 @@ def is_cyclic(datagram):
 
 def test_power_is_switched_off_even_when_the_bus_is_then_refused():
     boards = [StubBoard(0, 0), StubBoard(1, 1)]
-    with StubBus(boards) as bus, port_to(bus, (0, 1, 5), exclusive=True, first_control=POWER_OFF) as port:
-        with pytest.raises(PortError, match="missing: board 5"):
-            port.discover()
+    with (
+        StubBus(boards) as bus,
+        port_to(bus, (0, 1, 5), exclusive=True, first_control=POWER_OFF) as port,
+        pytest.raises(PortError, match="missing: board 5"),
+    ):
+        port.discover()
     assert all((registers.STATUS, POWER_OFF) in board.writes for board in boards)
 
 
 def test_a_bus_of_another_host_is_left_as_it_is():
     boards = [StubBoard(0, 0, other_host_ns=500_000)]
-    with StubBus(boards) as bus, port_to(bus, (0,), exclusive=True, first_control=POWER_OFF) as port:
-        with pytest.raises(PortError, match="another host"):
-            port.discover()
+    with (
+        StubBus(boards) as bus,
+        port_to(bus, (0,), exclusive=True, first_control=POWER_OFF) as port,
+        pytest.raises(PortError, match="another host"),
+    ):
+        port.discover()
     assert (registers.STATUS, POWER_OFF) not in boards[0].writes

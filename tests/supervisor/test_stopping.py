@@ -10,9 +10,10 @@ import pytest
 
 from procs import lifecycle
 from procs.lib.document import Process, System
-from procs.supervisor import loop
+from procs.supervisor import loop, memory
 from procs.supervisor.loop import Supervisor
-from shm.segment import names_of
+from shm.pulse import Pulse, create_control
+from shm.segment import SegmentError, names_of
 
 SLOW = """
 import signal, sys, time
@@ -48,6 +49,35 @@ def test_asking_again_while_it_stops_kills_nobody(supervisor: Supervisor, monkey
     monkeypatch.setattr(supervisor, "let_time_pass", asked_again)
     assert supervisor.stop_all()
     assert supervisor.children[0].reason == "stopped"
+
+
+def test_a_name_has_one_supervisor_and_is_free_again_after_it(world: Any) -> None:
+    first = memory.hold_name(world.name)
+    with pytest.raises(SegmentError, match="is up already"):
+        memory.hold_name(world.name)
+    first.close()
+    memory.hold_name(world.name).close()
+
+
+def test_memory_of_processes_that_still_run_is_not_cleared(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
+    create_control(world.name, "IO1")
+    orphan = Pulse(world.name, "IO1", write=True)
+    orphan.segment.claim("IO1")
+    with pytest.raises(SegmentError, match=r"still run: IO1 \(pid \d+\)"):
+        memory.clear_left_over(world.name)
+    assert names_of(world.name)
+    orphan.close()
+    assert memory.clear_left_over(world.name) == 1
+
+
+def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Supervisor) -> None:
+    child = supervisor.children[0]
+    child.kill_at_ns = 1
+    child.kill_when_due()
+    assert child.popen is not None
+    child.popen.wait(10)
+    assert "SIGKILL" in child.reap()
 
 
 def test_a_supervisor_that_cannot_begin_leaves_no_memory(
