@@ -17,7 +17,7 @@ from tools.errors import Problem
 from tools.logs import tail
 from tools.printing import Say
 from tools.remote import Remote
-from tools.systems import ROOT, clear, is_up
+from tools.systems import ROOT, alive, clear, is_up, supervisor_of
 
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
@@ -116,7 +116,8 @@ class Background:
 
 
 def stop_system(system: str, say: Say, timeout: float = STOP_S) -> None:
-    """Ask a supervisor to stop and wait until its shared memory is gone; Problem when it is not in time."""
+    """Ask a supervisor to stop, wait until it and its shared memory are gone; Problem when they are not in time."""
+    supervisor = supervisor_of(system)
     try:
         with Remote(system, "supervisor") as remote:
             remote.post("stop")
@@ -124,10 +125,10 @@ def stop_system(system: str, say: Say, timeout: float = STOP_S) -> None:
         if is_up(system):
             raise
     end = monotonic_ns() + round(timeout * 1e9)
-    while names_of(system):
+    while names_of(system) or (supervisor is not None and alive(supervisor)):
         if monotonic_ns() >= end:
             raise Problem(f"system {system} is not down after {timeout:g} s; trocar status shows what holds it up")
-        if not is_up(system):
+        if names_of(system) and not is_up(system):
             return  # it died, or was just replaced; what is left is cleared by the caller
         say(f"stopping {system}", None)
         pause(POLL_S)
