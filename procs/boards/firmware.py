@@ -280,7 +280,7 @@ class Firmware:
         A word of zeros changes nothing: without a mask bit an enable stays, and it is never left on where power or a
         latch forbids it.
         """
-        top, busy = np.right_shift(words, self._top_shift, self._top), np.count_nonzero(control)
+        top, busy = np.right_shift(words, self._top_shift, self._top), self.power.heeds(control)
         enables = top.tobytes()
         if busy or self._settled != self.power.changes or enables != self._last_top:
             # The same enables on the same state change nothing; this is what a running host sends every cycle.

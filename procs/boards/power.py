@@ -19,6 +19,7 @@ Quads = npt.NDArray[np.uint32]
 NEVER = 1 << 62
 MILLISECOND = reg.CLOCK_HZ // 1000
 SUPPLY_RAMP = 20 * MILLISECOND  # motor supply good after power is switched on; 10 to 200 ms on real ones
+WAKING = np.uint32(~(reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF) & 0xFFFFFFFF)  # control bits beyond switching off
 AMP_HOLD = 7680 * reg.WATCHDOG_TICKS  # output stages stay off for 40 ms after the supply is good
 RELAY_TRAVEL = 5 * MILLISECOND
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current
@@ -142,6 +143,12 @@ class Power:
         self.safety &= ~ask
         self.enabled = np.where(mask, value, self.enabled)
         self.enabled &= ~(self.safety | self.watchdog[:, None]) & self.wanted[:, None]
+
+    def heeds(self, words: Quads) -> bool:
+        """Whether control words would change anything: switching off what is off, as an idle host does, does not."""
+        if not words.any():
+            return False
+        return bool((words & WAKING).any() or self.wanted.any() or self.enabled.any())
 
     def control(self, words: Quads, tick: int) -> None:
         """Control words (boards,), 0 for a board that is not addressed; bits 19:0 only."""

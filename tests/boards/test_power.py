@@ -334,3 +334,14 @@ def test_a_board_may_be_told_not_to_check() -> None:
     bus.measure(0, 0xB000)
     _held(bus, 80)
     assert bus.read() & 0xF0 == 0
+
+
+def test_switching_off_what_is_off_is_not_heeded_and_anything_else_is() -> None:
+    model = power.Power(np.array([6, 7]), np.zeros((2, 4), dtype=bool))
+    off = np.full(2, reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF, dtype=np.uint32)
+    assert not model.heeds(off)
+    assert not model.heeds(np.zeros(2, dtype=np.uint32))
+    for word in (reg.CONTROL_POWER_ON, reg.CONTROL_RELAY_ON, reg.CONTROL_RELAY_OFF, reg.CONTROL_AMPS_ON):
+        assert model.heeds(np.array([0, word], dtype=np.uint32))
+    model.control(np.array([reg.CONTROL_POWER_ON, 0], dtype=np.uint32), 1000)
+    assert model.heeds(off)
