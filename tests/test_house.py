@@ -173,7 +173,6 @@ def test_importing_any_module_does_nothing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (ROOT / "procs/io/loop.py").exists(), reason="io has no door yet")
 def test_io_needs_little_to_start() -> None:
     out = python("import sys, procs.io.loop\nprint(*{m.split('.')[0] for m in sys.modules})")
     allowed = sys.stdlib_module_names | {"numpy", "posix_ipc", "procs", "shm", "__mp_main__"}
