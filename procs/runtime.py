@@ -202,8 +202,8 @@ def realtime(row: Process, clock: str, *, locked: bool) -> str:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
             notes.append(f"FIFO {row.priority}")
-        except PermissionError:
-            notes.append("no FIFO (not permitted)")
+        except OSError as error:
+            notes.append(f"no FIFO ({error.strerror})")
     if locked:
         notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else "not locked")
     if row.cpu is not None:
