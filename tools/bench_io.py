@@ -97,6 +97,8 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
             rows = rows[rows["valid"]]
             latencies.append(rows["write_ns"] - rows["recv_ns"])
             stamps.append(rows["stamp_ns"])
+        if not sum(len(rows) for rows in stamps):
+            raise Problem("io got no good sample from the emulated boards; is the machine busy? (trocar logs)")
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
         return {
