@@ -24,9 +24,10 @@ from procs.lib.document import Process, System, from_json
 from procs.manifest import proc
 from procs.pacing import Pacing
 from shm import directory
+from shm.client import Client
 from shm.clock import LockstepClock, WallClock, monotonic_ns
 from shm.events import Events
-from shm.mailbox import Client, Mailbox
+from shm.mailbox import Mailbox
 from shm.pulse import Pulse
 from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from shm.layout import Schema, schema_from_json, schema_of
-from shm.ring import RingReader, RingWriter, attach
+from shm.ring import HEAD, RingReader, RingWriter, attach
 from shm.segment import Segment, SegmentError, create, names_of, segment_name
 from shm.topics import TOPICS, Topic
 
@@ -89,7 +89,7 @@ def publish_document(system: str, text: bytes, *, mode: int = 0o600, group: int 
     with Segment(name, write=True) as segment:
         start = segment.header.first + 16
         segment.view[start : start + len(text)] = text
-        segment.words()[16] = 1  # the head: the text is whole
+        segment.words()[HEAD] = 1  # the head: the text is whole
     return size
 
 
@@ -98,7 +98,7 @@ def document(system: str) -> bytes:
     with Segment(segment_name(system, "supervisor", "document")) as segment:
         attach(segment, "document", None)
         length = segment.header.schema.dtype.itemsize - 16
-        if segment.view[128] != 1:
+        if segment.words()[HEAD] != 1:
             raise SegmentError(f"{segment.name}: is still being written")
         start = segment.header.first + 16
         return segment.view[start : start + length].tobytes().rstrip(b"\0")

@@ -4,10 +4,11 @@ Each waiting place has a flag, written by the waiter only, and a counter, writte
 
 Wait:  D1 flag := 1   D2 full fence   D3 is the data there? then flag := 0, done   D4 futex wait on the counter, bounded
 Ring:  E1 data is out E2 full fence   E3 any flag set?                             E4 counter + 1, futex wake
+       E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0
 
 Without the fences the store of D1 and the load of D3 (and E1, E3) may pass each other even on x86-64, and a wake-up is
-lost. A lock's acquire and release are atomic read-modify-writes, which are full fences on x86-64; waits are bounded
-anyway. Futex waits run on the monotonic clock: setting the wall clock disturbs nobody.
+lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting
+the wall clock disturbs nobody.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from __future__ import annotations
 import ctypes
 import errno
 import fcntl
+import operator
 import os
 import platform
 import struct
-import threading
 from collections.abc import Callable
 from functools import partial
 
+from shm.order import full_fence
 from shm.segment import Segment, SegmentError
 
 PLACES = 16
@@ -34,23 +36,11 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 SYSCALL = LIBC.syscall
 SYSCALL.restype = ctypes.c_long
 QUIET = bytes(PLACES)
+UNHEARD = 16  # rings; a living waiter that is just waking up misses one or two
 
 
 class _Timespec(ctypes.Structure):
     _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]  # ctypes asks for a list
-
-
-class Fence:
-    """A full memory fence: one uncontended lock cycle."""
-
-    def __init__(self) -> None:
-        lock = threading.Lock()
-        self._acquire, self._release = lock.acquire, lock.release
-
-    def __call__(self) -> None:
-        """Order every earlier store before every later load."""
-        self._acquire()
-        self._release()
 
 
 class Futex:
@@ -78,46 +68,83 @@ class Futex:
         self._timeout.seconds, self._timeout.nanoseconds = divmod(timeout_ns, 1_000_000_000)
         SYSCALL(FUTEX, self._address, WAIT, ctypes.c_uint32(value), self._timeout_at, None, 0)
 
-    def wake(self) -> None:
-        """Add one to the word and wake everybody who sleeps on it. Only one process may do this to a word."""
+    def wake(self) -> int:
+        """Add one to the word and wake everybody who sleeps on it, returns how many. One process alone may do this."""
         self._word[0] = (self._word[0] + 1) & 0xFFFFFFFF
-        SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0)
+        return int(SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0))
 
 
-def claim_place(segment: Segment, first: int, count: int) -> int:
-    """Take one of `count` places whose lock bytes begin at file offset `first`; SegmentError when all are taken.
+class Places:
+    """Places of a segment, each with a lock byte in the file: the kernel frees the place of a process that dies."""
 
-    The lock is on our open file description: the kernel frees the place when we die.
-    """
-    for place in range(count):
+    def __init__(self, segment: Segment, first: int, count: int) -> None:
+        """`count` places whose lock bytes begin at file offset `first`."""
+        self._segment, self._first, self._count = segment, first, count
+
+    def claim(self, fit: Callable[[int], bool] = lambda place: True) -> int:
+        """Take a place that is free and `fit`; SegmentError when there is none. Given back at close."""
+        for place in range(self._count):
+            if _lock(self._segment.fd, self._first + place):
+                give_back = partial(_unlock, self._segment.fd, self._first + place)
+                if fit(place):
+                    self._segment.at_close(give_back)
+                    return place
+                give_back()
+        raise SegmentError(f"{self._segment.name}: all {self._count} places are taken")
+
+    def while_free(self, place: int, act: Callable[[], object]) -> bool:
+        """Call `act` if nobody has the place, and let nobody take it meanwhile; returns whether it was called."""
+        ours = os.open(f"/proc/self/fd/{self._segment.fd}", os.O_RDWR)  # a lock does not exclude its own description
         try:
-            fcntl.fcntl(segment.fd, OFD_SETLK, LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, first + place, 1, 0))
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EACCES):
-                continue
-            raise
-        free = LOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, first + place, 1, 0)
-        segment.at_close(partial(fcntl.fcntl, segment.fd, OFD_SETLK, free))
-        return place
-    raise SegmentError(f"{segment.name}: all {count} places are taken")
+            free = _lock(ours, self._first + place)
+            if free:
+                act()
+            return free
+        finally:
+            os.close(ours)
+
+
+def _lock(fd: int, at: int) -> bool:
+    try:
+        fcntl.fcntl(fd, OFD_SETLK, LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, at, 1, 0))
+    except OSError as error:
+        if error.errno in (errno.EAGAIN, errno.EACCES):
+            return False
+        raise
+    return True
+
+
+def _unlock(fd: int, at: int) -> None:
+    fcntl.fcntl(fd, OFD_SETLK, LOCK.pack(fcntl.F_UNLCK, os.SEEK_SET, at, 1, 0))
 
 
 class Bell:
     """The ringing end: `flags` (PLACES bytes) and `counters` (PLACES words) of the owner's control page."""
 
     def __init__(self, segment: Segment, flags_at: int, counters_at: int) -> None:
-        self._flags = segment.view[flags_at : flags_at + PLACES]
+        self._flags = segment.keep(segment.view[flags_at : flags_at + PLACES])
         self._futexes = [Futex(segment, counters_at + 4 * i) for i in range(PLACES)]
-        self._fence = Fence()
+        self._places = Places(segment, flags_at, PLACES)
+        self._unheard = [0] * PLACES
+        self._fence = full_fence()
 
     def ring(self) -> None:
         """Wake every waiter; call after the data is out."""
-        self._fence()
-        if self._flags.tobytes() == QUIET:
+        self._fence()  # E2
+        if self._flags.tobytes() == QUIET:  # E3
             return
         for place, flag in enumerate(self._flags):
             if flag:
-                self._futexes[place].wake()
+                self._wake(place)
+
+    def _wake(self, place: int) -> None:
+        if self._futexes[place].wake():  # E4
+            self._unheard[place] = 0
+            return
+        self._unheard[place] += 1
+        if self._unheard[place] >= UNHEARD:  # E5: a waiter cannot come in between, the place is ours meanwhile
+            self._unheard[place] = 0
+            self._places.while_free(place, partial(operator.setitem, self._flags, place, 0))
 
 
 class Waiter:
@@ -125,11 +152,11 @@ class Waiter:
 
     def __init__(self, segment: Segment, flags_at: int, counters_at: int) -> None:
         self._segment = segment
-        place = claim_place(segment, flags_at, PLACES)
+        place = Places(segment, flags_at, PLACES).claim()
         self._flag = segment.view[flags_at + place : flags_at + place + 1]
         self._flag[0] = 0
         self._futex = Futex(segment, counters_at + 4 * place)
-        self._fence = Fence()
+        self._fence = full_fence()
         segment.at_close(self._leave)
 
     def _leave(self) -> None:
@@ -139,12 +166,12 @@ class Waiter:
     def wait(self, ready: Callable[[], bool], timeout_ns: int) -> bool:
         """Sleep until rung or `timeout_ns`; returns `ready()`. May return early without it."""
         value = self._futex.value
-        self._flag[0] = 1
-        self._fence()
+        self._flag[0] = 1  # D1
+        self._fence()  # D2
         try:
-            if ready():
+            if ready():  # D3
                 return True
-            self._futex.wait(value, timeout_ns)
+            self._futex.wait(value, timeout_ns)  # D4; a ring since `value` was read makes it return at once
         finally:
             self._flag[0] = 0
         return ready()

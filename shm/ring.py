@@ -1,28 +1,37 @@
 """The ring: one writer, any number of readers, newest first, history kept.
 
-Write (only the claimed writer):
-  W1  slot.sequence := 0            the slot is now nobody's
+Write (only the claimed writer); record n goes into slot n mod depth:
+  W1  slot.sequence := BUSY + n     done right after record n - 1 is out (or at claim), so that it delays no reader
   W2  slot.stamp, payload := record one memcpy
-  W3  slot.sequence := n
-  W4  head := n
+  W3  slot.sequence := n            the record is out
+  W4  head := n                     and is the newest
 
-Read (anyone, changes nothing):
+Read the newest (anyone, changes nothing):
   R1  n := head                     0: nothing was ever written
   R2  copy the slot of n            one memcpy
   R3  slot.sequence = n?            else the writer came round while we copied: again from R1, bounded, then reported
 
-Recovery: a writer that dies between W1 and W3 leaves a slot whose sequence is 0; head still names the one before. Its
-successor claims the segment (epoch + 1) and goes on at W1 with n = head + 1.
+Read the next, n being one more than the last:
+  S1  slot.sequence = n?            it is out; BUSY + n: not yet. Anything else: head tells what was overwritten
+  R2, R3 as above
 
-Memory order: W1 → W2 → W3 → W4 are stores in program order, R1 → R2 → R3 loads in program order. x86-64 keeps both
-orders (total store order; the stores of one memcpy may pass each other, but none passes a later or earlier store of
-another instruction). A reader that saw any byte of a newer payload therefore sees W1 or a later W3 at R3. Each 64-bit
-word is one aligned load or store: CPython copies a memoryview item of format "Q" with a single 8-byte move.
+Recovery. Wherever a writer dies, head names a whole record and one slot, that of head + 1, may be torn. A successor
+claims the segment (epoch + 1):
+  V1  slot of head + 1 says head + 1?   then the dead writer stopped between W3 and W4: head := head + 1
+  V2  go on at W1 with n = head + 1
+
+Of depth slots one is always busy: depth - 1 records are kept.
+
+Memory order: W1 → W2 → W3 → W4 are stores in program order, R1 → R2 → R3 and S1 → R2 → R3 loads in program order;
+shm/order.py says why that holds. A reader that saw any byte of a newer record therefore sees its W1 or later at R3, and
+one that saw n in head or in the slot sees all of W2.
+
+A reader trusts nothing: every index is a remainder, every loop is bounded, and what no writer does (a head that goes
+backwards, a slot that contradicts the head) ends in False and a count, `backwards` or `torn`; see `trouble`.
 """
 
 from __future__ import annotations
 
-import platform
 from bisect import bisect_left
 from typing import Any
 
@@ -33,8 +42,12 @@ from shm.layout import Schema
 from shm.segment import HEAD_AT, Segment, SegmentError
 
 RETRIES = 16
+BUSY = 1 << 59  # no sequence gets there; and CPython is quicker with integers below 2**60
+NEXT_BUSY = BUSY + 1
 HEAD = HEAD_AT // 8
+EPOCH_WORD = 8  # pid below, epoch above
 ALL = slice(None)
+LAST_SEQUENCE = BUSY - 2  # ten thousand years at a million records a second
 
 
 class RingError(Exception):
@@ -43,8 +56,6 @@ class RingError(Exception):
 
 def attach(segment: Segment, kind: str, expected: Schema | None) -> None:
     """Refuse a segment of another kind or with another schema, naming both sides."""
-    if platform.machine() not in ("x86_64", "AMD64"):
-        raise RingError(f"{platform.machine()}: the ring's order of stores is shown for x86-64 only")
     if segment.header.kind != kind:
         raise SegmentError(f"{segment.name}: is a {segment.header.kind}, not a {kind}")
     if expected is not None and expected.fingerprint != segment.header.schema.fingerprint:
@@ -71,33 +82,50 @@ class _Record:
         return view.reshape(view.shape[1:])
 
 
+def _places(segment: Segment, skip: int) -> list[tuple[int, memoryview]]:
+    """For each slot the index of its sequence word, and its bytes without the first `skip`; made once."""
+    header, size = segment.header, segment.header.schema.dtype.itemsize
+    starts = range(header.first, header.first + header.depth * header.stride, header.stride)
+    places = [(s // 8, segment.view[s + skip : s + size]) for s in starts]
+
+    def release() -> None:
+        for _, part in places:
+            part.release()
+
+    segment.at_close(release)
+    return places
+
+
 class RingWriter:
     """The writing end. Fill the fields, then `publish`."""
 
     def __init__(self, segment: Segment, name: str, expected: Schema | None = None) -> None:
         """Claim `segment` (attached with write=True) as instance `name`, going on from the last head."""
         attach(segment, "ring", expected)
-        self.identity = segment.claim(name)
-        header = segment.header
-        self._segment = segment
-        self._record = _Record(header.schema)
-        self._view = segment.view
         self._words = segment.words()
-        self._depth = header.depth
-        starts = [header.first + i * header.stride for i in range(header.depth)]
-        self._at = [s // 8 for s in starts]
-        size = header.schema.dtype.itemsize
-        self._slices = [slice(s + 8, s + size) for s in starts]
-        self._source = self._record.bytes[8:size]
+        self.identity = segment.claim(name)
+        self._segment = segment
+        self._record = _Record(segment.header.schema)
+        self._places = _places(segment, 8)
+        self._source = self._record.bytes[8 : segment.header.schema.dtype.itemsize]
         self._stamp = self._record.words
-        self.sequence: int = self._words[HEAD]
-        if self.sequence:
-            self._load_last(starts[self.sequence % self._depth], size)
+        self._depth = segment.header.depth
+        self.sequence: int = self._recover()
+        self._at, self._slot = self._places[(self.sequence + 1) % self._depth]
+        self._words[self._at] = self.sequence + NEXT_BUSY  # W1
 
-    def _load_last(self, start: int, size: int) -> None:
-        """Begin with what the predecessor wrote last, when that slot is whole."""
-        if self._words[start // 8] == self.sequence:
-            self._record.bytes[:size] = self._view[start : start + size]
+    def _recover(self) -> int:
+        """The sequence to go on from; our record begins with what the predecessor wrote last, when that is whole."""
+        words, n = self._words, self._words[HEAD]
+        if n >= LAST_SEQUENCE:
+            raise SegmentError(f"{self._segment.name}: head {n} is garbage; no writer counts that far")
+        if words[self._places[(n + 1) % self._depth][0]] == n + 1:  # V1
+            n += 1
+            words[HEAD] = n
+        at, slot = self._places[n % self._depth]
+        if n and words[at] == n:
+            self._source[ALL] = slot
+        return n
 
     def field(self, name: str) -> NDArray[Any]:
         """A view on a field of the private record; resolve before the loop."""
@@ -111,15 +139,14 @@ class RingWriter:
     def publish(self, stamp_ns: int) -> int:
         """Make the private record the newest; returns its sequence."""
         n = self.sequence + 1
-        slot = n % self._depth
-        at = self._at[slot]
         words = self._words
         self._stamp[1] = stamp_ns
-        words[at] = 0  # W1
-        self._view[self._slices[slot]] = self._source  # W2
-        words[at] = n  # W3
+        self._slot[ALL] = self._source  # W2
+        words[self._at] = n  # W3
         words[HEAD] = n  # W4
         self.sequence = n
+        self._at, self._slot = self._places[(n + 1) % self._depth]
+        words[self._at] = n + NEXT_BUSY  # W1 of the next, when readers have ours: it delays nobody
         return n
 
     def close(self) -> None:
@@ -128,29 +155,29 @@ class RingWriter:
 
 
 class RingReader:
-    """The reading end; keeps one private copy, its fields ready made: good after `newest` or `next` said True."""
+    """The reading end; keeps one private copy, its fields ready made: good after `newest` or `next` said True.
+
+    `lost` counts records overwritten before `next` came, `torn` reads given up after RETRIES, `backwards` heads that
+    were older than what we had. After a read given up the private copy has stamp 0: nobody takes it for fresh.
+    """
 
     def __init__(self, segment: Segment, expected: Schema | None = None) -> None:
         """Read `segment` (attached read-only); `next()` begins behind the newest record present now."""
         attach(segment, "ring", expected)
-        header = segment.header
-        self._segment = segment
-        self._record = _Record(header.schema)
-        self._dtype = header.schema.dtype
-        self._view = segment.view
         self._words = segment.words()
-        self._depth = header.depth
-        size = self._dtype.itemsize
-        starts = [header.first + i * header.stride for i in range(header.depth)]
-        self._at = [s // 8 for s in starts]
-        self._slots = [self._view[s : s + size] for s in starts]  # made once: a slice costs as much as the copy
-        segment.at_close(self._release)
-        self._target = self._record.bytes[:size]
+        self._segment = segment
+        self._dtype = segment.header.schema.dtype
+        self._record = _Record(segment.header.schema)
+        self._places = _places(segment, 0)
+        self._target = self._record.bytes[: self._dtype.itemsize]
         self._stamp = self._record.words
+        self._depth = segment.header.depth
         self.sequence = 0
-        self.lost = 0
-        self.torn = 0
-        self._next: int = self._words[HEAD] + 1
+        self.lost = self.torn = self.backwards = 0
+        self._next: int
+        self._at: int
+        self._slot: memoryview
+        self._go_to(self._words[HEAD] + 1)
 
     @property
     def info(self) -> dict[str, Any]:
@@ -179,68 +206,91 @@ class RingReader:
     @property
     def epoch(self) -> int:
         """How often the ring was claimed; another number means another writer process."""
-        return int(self._words[8] >> 32)
+        return int(self._words[EPOCH_WORD] >> 32)
+
+    @property
+    def trouble(self) -> str:
+        """What no writer of ours does, in words; empty when all is well."""
+        said = [f"{self.backwards} times the head went backwards (last good: {self.sequence})"] * bool(self.backwards)
+        said += [f"{self.torn} reads found no whole record"] * bool(self.torn)
+        return "; ".join(said)
 
     def newest(self) -> bool:
         """Copy the newest record; False when there is none, or none could be had whole (counted in `torn`)."""
         n = self._words[HEAD]  # R1
-        slot = n % self._depth
-        self._target[ALL] = self._slots[slot]  # R2
-        if self._words[self._at[slot]] == n and n:  # R3
+        at, slot = self._places[n % self._depth]
+        self._target[ALL] = slot  # R2
+        if self._words[at] == n >= self.sequence and n:  # R3
             self.sequence = n
             return True
         return self._newest_again()
 
     def _newest_again(self) -> bool:
+        words = self._words
         for _ in range(RETRIES):
-            n = self._words[HEAD]  # R1
+            n = words[HEAD]  # R1
+            if n < self.sequence:
+                if n < self.sequence - 1:
+                    self.backwards += 1
+                    return self._nothing()
+                n = self.sequence  # `next` took it before its W4
             if n == 0:
-                return False
-            slot = n % self._depth
-            self._target[ALL] = self._slots[slot]  # R2
-            if self._words[self._at[slot]] == n:  # R3
+                return self._nothing()
+            at, slot = self._places[n % self._depth]
+            self._target[ALL] = slot  # R2
+            if words[at] == n:  # R3
                 self.sequence = n
                 return True
         self.torn += 1
+        return self._nothing()
+
+    def _nothing(self) -> bool:
+        """What was copied is no record: make it the oldest thing in the world."""
+        self._stamp[0] = self._stamp[1] = 0
         return False
 
     def next(self) -> bool:
         """Copy the next record in order; False when there is none yet. What was overwritten is added to `lost`."""
-        n, head = self._next, self._words[HEAD]
-        if n > head:
-            return False
-        if head - n < self._depth:
-            slot = n % self._depth
-            self._target[ALL] = self._slots[slot]
-            if self._words[self._at[slot]] == n:
+        words, at, n = self._words, self._at, self._next
+        seen = words[at]  # S1
+        if seen == n:
+            self._target[ALL] = self._slot  # R2
+            if words[at] == n:  # R3
                 self.sequence = n
-                self._next = n + 1
+                self._next = n = n + 1
+                self._at, self._slot = self._places[n % self._depth]
                 return True
+        elif seen == n + BUSY:
+            return False
         return self._next_again()
 
     def _next_again(self) -> bool:
         words = self._words
         for _ in range(RETRIES):
-            head = words[HEAD]
-            n = self._next
-            if n > head:
+            n, head = self._next, words[HEAD]
+            if n > head and words[self._at] != n:
+                if n > head + 2:  # two: we may have read a record whose W4 is still to come
+                    self.backwards += 1
                 return False
-            if head - n >= self._depth:
-                self._skip_to(head - self._depth + 1)
+            if head - n >= self._depth - 1:
+                self._skip_to(head - self._depth + 2)
                 continue
-            slot = n % self._depth
-            self._target[ALL] = self._slots[slot]
-            if words[self._at[slot]] == n:
+            self._target[ALL] = self._slot  # R2
+            if words[self._at] == n:  # R3
                 self.sequence = n
-                self._next = n + 1
+                self._go_to(n + 1)
                 return True
             self._skip_to(n + 1)
         self.torn += 1
-        return False
+        return self._nothing()
 
     def _skip_to(self, n: int) -> None:
         self.lost += n - self._next
+        self._go_to(n)
+
+    def _go_to(self, n: int) -> None:
         self._next = n
+        self._at, self._slot = self._places[n % self._depth]
 
     def last(self, count: int) -> NDArray[Any]:
         """Up to `count` newest records, oldest first, as one structured array; only whole ones."""
@@ -251,7 +301,7 @@ class RingReader:
         """All records kept whose stamp is at least `stamp_ns`, oldest first."""
         head = int(self._words[HEAD])
         kept = range(max(1, head - self._depth + 2), head + 1)
-        begin = bisect_left(kept, stamp_ns, key=lambda n: int(self._words[self._at[n % self._depth] + 1]))
+        begin = bisect_left(kept, stamp_ns, key=lambda n: int(self._words[self._places[n % self._depth][0] + 1]))
         records = self._collect(kept.start + begin, head)
         return records[records["stamp_ns"] >= stamp_ns]
 
@@ -262,15 +312,11 @@ class RingReader:
         size = self._dtype.itemsize
         target = rows.view(np.uint8).reshape(-1).data
         for i, n in enumerate(numbers):
-            slot = n % self._depth
-            target[i * size : (i + 1) * size] = self._slots[slot]
-            keep[i] = self._words[self._at[slot]] == n
+            at, slot = self._places[n % self._depth]
+            target[i * size : (i + 1) * size] = slot
+            keep[i] = self._words[at] == n
         whole: NDArray[Any] = rows[keep & (rows["sequence"] == np.arange(begin, end + 1, dtype=np.uint64))]
         return whole
-
-    def _release(self) -> None:
-        for slot in self._slots:
-            slot.release()
 
     def close(self) -> None:
         """Unmap."""

@@ -7,7 +7,7 @@ A reader maps it read-only. Everything in the header is checked against the file
 Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by its loop):
 
     0    8  W  magic             "TROCAR" 0 1
-    8    4  W  header version    1
+    8    4  W  header version    2
     12   4  W  header size       offset of the first slot, a multiple of 4096
     16   8  W  fingerprint       of the schema
     24   4  W  stride            bytes from slot to slot
@@ -19,8 +19,8 @@ Header, little-endian (W: written by the supervisor at creation, C: by the claim
     64   4  C  pid               of the writer, 0: never claimed
     68   4  C  epoch             +1 at each claim
     72   8  C  start             the writer's start time, clock ticks since boot (from /proc)
-    80  32  C  name              instance name of the writer
-    128  8  H  head              sequence of the newest slot, 0: none; on a cache line of its own
+    80  64  C  name              instance name of the writer
+    192  8  H  head              sequence of the newest slot, 0: none; on a cache line of its own
 """
 
 from __future__ import annotations
@@ -42,13 +42,14 @@ from typing import Any
 import posix_ipc
 
 from shm.layout import MAX_DEPTH, MAX_STRIDE, PAGE, LayoutError, Schema, schema_from_json
+from shm.order import Words, ordered
 
 MAGIC = b"TROCAR\x00\x01"
-VERSION = 1
+VERSION = 2
 FIXED = struct.Struct("<8sIIQIIII16sQ")
-IDENTITY = struct.Struct("<IIQ32s")
+IDENTITY = struct.Struct("<IIQ64s")
 IDENTITY_AT = 64
-HEAD_AT = 128
+HEAD_AT = 192
 TEXT_AT = 256
 MAX_TEXT = 1 << 20
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -184,9 +185,11 @@ class Segment:
         self.at_close(part.release)
         return part
 
-    def words(self) -> memoryview:
-        """The whole segment as unsigned 64-bit words; loads and stores of one aligned word are single instructions."""
-        return self.keep(self.view.cast("Q"))
+    def words(self) -> Words:
+        """The whole segment as unsigned 64-bit words, loaded and stored in program order (shm/order.py)."""
+        words = self.view.cast("Q")
+        self.keep(words)
+        return ordered(words)
 
     def claim(self, name: str) -> Identity:
         """Become the writer; SegmentError names the one that holds it. The kernel frees the claim when we die."""
@@ -203,7 +206,7 @@ class Segment:
         self._claimed = True
         self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN))  # a map still in use holds a copy of our descriptor
         identity = Identity(os.getpid(), self.identity().epoch + 1, start_time(os.getpid()), name)
-        packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:32])
+        packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:64])
         self.view[IDENTITY_AT : IDENTITY_AT + IDENTITY.size] = packed
         return identity
 

@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 import psutil
 
+from shm.client import Client
 from shm.clock import monotonic_ns, pause
 from shm.directory import create_ring
 from shm.layout import schema_of
-from shm.mailbox import Client, Mailbox, create_mailbox
+from shm.mailbox import Mailbox, create_mailbox
 from shm.pulse import Pulse, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, names_of, segment_name, unlink

@@ -86,7 +86,7 @@ def _load(door: str) -> Callable[..., Any]:
 
 def guarded(function: Callable[..., Any]) -> Callable[..., None]:
     """The verb with its errors turned into one line and an exit code; the verb may return its exit code."""
-    from shm.mailbox import MailboxFull
+    from shm.client import MailboxFull
     from shm.ring import RingError
     from shm.segment import SegmentError
 

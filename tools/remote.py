@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from shm.client import Client, Reply
 from shm.clock import monotonic_ns, pause
-from shm.mailbox import Client, Reply
 from tools.errors import Problem, Refused
 
 POLL_S = 0.001

@@ -10,7 +10,7 @@ from procs.arm.psm import PsmArm
 from procs.arm.readings import Readings
 from procs.lib.document import Arm, Io
 from procs.lib.faults import fault_of
-from shm.mailbox import Client, MailboxFull, Reply
+from shm.client import Client, MailboxFull, Reply
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then

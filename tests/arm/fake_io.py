@@ -10,8 +10,8 @@ import numpy as np
 from procs.arm.psm import PsmArm
 from procs.arm.readings import Readings
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
+from shm.client import Reply
 from shm.layout import schema_of
-from shm.mailbox import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 
 AXES = 7

@@ -14,9 +14,10 @@ import pytest
 from procs.lib.document import Actuator, Io, Linear, Process, Robot, System
 from procs.supervisor import memory
 from shm import directory
+from shm.client import Client
 from shm.clock import monotonic_ns
 from shm.events import Events
-from shm.mailbox import Client, Mailbox
+from shm.mailbox import Mailbox
 from shm.pulse import Pulse
 from tests.arm.fake_io import FakeIo, fixed_arm
 

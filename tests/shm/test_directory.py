@@ -42,10 +42,11 @@ def test_the_document_comes_back_byte_for_byte(system: str) -> None:
 
 
 def test_a_document_still_being_written_is_refused(system: str) -> None:
+    from shm.ring import HEAD
     from shm.segment import Segment, segment_name
 
     with Segment(segment_name(system, "supervisor", "document"), write=True) as segment:
-        segment.words()[16] = 0
+        segment.words()[HEAD] = 0
     with pytest.raises(SegmentError, match="still being written"):
         directory.document(system)
 

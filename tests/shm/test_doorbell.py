@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from shm.doorbell import PLACES
+from shm.doorbell import PLACES, UNHEARD
 from shm.pulse import Pulse, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
@@ -112,6 +112,31 @@ def test_places_are_freed_by_kill_9(world: Any, pulse: Pulse) -> None:
     assert pulse.field("flags").sum() == 0  # the heir of the dead waiter's place clears its flag
     for page in pages:
         page.close()
+
+
+def test_the_flag_of_a_dead_waiter_is_taken_down_by_the_ringer(world: Any, pulse: Pulse) -> None:
+    bell, flags = pulse.bell(), pulse.field("flags")
+    child = world.start(WAITER, "1")
+    world.until(lambda: flags[0] == 1, "the waiter waits")
+    world.kill(child)
+    assert flags[0] == 1
+    for _ in range(UNHEARD):
+        bell.ring()
+    assert flags[0] == 0
+    before = bytes(pulse.segment.view)
+    bell.ring()
+    assert bytes(pulse.segment.view) == before  # a dead waiter costs nothing any more
+
+
+def test_the_flag_of_a_living_waiter_stays_up_however_often_it_is_rung(world: Any, pulse: Pulse) -> None:
+    bell, flags = pulse.bell(), pulse.field("flags")
+    waiter = Pulse(world.name, "PSM1", write=True)
+    waiter.waiter()
+    flags[0] = 1  # as it is before its futex sleeps
+    for _ in range(3 * UNHEARD):
+        bell.ring()
+    assert flags[0] == 1
+    waiter.close()
 
 
 def test_waiting_needs_write_access(world: Any, pulse: Pulse) -> None:

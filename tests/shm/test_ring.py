@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from shm.directory import create_ring
 from shm.layout import schema_of
-from shm.ring import RingError, RingReader, RingWriter
+from shm.order import FencedWords
+from shm.ring import HEAD, RingError, RingReader, RingWriter
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 from shm.topics import SETPOINT, Field, Topic
 
-DEPTH = 4
+DEPTH = 4  # slots; one is always busy, so 3 records are kept
 NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", "a number"), Field("pair", "(2,)<f8", "", "two")),
                depth=DEPTH)
 WRITER = """
@@ -118,9 +119,9 @@ def test_next_gives_every_record_in_order(ring: Ring) -> None:
 def test_lost_records_are_counted_exactly(ring: Ring) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, *range(1, 11))
-    assert rest(reader) == [7, 8, 9, 10] and reader.lost == 6
+    assert rest(reader) == [8, 9, 10] and reader.lost == 7
     put(writer, *range(11, 16))
-    assert rest(reader) == [12, 13, 14, 15] and reader.lost == 7
+    assert rest(reader) == [13, 14, 15] and reader.lost == 9
 
 
 def test_a_late_reader_sees_history_and_loses_nothing(ring: Ring) -> None:
@@ -171,7 +172,7 @@ def test_a_successor_goes_on_from_head_with_a_new_epoch(world: Any, ring: Ring) 
     writer = ring.writer()
     assert (writer.sequence, writer.stamp_ns, int(writer.field("value")[()])) == (6, 6, 106)
     put(writer, 7)
-    assert rest(reader) == [104, 105, 106, 7] and reader.lost == 3 and reader.epoch == 2
+    assert rest(reader) == [105, 106, 7] and reader.lost == 4 and reader.epoch == 2
 
 
 def test_a_writer_that_died_inside_a_slot_harms_nobody(ring: Ring) -> None:
@@ -201,15 +202,64 @@ def test_a_half_written_newest_slot_is_never_given(ring: Ring) -> None:
         assert reader.last(9)["value"].tolist() == [1]
 
 
-def test_a_writer_died_between_slot_and_head_is_overwritten(ring: Ring) -> None:
-    writer, reader = ring.writer(), ring.reader()
-    put(writer, 1)
+def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: Ring) -> None:
+    writer, reader, other = ring.writer(), ring.reader(), ring.reader()
+    put(writer, 1, 2)
     with Segment(ring.name, write=True) as hand:
-        hand.words()[(hand.header.first + 2 * hand.header.stride) // 8] = 2  # W3 done, W4 not
+        hand.words()[HEAD] = 1  # as a writer leaves it that dies between W3 and W4
     writer.close()
-    assert rest(reader) == [1]
-    put(ring.writer(), 5)
-    assert rest(reader) == [5] and reader.sequence == 2
+    assert rest(reader) == [1, 2]  # what `next` has given …
+    assert reader.newest() and reader.sequence == 2 and reader.backwards == 0
+    assert other.newest() and other.sequence == 1
+    heir = ring.writer()
+    assert (heir.sequence, int(heir.field("value")[()])) == (2, 2)  # … is not written a second time
+    put(heir, 5)
+    assert rest(reader) == [5] and reader.sequence == 3 and reader.trouble == ""
+
+
+def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2, 3)
+    assert reader.newest() and rest(reader) == [1, 2, 3]
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[HEAD] = 1
+    assert not reader.newest() and reader.stamp_ns == 0
+    assert not reader.next()
+    assert reader.backwards == 1 and "went backwards" in reader.trouble
+
+
+def test_a_slot_that_contradicts_the_head_is_reported(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2)
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[(hand.header.first + 2 * hand.header.stride) // 8] = 99
+    assert not reader.newest() and (reader.torn, reader.stamp_ns) == (1, 0)
+    assert "no whole record" in reader.trouble
+
+
+@pytest.mark.parametrize("head", [2**64 - 1, 2**62, 1 << 40, 7])
+def test_a_garbage_head_ends_in_no_endless_loop(ring: Ring, head: int) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2)
+    assert rest(reader) == [1, 2]
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[HEAD] = head
+    assert not reader.newest() and not reader.next() and "no whole record" in reader.trouble
+    assert len(reader.last(5)) == 0 and len(reader.since(0)) == 0
+    writer.close()
+    if head >= 2**62:
+        with pytest.raises(SegmentError, match=f"head {head} is garbage"):
+            ring.writer()
+
+
+def test_fences_asked_for_change_nothing_but_the_time(ring: Ring, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_FENCES", "1")
+    writer, reader = ring.writer(), ring.reader()
+    assert isinstance(writer._words, FencedWords) and isinstance(reader._words, FencedWords)
+    for start in range(1, 20, 2):
+        put(writer, start, start + 1)
+        assert rest(reader) == [start, start + 1] and reader.newest() and reader.sequence == start + 1
+    assert reader.trouble == "" and reader.lost == 0
 
 
 def test_closing_twice_is_harmless(ring: Ring) -> None:
@@ -221,13 +271,13 @@ def test_closing_twice_is_harmless(ring: Ring) -> None:
 
 
 class Model:
-    """A reader of an unbounded list, of which the ring keeps the last DEPTH."""
+    """A reader of an unbounded list, of which the ring keeps the last DEPTH - 1."""
 
     def __init__(self, written: list[int]) -> None:
         self.written, self.place, self.lost = written, len(written), 0
 
     def next(self) -> int | None:
-        oldest = max(0, len(self.written) - DEPTH)
+        oldest = max(0, len(self.written) - DEPTH + 1)
         if self.place < oldest:
             self.lost += oldest - self.place
             self.place = oldest

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from shm import directory
-from shm.mailbox import Client
+from shm.client import Client
 from tests.system.robot import DEMO, Robot, wait_for
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,138 @@
+"""The sending end of a mailbox: one place in an owner's segment. The protocol stands in shm/mailbox.py."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shm.clock import monotonic_ns
+from shm.commands import COMMANDS
+from shm.doorbell import Places
+from shm.mailbox import (
+    CLIENTS,
+    COMMAND_START,
+    COMMANDS_DEPTH,
+    COMMANDS_OF,
+    CURSOR_BYTES,
+    CURSORS,
+    LAST_NUMBER,
+    MAX_TEXT,
+    MAX_VALUES,
+    OUTCOMES,
+    REPLIES_DEPTH,
+    REPLY_BODY,
+    REPLY_START,
+    MailboxMap,
+)
+
+SEQUENCES = (tuple, list)
+
+
+class MailboxFull(Exception):
+    """The owner has not taken our last commands; nothing was queued."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What became of a command: outcome is accepted, refused, done or failed."""
+
+    id: int
+    outcome: str
+    text: str
+
+
+class Client:
+    """The sending end: one place in an owner's mailbox."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        """Claim a free place; SegmentError when the instance has no mailbox or all places are taken."""
+        places = self._map = MailboxMap(system, instance)
+        segment = places.segment
+        self.instance = instance
+        self.kind = str(segment.header.info.get("kind", ""))
+        self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
+        self._words, self._view = places.words, places.view
+        try:
+            locks = Places(segment, places.first + CURSOR_BYTES * CURSORS.index("place"), CLIENTS)
+            place = locks.claim(self._fit)
+        except BaseException:
+            segment.close()
+            raise
+        self._sent, self._taken = places.cursor("sent", place), places.cursor("taken", place)
+        self._answered = places.cursor("answered", place)
+        self._queue, self._replies = places.commands(place), places.replies(place)
+        self._count: int = self._words[self._sent]
+        self._known: int = self._words[self._taken]
+        self._seen: int = self._words[self._answered]
+        self.lost = 0
+
+    def _fit(self, place: int) -> bool:
+        """Whether a place's cursors make sense; one out of step is left for the owner to put right."""
+        words, at = self._words, self._map.cursor("sent", place)
+        sent, taken = words[at], words[self._map.cursor("taken", place)]
+        if 0 <= sent - taken <= COMMANDS_DEPTH and sent < LAST_NUMBER:
+            return True
+        words[at] = 0 if sent else 2 * COMMANDS_DEPTH  # further out of step: the owner looks where a cursor moves
+        return False
+
+    @property
+    def commands(self) -> list[dict[str, Any]]:
+        """The owner's command table, as its mailbox describes it."""
+        return list(self._map.segment.header.info.get("commands", []))
+
+    def send(self, name: str, values: Any = (), text: str = "") -> int:
+        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
+
+        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8.
+        """
+        code = self._codes.get(name)
+        if code is None:
+            raise KeyError(f"{self.kind} has no command {name}; it has: {', '.join(self._codes)}")
+        numbers = values if values.__class__ in SEQUENCES else np.asarray(values, dtype=np.float64).reshape(-1)
+        count = len(numbers)
+        if count > MAX_VALUES:
+            raise ValueError(f"{name}: {count} values; allowed are {MAX_VALUES}")
+        encoded = text.encode() if text else b""
+        if len(encoded) > MAX_TEXT:
+            raise ValueError(f"{name}: the text has {len(encoded)} bytes; allowed are {MAX_TEXT}")
+        n = self._count + 1
+        if n - self._known > COMMANDS_DEPTH:  # M1; the cell is on the owner's core: looked at when it matters
+            self._known = self._words[self._taken]
+            if n - self._known > COMMANDS_DEPTH:
+                raise MailboxFull(f"{self.instance} has not taken the last {COMMANDS_DEPTH} commands")
+        at = self._queue[n % COMMANDS_DEPTH] + COMMAND_START
+        try:
+            COMMANDS_OF[count].pack_into(self._view, at, monotonic_ns(), n, code, count, encoded, *numbers)  # M2
+        except struct.error:
+            raise ValueError(f"{name}: {values!r} are not numbers") from None
+        self._count = self._words[self._sent] = n  # M3
+        return n
+
+    def poll(self) -> list[Reply]:
+        """Replies that came since the last call, in order; what was overwritten is counted in `lost`."""
+        head: int = self._words[self._answered]  # B1
+        if head == self._seen:
+            return []
+        if head < self._seen:  # no owner goes backwards; begin anew from here
+            self._seen = head
+            return []
+        begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)
+        self.lost += begin - self._seen - 1
+        self._seen = head
+        found = []
+        for n in range(begin, head + 1):
+            at = self._replies[n % REPLIES_DEPTH]
+            number, outcome, raw = REPLY_BODY.unpack_from(self._view, at + REPLY_START)  # B2
+            if self._words[at >> 3] == n:  # B3
+                text = raw.rstrip(b"\0").decode(errors="replace")
+                found.append(Reply(number, OUTCOMES.get(outcome, "unknown"), text))
+            else:
+                self.lost += 1
+        return found
+
+    def close(self) -> None:
+        """Free the place."""
+        self._map.segment.close()
