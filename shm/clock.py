@@ -32,14 +32,10 @@ EPOCH_NS = 1_000_000_000_000  # simulated time begins here: differences stay pos
 POLL_NS = 100_000_000
 
 
-def monotonic_ns() -> int:
-    """Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools)."""
-    return time.monotonic_ns()
-
-
-def pause(seconds: float) -> None:
-    """Sleep in real time; for tools and the supervisor."""
-    time.sleep(seconds)
+# Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools); in ns.
+monotonic_ns = time.monotonic_ns
+# Sleep in real time, in seconds; for tools and the supervisor.
+pause = time.sleep
 
 
 class WallClock:

@@ -243,17 +243,18 @@ class Mailbox:
                 command.refuse(reason)
 
     def _drain(self, sent: bytes) -> Iterator[Received]:
-        """Serve the client that came last, without looking who else has come; then all whose cursors have moved.
+        """Serve all whose cursors have moved, the one that came last first.
 
         A place stays in the backlog until nothing waits in it, also when the caller leaves the loop early.
         """
         first, words = self._last, self._words
-        taken, end = self._taken[first], words[self._sent[first]]
-        if 0 < end - taken <= COMMANDS_DEPTH:
-            for n in range(taken + 1, min(end, taken + PER_CYCLE) + 1):
-                received = self._take(first, n)
-                if received is not None:
-                    yield received
+        n = self._taken[first] + 1
+        if words[self._sent[first]] == n:  # one command, as usual
+            received = self._take(first, n)
+            if received is not None:
+                yield received
+        else:
+            yield from self._serve(first)
         cursors = int.from_bytes(sent, "little")
         changed = cursors ^ self._seen_cursors | self._backlog
         self._seen, self._seen_cursors, self._backlog = sent, cursors, changed
@@ -265,7 +266,8 @@ class Mailbox:
             waiting = words[self._sent[place]] - self._taken[place]
             if not 0 <= waiting <= COMMANDS_DEPTH:
                 self._put_right(place)
-            if waiting <= 0 or waiting > COMMANDS_DEPTH:
+                waiting = 0
+            if not waiting:
                 self._backlog &= ~CURSOR_BITS[place]
 
     def _serve(self, place: int) -> Iterator[Received]:
