@@ -18,7 +18,7 @@ N3 comes before N4: a command runs at most once, also when the owner dies in bet
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
-  V2  the command of `taken` has no answer: its predecessor died in N4; it is answered "failed", never run again
+  V2  the command of `taken` has no whole answer: its predecessor died in N4; it is answered "failed", never run again
   V3  `refuse_waiting`: what was queued for its predecessor is refused; a move or a power-on asked of the dead must not
       happen whenever somebody comes back
 A client claims a place with a lock that the kernel frees when it dies. Its successor goes on from the cursors; commands
@@ -224,10 +224,10 @@ class Mailbox:
             self._put_right(place)
 
     def _was_answered(self, place: int, number: int) -> bool:
-        """Whether a reply to command `number` is among the last ones."""
-        kept = range(max(1, self._answered[place] - REPLIES_DEPTH + 1), self._answered[place] + 1)
-        slots = (self._replies[place][n % REPLIES_DEPTH] for n in kept)
-        return any(self._words[at + REPLY_START >> 3] == number for at in slots)
+        """Whether a whole reply to command `number` is among the last ones: the oldest may be half overwritten (A2)."""
+        words, end = self._words, self._answered[place]
+        slots = ((n, self._replies[place][n % REPLIES_DEPTH]) for n in range(max(1, end - REPLIES_DEPTH + 1), end + 1))
+        return any(words[at >> 3] == n and words[at + REPLY_START >> 3] == number for n, at in slots)
 
     def drain(self) -> Iterator[Received]:
         """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here."""

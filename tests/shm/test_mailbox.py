@@ -301,3 +301,23 @@ def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: 
     last = client.send("power_off", (1,))
     assert [c.id for c in owner.drain()] == [last]
     owner.close()
+
+
+@pytest.mark.parametrize("before", [0, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 3 * m.REPLIES_DEPTH])
+def test_an_answer_cut_short_is_given_anew(system: str, client: Client, before: int) -> None:
+    owner = Mailbox(system, "IO1", "io")
+    for i in range(before):
+        client.send("power_off", (i,))
+        for got in owner.drain():
+            got.done()
+    client.poll()
+    last = client.send("power_off", (99,))
+    next(owner.drain())
+    n = owner._answered[0] + 1
+    at = owner._replies[0][n % m.REPLIES_DEPTH]
+    owner._words[at >> 3] = 0  # A1
+    m.REPLY_BODY.pack_into(owner._view, at + m.REPLY_START, last, m.DONE, b"")  # A2; it dies before A3
+    owner.close()
+    heir = Mailbox(system, "IO1", "io")
+    assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(last, "failed", m.DIED)]
+    heir.close()
