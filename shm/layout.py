@@ -22,7 +22,9 @@ LINE = 64
 PAGE = 4096
 SHAPED = re.compile(r"^\((?P<shape>[^)]*)\)(?P<scalar>.+)$")
 MAX_STRIDE = 1 << 20
-MAX_DEPTH = 1 << 20
+MAX_DIMENSIONS = 8
+MAX_DEPTH = 1 << 16  # a reader keeps a view of every slot; 10 s at 6 kHz
+FIELD_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/-]{0,63}")
 
 
 class LayoutError(Exception):
@@ -60,8 +62,8 @@ def schema_from_json(text: bytes) -> Schema:
     """The schema a header carries; LayoutError when the text is not one (the text may come from anywhere)."""
     try:
         document = json.loads(text)
-        topic = str(document["topic"])
-        rows = [(str(f["name"]), str(f["dtype"])) for f in document["fields"]]
+        topic = _name(document["topic"])
+        rows = [(_name(f["name"]), str(f["dtype"])) for f in document["fields"]]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise LayoutError(f"the schema is not readable: {error}") from None
     names, formats = ["sequence", "stamp_ns"], ["<u8", "<i8"]
@@ -79,6 +81,12 @@ def schema_from_json(text: bytes) -> Schema:
         raise LayoutError(f"topic {topic}: a record of {dtype.itemsize} bytes; allowed are {MAX_STRIDE}")
     digest = hashlib.blake2b(text, digest_size=8).digest()
     return Schema(topic, dtype, stride, text, int.from_bytes(digest, "little"))
+
+
+def _name(name: object) -> str:
+    if not isinstance(name, str) or not FIELD_NAME.fullmatch(name):
+        raise LayoutError(f"{str(name)[:64]!r} is no name; allowed are up to 64 letters, digits, _, / and -")
+    return name
 
 
 def cut_text(text: str, size: int) -> bytes:
@@ -105,12 +113,12 @@ def _parse(dtype: str) -> tuple[str, tuple[int, ...]] | str:
         _check_scalar(dtype)
         return dtype
     shape = tuple(int(w) for w in match["shape"].split(",") if w.strip())
-    if any(n < 0 or n > MAX_STRIDE for n in shape):
-        raise LayoutError(f"shape {shape} is out of range")
+    if len(shape) > MAX_DIMENSIONS or any(n < 0 or n > MAX_STRIDE for n in shape):
+        raise LayoutError(f"shape {str(shape)[:64]} is out of range")
     _check_scalar(match["scalar"])
     return match["scalar"], shape
 
 
 def _check_scalar(dtype: str) -> None:
     if not re.fullmatch(r"\?|u1|i1|<[iuf](2|4|8)|S[1-9][0-9]{0,3}", dtype):
-        raise LayoutError(f"dtype {dtype!r} is not allowed in shared memory")
+        raise LayoutError(f"dtype {dtype[:64]!r} is not allowed in shared memory")

@@ -2,25 +2,12 @@
 
 The supervisor creates a segment, sizes it with posix_fallocate (a full /dev/shm is an error now, not a SIGBUS in a
 loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies.
-A reader maps it read-only. Everything in the header is checked against the file before anything is mapped.
+A reader maps it read-only. Everything in the header (shm/header.py) is checked against the file before anything is
+mapped.
 
-Header, little-endian (W: written by the supervisor at creation, C: by the claiming writer, H: by its loop):
-
-    0    8  W  magic             "TROCAR" 0 1
-    8    4  W  header version    2
-    12   4  W  header size       offset of the first slot, a multiple of 4096
-    16   8  W  fingerprint       of the schema
-    24   4  W  stride            bytes from slot to slot
-    28   4  W  depth             slots
-    32   4  W  schema length     JSON, from byte 256
-    36   4  W  info length       JSON behind the schema: constants of this instance (names, cuts)
-    40  16  W  kind              "ring", "mailbox", "control", "clock", "document"
-    56   8  W  size              of the whole file
-    64   4  C  pid               of the writer, 0: never claimed
-    68   4  C  epoch             +1 at each claim
-    72   8  C  start             the writer's start time, clock ticks since boot (from /proc)
-    80  64  C  name              instance name of the writer
-    192  8  H  head              sequence of the newest slot, 0: none; on a cache line of its own
+What cannot be checked: whoever may write a segment may also shorten its file, and a process that then touches what is
+gone gets SIGBUS and ends; files in /dev/shm cannot be sealed against it. That is why only accepted owners count
+(shm/owners.py), and why nobody but owner and group may write.
 """
 
 from __future__ import annotations
@@ -28,11 +15,10 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import json
 import mmap
 import os
 import re
-import struct
+import stat
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,37 +27,37 @@ from typing import Any
 
 import posix_ipc
 
-from shm.layout import MAX_DEPTH, MAX_STRIDE, PAGE, LayoutError, Schema, schema_from_json
+from shm import owners
+from shm.header import (
+    FIXED,
+    HEAD_AT,
+    IDENTITY,
+    IDENTITY_AT,
+    MAGIC,
+    TEXT_AT,
+    VERSION,
+    Header,
+    SegmentError,
+    checked,
+    layout,
+    readable,
+    text_of,
+)
+from shm.layout import Schema
 from shm.order import Words, ordered
 
-MAGIC = b"TROCAR\x00\x01"
-VERSION = 2
-FIXED = struct.Struct("<8sIIQIIII16sQ")
-IDENTITY = struct.Struct("<IIQ64s")
-IDENTITY_AT = 64
-HEAD_AT = 192
-TEXT_AT = 256
-MAX_TEXT = 1 << 20
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 FOLDER = Path("/dev/shm")
 CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 10, 0.002
+__all__ = [
+    "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Segment",
+    "SegmentError", "SegmentFull", "create", "free_bytes", "names_of", "path_of", "segment_name", "size_of",
+    "start_time", "unlink",
+]
 
 
-class SegmentError(Exception):
-    """A segment that cannot be made, found, trusted or claimed; the message says which and what to do."""
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """The checked header of a segment."""
-
-    kind: str
-    schema: Schema
-    info: dict[str, Any]
-    first: int
-    stride: int
-    depth: int
-    size: int
+class SegmentFull(SegmentError):
+    """Shared memory has no room for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +79,49 @@ def segment_name(system: str, instance: str, what: str) -> str:
 
 
 def names_of(system: str | None = None) -> list[tuple[str, str, str]]:
-    """All segments present as (system, instance, what), of one system or of all; sorted."""
+    """All segments of accepted owners as (system, instance, what), of one system or of all; sorted.
+
+    What other users, or other programs, have put there under such names is none of ours.
+    """
+    accepted = _accepted()
     found = []
     for path in FOLDER.glob("trocar~*"):
         parts = path.name.split("~")
-        if len(parts) == 4 and (system is None or parts[1] == system):
+        if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]) and _owner(path) in accepted:
             found.append((parts[1], parts[2], parts[3]))
-    return sorted(found)
+    return sorted(names for names in found if system in (None, names[0]))
+
+
+def path_of(name: str) -> Path:
+    """The file of a segment."""
+    return FOLDER / name.removeprefix("/")
+
+
+def free_bytes() -> int:
+    """How much still fits into shared memory."""
+    status = os.statvfs(FOLDER)
+    return status.f_bavail * status.f_frsize
+
+
+def _owner(path: Path) -> int:
+    """User id of an ordinary file, -1: there is none (a link is none)."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return -1
+    return status.st_uid if stat.S_ISREG(status.st_mode) else -1
+
+
+def _accepted() -> frozenset[int]:
+    try:
+        return owners.accepted()
+    except KeyError as error:
+        raise SegmentError(str(error.args[0])) from None
+
+
+def size_of(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
+    """How many bytes `create` would take; SegmentError when a size is out of range."""
+    return layout(name, kind, schema, depth, text_of(info))[1]
 
 
 def create(
@@ -108,17 +130,18 @@ def create(
 ) -> int:
     """Make a segment, sized and filled with its header, readable at once; returns its size in bytes.
 
-    Raises SegmentError when it exists, when shared memory is full or when a size is out of range.
+    Raises SegmentError when it exists, when shared memory is full, when a size is out of range or when we are not
+    of the group.
     """
-    info_text = json.dumps(info or {}, separators=(",", ":")).encode()
-    if not 0 < depth <= MAX_DEPTH:
-        raise SegmentError(f"{name}: depth {depth}; allowed are 1 to {MAX_DEPTH}")
-    first = -(-(TEXT_AT + len(schema.text) + len(info_text)) // PAGE) * PAGE
-    size = -(-(first + depth * schema.stride) // PAGE) * PAGE
+    info_text = text_of(info)
+    first, size = layout(name, kind, schema, depth, info_text)
     try:
         shared = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600)
     except posix_ipc.ExistentialError:
-        raise SegmentError(f"{name}: exists already; another system of this name is up, or was not cleared") from None
+        raise SegmentError(f"{name}: exists already{_whose(name)}; another system of this name is up, or was not "
+                           "cleared") from None
+    except (OSError, posix_ipc.Error) as error:
+        raise SegmentError(f"{name}: cannot be made in {FOLDER}: {_reason(error)}") from None
     try:
         _fill(shared.fd, name, size)
         header = FIXED.pack(MAGIC, VERSION, first, schema.fingerprint, schema.stride, depth, len(schema.text),
@@ -127,7 +150,7 @@ def create(
         os.pwrite(shared.fd, header[8:], 8)
         os.pwrite(shared.fd, MAGIC, 0)  # last: a half-made segment has no magic
         if group >= 0:
-            os.fchown(shared.fd, -1, group)
+            _give(shared.fd, name, group)
         os.fchmod(shared.fd, mode)  # fchmod, because the umask narrows what shm_open is given
     except BaseException:
         shared.unlink()
@@ -138,37 +161,55 @@ def create(
 
 
 def _fill(fd: int, name: str, size: int) -> None:
+    free = free_bytes()
     try:
         os.posix_fallocate(fd, 0, size)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.ENOMEM):
-            raise SegmentError(f"{name}: shared memory is full, {size} bytes do not fit in {FOLDER}") from None
-        raise
+            text = f"{name}: shared memory is full: {size} bytes are needed, {free} are free in {FOLDER}"
+            raise SegmentFull(text) from None
+        raise SegmentError(f"{name}: {size} bytes cannot be had in {FOLDER}: {error.strerror}") from None
+
+
+def _give(fd: int, name: str, group: int) -> None:
+    try:
+        os.fchown(fd, -1, group)
+    except OSError as error:
+        raise SegmentError(f"{name}: cannot be given to group {group}: {error.strerror}; a member of the group, or "
+                           "root, must start the system") from None
+
+
+def _whose(name: str) -> str:
+    uid = _owner(path_of(name))
+    return "" if uid in (-1, os.getuid()) else f" and belongs to {owners.user(uid)}"
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
 
 
 def unlink(name: str) -> None:
-    """Remove a segment's name; nothing when it is gone already."""
-    with contextlib.suppress(posix_ipc.ExistentialError):
+    """Remove a segment's name; nothing when it is gone already, SegmentError when it may not be removed."""
+    try:
         posix_ipc.unlink_shared_memory(name)
+    except posix_ipc.ExistentialError:
+        return
+    except (OSError, posix_ipc.Error) as error:
+        raise SegmentError(f"{name}: cannot be removed{_whose(name)}: {_reason(error)}") from None
 
 
 class Segment:
     """An attached segment; a context manager. `view` is its memory, read-only unless attached with `write`."""
 
-    def __init__(self, name: str, *, write: bool = False, owners: frozenset[int] = frozenset()) -> None:
+    def __init__(self, name: str, *, write: bool = False) -> None:
         """Attach after checking owner, size and header; SegmentError says what does not fit."""
         self.name = name
+        self.fd: int = _opened(name, write)
         try:
-            shared = posix_ipc.SharedMemory(name, flags=0, read_only=not write)
-        except posix_ipc.ExistentialError:
-            raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
-        except posix_ipc.PermissionsError:
-            raise SegmentError(f"{name}: not permitted; the system belongs to another user") from None
-        self.fd: int = shared.fd
-        try:
-            self.header = _checked(self.fd, name, owners)
+            _trusted(self.fd, name)
+            self.header = checked(self.fd, name)
             access = mmap.ACCESS_WRITE if write else mmap.ACCESS_READ
-            self._map = mmap.mmap(self.fd, self.header.size, access=access)
+            self._map = _mapped(self.fd, name, self.header.size, access)
         except BaseException:
             os.close(self.fd)
             raise
@@ -205,7 +246,8 @@ class Segment:
             raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
         self._claimed = True
         self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN))  # a map still in use holds a copy of our descriptor
-        identity = Identity(os.getpid(), self.identity().epoch + 1, start_time(os.getpid()), name)
+        epoch = self.identity().epoch + 1 & 0xFFFFFFFF  # whatever was written there before
+        identity = Identity(os.getpid(), epoch, start_time(os.getpid()), name)
         packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:64])
         self.view[IDENTITY_AT : IDENTITY_AT + IDENTITY.size] = packed
         return identity
@@ -213,7 +255,7 @@ class Segment:
     def identity(self) -> Identity:
         """Who claimed last."""
         pid, epoch, start, name = IDENTITY.unpack_from(self.view, IDENTITY_AT)
-        return Identity(pid, epoch, start, name.rstrip(b"\0").decode(errors="replace"))
+        return Identity(pid, epoch, start, readable(name))
 
     def claimed(self) -> bool:
         """Whether a living process holds the claim now (asks the kernel, for tools; not for loops)."""
@@ -254,30 +296,36 @@ def start_time(pid: int) -> int:
     return int(text.rsplit(")", 1)[1].split()[19])
 
 
-def _checked(fd: int, name: str, owners: frozenset[int]) -> Header:
-    status = os.fstat(fd)
-    if status.st_uid not in {os.getuid(), 0} | owners:
-        raise SegmentError(f"{name}: belongs to user {status.st_uid}; accepted: {os.getuid()}, 0 and those configured")
-    raw = os.pread(fd, FIXED.size, 0)
-    if len(raw) < FIXED.size:
-        raise SegmentError(f"{name}: {status.st_size} bytes are too short for a header")
-    magic, version, first, fingerprint, stride, depth, schema_size, info_size, kind, size = FIXED.unpack(raw)
-    if magic != MAGIC:
-        raise SegmentError(f"{name}: is not a Trocar segment (magic {magic!r})")
-    if version != VERSION:
-        raise SegmentError(f"{name}: has header version {version}, this program reads {VERSION}")
-    if not (0 < stride <= MAX_STRIDE and stride % 64 == 0 and 0 < depth <= MAX_DEPTH):
-        raise SegmentError(f"{name}: stride {stride} and depth {depth} are out of range")
-    if max(schema_size, info_size) > MAX_TEXT or not TEXT_AT + schema_size + info_size <= first <= 4 * MAX_TEXT:
-        raise SegmentError(f"{name}: the texts of the header do not fit")
-    if first % PAGE or size != status.st_size or first + stride * depth > size:
-        raise SegmentError(f"{name}: file of {status.st_size} bytes, but the header asks for {first + stride * depth}")
-    text = os.pread(fd, schema_size + info_size, TEXT_AT)
+def _opened(name: str, write: bool) -> int:
+    """The file, open. Not by shm_open: that one waits at a named pipe for ever, and takes directories."""
+    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_RDWR if write else os.O_RDONLY)
     try:
-        schema = schema_from_json(text[:schema_size])
-        info = json.loads(text[schema_size:])
-    except (LayoutError, ValueError, RecursionError) as error:
-        raise SegmentError(f"{name}: {error}") from None
-    if schema.fingerprint != fingerprint or schema.stride != stride or not isinstance(info, dict):
-        raise SegmentError(f"{name}: schema and header contradict each other")
-    return Header(kind.rstrip(b"\0").decode(errors="replace"), schema, info, first, stride, depth, size)
+        return os.open(path_of(name), flags)
+    except FileNotFoundError:
+        raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
+    except PermissionError:
+        raise SegmentError(f"{name}: not permitted{_whose(name)}; the system's `group` decides who else may attach"
+                           ) from None
+    except OSError as error:
+        raise SegmentError(f"{name}: is no segment but something else of that name ({error.strerror})") from None
+
+
+def _mapped(fd: int, name: str, size: int, access: int) -> mmap.mmap:
+    try:
+        return mmap.mmap(fd, size, access=access)
+    except (OSError, ValueError) as error:  # ValueError: it was cut short since we looked
+        raise SegmentError(f"{name}: {size} bytes cannot be mapped: {_reason(error)}") from None
+
+
+def _trusted(fd: int, name: str) -> None:
+    """Refuse what is no ordinary file, or was written by somebody else."""
+    status = os.fstat(fd)
+    if not stat.S_ISREG(status.st_mode):
+        raise SegmentError(f"{name}: is no segment but another kind of file (mode {status.st_mode:o})")
+    accepted = _accepted()
+    if status.st_uid not in accepted:
+        raise SegmentError(f"{name}: belongs to {owners.user(status.st_uid)}; accepted are {owners.users(accepted)} "
+                           f"and whom {owners.SERVICE_USER} names")
+    if status.st_mode & stat.S_IWOTH:
+        mode = stat.S_IMODE(status.st_mode)
+        raise SegmentError(f"{name}: anybody may write it (mode {mode:o}); allowed are 600 and 660")

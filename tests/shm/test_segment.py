@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import pwd
+import socket
 import stat
-import struct
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from shm.layout import MAX_DEPTH, schema_of
-from shm.segment import FIXED, FOLDER, Segment, SegmentError, create, names_of, segment_name, start_time, unlink
+from shm.owners import SERVICE_USER
+from shm.segment import (
+    FOLDER,
+    Segment,
+    SegmentError,
+    SegmentFull,
+    create,
+    names_of,
+    segment_name,
+    size_of,
+    start_time,
+    unlink,
+)
 from shm.topics import SETPOINT
 
 SCHEMA = schema_of(SETPOINT)
-FIELDS = ("magic", "version", "first", "fingerprint", "stride", "depth", "schema", "info", "kind", "size")
 CLAIM = """
 import sys
 from shm.segment import Segment
@@ -37,14 +50,6 @@ def ring(world: Any) -> Any:
 
 def file_of(name: str) -> Path:
     return FOLDER / name[1:]
-
-
-def rewrite(name: str, **changes: Any) -> None:
-    """Change fields of the fixed header."""
-    with file_of(name).open("r+b") as file:
-        values = dict(zip(FIELDS, FIXED.unpack(file.read(FIXED.size)), strict=True))
-        file.seek(0)
-        file.write(FIXED.pack(*{**values, **changes}.values()))
 
 
 def test_a_new_segment_says_what_it_is(ring: str) -> None:
@@ -69,20 +74,39 @@ def test_a_second_one_of_the_name_is_refused(ring: str) -> None:
         create(ring, "ring", SCHEMA, 8)
 
 
-def test_more_than_shared_memory_holds_is_an_error_now(world: Any) -> None:
-    free = os.statvfs(FOLDER)
-    needed = free.f_bavail * free.f_frsize // SCHEMA.stride + 1000
-    if needed > MAX_DEPTH:
-        needed = MAX_DEPTH + 1
-    with pytest.raises(SegmentError, match=r"shared memory is full|depth"):
-        create(segment_name(world.name, "a", "b"), "ring", SCHEMA, needed)
+@pytest.mark.parametrize(("depth", "info"), [(1, {}), (1000, {"a": "b" * 5000})])
+def test_the_size_can_be_asked_before(world: Any, depth: int, info: dict[str, Any]) -> None:
+    name = segment_name(world.name, "PSM1", "setpoint")
+    expected = size_of(name, "ring", SCHEMA, depth, info)
+    assert names_of(world.name) == []
+    assert create(name, "ring", SCHEMA, depth, info) == expected
+    unlink(name)
+
+
+def test_more_than_shared_memory_holds_is_an_error_now(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(fd: int, offset: int, size: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(SegmentFull, match=r"shared memory is full: \d+ bytes are needed, \d+ are free in /dev/shm"):
+        create(segment_name(world.name, "a", "b"), "ring", SCHEMA, 8)
     assert names_of(world.name) == []
 
 
+@pytest.mark.parametrize(("kind", "depth", "info"), [
+    ("ring", 0, {}), ("ring", MAX_DEPTH + 1, {}), ("string", 1, {}), ("ring", 1, {"a": "b" * (1 << 20)}),
+])
+def test_what_could_not_be_attached_is_not_made(world: Any, kind: str, depth: int, info: dict[str, Any]) -> None:
+    with pytest.raises(SegmentError, match="allowed are"):
+        create(segment_name(world.name, "a", "b"), kind, SCHEMA, depth, info)
+    assert names_of(world.name) == []
+
+
+@pytest.mark.parametrize("umask", [0, 0o077, 0o777])
 @pytest.mark.parametrize("mode", [0o600, 0o660])
-def test_the_mode_does_not_depend_on_the_umask(world: Any, mode: int) -> None:
+def test_the_mode_does_not_depend_on_the_umask(world: Any, mode: int, umask: int) -> None:
     name = segment_name(world.name, "PSM1", "setpoint")
-    before = os.umask(0o077)
+    before = os.umask(umask)
     try:
         create(name, "ring", SCHEMA, 2, mode=mode)
     finally:
@@ -90,6 +114,26 @@ def test_the_mode_does_not_depend_on_the_umask(world: Any, mode: int) -> None:
     found = stat.S_IMODE(file_of(name).stat().st_mode)
     unlink(name)
     assert found == mode
+
+
+def test_a_group_gets_the_segment(world: Any) -> None:
+    as_root()
+    name = segment_name(world.name, "PSM1", "setpoint")
+    create(name, "ring", SCHEMA, 2, mode=0o660, group=4343)
+    status = file_of(name).stat()
+    Segment(name, write=True).close()
+    unlink(name)
+    assert (status.st_gid, stat.S_IMODE(status.st_mode)) == (4343, 0o660)
+
+
+def test_a_group_we_are_not_in_is_refused(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(fd: int, user: int, group: int) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "fchown", refuse)
+    with pytest.raises(SegmentError, match="cannot be given to group 4343: Operation not permitted; a member"):
+        create(segment_name(world.name, "a", "b"), "ring", SCHEMA, 2, mode=0o660, group=4343)
+    assert names_of(world.name) == []
 
 
 @pytest.mark.parametrize("bad", ["", "a b", "a~b", "../x", "a/b", "ä", "a\n", "x" * 65, "a.b"])
@@ -161,63 +205,134 @@ def test_an_absent_segment_says_what_to_do() -> None:
         Segment(segment_name("nosuch", "a", "b"))
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"magic": b"TROCAR\0\2"}, "is not a Trocar segment"),
-    ({"version": 1}, "header version 1"),
-    ({"fingerprint": 1}, "contradict"),
-    ({"stride": 0}, "out of range"),
-    ({"stride": 1 << 30}, "out of range"),
-    ({"stride": 65}, "out of range"),
-    ({"stride": 64}, "contradict"),
-    ({"depth": 0}, "out of range"),
-    ({"depth": 2**32 - 1}, "out of range"),
-    ({"depth": 1 << 19}, "asks for"),
-    ({"first": 4095}, "asks for|do not fit"),
-    ({"first": 0}, "do not fit"),
-    ({"schema": 2**31}, "do not fit"),
-    ({"schema": 5}, "schema is not readable"),
-    ({"info": 0}, "Expecting value|contradict"),
-    ({"size": 1 << 40}, "asks for"),
-])
-def test_a_header_that_lies_is_refused(ring: str, change: dict[str, Any], message: str) -> None:
-    rewrite(ring, **change)
-    with pytest.raises(SegmentError, match=message) as caught:
-        Segment(ring)
-    assert "\n" not in str(caught.value) and ring in str(caught.value)
-
-
-@pytest.mark.parametrize("size", [0, 40, FIXED.size, 4096, 8191])
-def test_a_truncated_file_is_refused(ring: str, size: int) -> None:
-    os.truncate(file_of(ring), size)
-    with pytest.raises(SegmentError) as caught:
-        Segment(ring)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_deeply_nested_header_text_is_refused(ring: str) -> None:
-    with file_of(ring).open("r+b") as file:
-        file.seek(FIXED.size)
-        file.seek(256)
-        file.write(b"[" * 2000)
-    with pytest.raises(SegmentError):
-        Segment(ring)
-
-
-def test_another_owner_is_refused_unless_configured(ring: str) -> None:
+def as_root() -> None:
     if os.getuid() != 0:
         pytest.skip("only root can give a file away")
-    os.chown(file_of(ring), 4242, -1)
-    with pytest.raises(SegmentError, match="belongs to user 4242"):
+
+
+def refused(name: str, match: str) -> None:
+    """Attaching is refused both ways, in one line that names the segment."""
+    for write in (False, True):
+        with pytest.raises(SegmentError, match=match) as caught:
+            Segment(name, write=write)
+        assert "\n" not in str(caught.value) and name in str(caught.value)
+        assert len(str(caught.value)) < 400
+
+
+def test_a_file_cut_short_after_the_check_is_refused(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def look_then_cut(fd: int, name: str) -> Any:
+        header = checked(fd, name)
+        os.truncate(file_of(name), 4096)
+        return header
+
+    from shm import segment as module
+    from shm.header import checked
+    monkeypatch.setattr(module, "checked", look_then_cut)
+    with pytest.raises(SegmentError, match="cannot be mapped"):
         Segment(ring)
-    Segment(ring, owners=frozenset({4242})).close()
+
+
+def other_kinds(path: Path) -> dict[str, Any]:
+    def bound() -> None:
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(str(path))
+
+    return {"directory": path.mkdir, "link": lambda: path.symlink_to("/etc/hostname"),
+            "dangling link": lambda: path.symlink_to("/nowhere"), "pipe": lambda: os.mkfifo(path), "socket": bound}
+
+
+@pytest.mark.parametrize("kind", ["directory", "link", "dangling link", "pipe", "socket"])
+def test_what_is_no_file_is_refused_at_once(world: Any, kind: str) -> None:
+    name = segment_name(world.name, "PSM1", "setpoint")
+    other_kinds(file_of(name))[kind]()
+    try:
+        refused(name, "is no segment but")
+        assert names_of(world.name) == []
+        with pytest.raises(SegmentError, match="exists already"):
+            create(name, "ring", SCHEMA, 2)
+    finally:
+        (file_of(name).rmdir if kind == "directory" else file_of(name).unlink)()
+
+
+def test_what_anybody_may_write_is_refused(ring: str) -> None:
+    for mode in (0o602, 0o666, 0o777):
+        file_of(ring).chmod(mode)
+        refused(ring, rf"anybody may write it \(mode {mode:o}\); allowed are 600 and 660")
+    file_of(ring).chmod(0o660)
+    Segment(ring).close()
+
+
+def test_another_owner_is_refused_in_plain_words(ring: str) -> None:
+    as_root()
+    os.chown(file_of(ring), 4242, -1)
+    refused(ring, "belongs to user 4242; accepted are root and whom TROCAR_SERVICE_USER names")
+    with pytest.raises(SegmentError, match="exists already and belongs to user 4242"):
+        create(ring, "ring", SCHEMA, 8)
+
+
+def test_the_service_user_is_accepted(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    as_root()
+    name, uid = "daemon", pwd.getpwnam("daemon").pw_uid
+    os.chown(file_of(ring), uid, -1)
+    refused(ring, f"belongs to user {name}; accepted are root and")
+    monkeypatch.setenv(SERVICE_USER, name)
+    Segment(ring).close()
+    os.chown(file_of(ring), 4242, -1)
+    refused(ring, f"belongs to user 4242; accepted are root, {name}")
+    os.chown(file_of(ring), 0, -1)
+    Segment(ring).close()
+
+
+@pytest.mark.parametrize("nobody", ["no-such-user", "a\nb", "1", "x\u00e4"])
+def test_a_service_user_who_is_nobody_is_an_error(ring: str, monkeypatch: pytest.MonkeyPatch, nobody: str) -> None:
+    monkeypatch.setenv(SERVICE_USER, nobody)
+    for attempt in (lambda: Segment(ring), names_of):
+        with pytest.raises(SegmentError, match=r"TROCAR_SERVICE_USER=.* this machine has no such user") as caught:
+            attempt()
+        assert "\n" not in str(caught.value)
+    monkeypatch.delenv(SERVICE_USER)
+
+
+def test_what_others_have_put_there_is_not_listed(world: Any, ring: str) -> None:
+    odd = [FOLDER / f"trocar~{world.name}~{rest}" for rest in ("PSM1", "a b~state", "PSM1~x~state", "PSM1~st\u00e4te")]
+    for path in odd:
+        path.touch()
+    try:
+        assert names_of(world.name) == [(world.name, "PSM1", "setpoint")]
+        if os.getuid() == 0:
+            os.chown(file_of(ring), 4242, -1)
+            assert names_of(world.name) == [] and (world.name, "PSM1", "setpoint") not in names_of()
+    finally:
+        for path in odd:
+            path.unlink()
+
+
+@pytest.mark.parametrize("garbage", [b"\xff", b"\0", b"\n\x1b[31m", b"\x01"])
+def test_a_replaced_identity_misleads_nobody_for_long(ring: str, garbage: bytes) -> None:
+    with Segment(ring, write=True) as first, Segment(ring, write=True) as second:
+        first.claim("PSM1")
+        first.view[64:144] = (garbage * 80)[:80]
+        assert second.identity().name.isprintable() and second.claimed()
+        with pytest.raises(SegmentError, match="writes it already") as caught:
+            second.claim("PSM2")  # the kernel knows better
+        assert "\n" not in str(caught.value)
+    with Segment(ring, write=True) as heir:
+        identity = heir.claim("PSM1")
+        assert heir.identity() == identity and (identity.pid, identity.name) == (os.getpid(), "PSM1")
+
+
+def test_what_may_not_be_removed_is_an_error(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import posix_ipc
+
+    def refuse(name: str) -> None:
+        raise posix_ipc.PermissionsError("No permission to unlink this segment")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(posix_ipc, "unlink_shared_memory", refuse)
+        with pytest.raises(SegmentError, match=f"{ring}: cannot be removed"):
+            unlink(ring)
 
 
 def test_names_of_lists_one_system_only(world: Any, ring: str) -> None:
     assert names_of(world.name) == [(world.name, "PSM1", "setpoint")]
     assert (world.name, "PSM1", "setpoint") in names_of()
-
-
-def test_the_header_is_as_documented(ring: str) -> None:
-    raw = file_of(ring).read_bytes()
-    assert raw[:8] == b"TROCAR\0\1" and struct.unpack_from("<I", raw, 12)[0] % 4096 == 0
-    assert raw[40:44] == b"ring" and struct.unpack_from("<Q", raw, 56)[0] == len(raw)
