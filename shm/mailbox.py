@@ -18,7 +18,8 @@ N3 comes before N4: a command runs at most once, also when the owner dies in bet
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
-  V2  the command of `taken` has no whole answer: its predecessor died in N4; it is answered "failed", never run again
+  V2  the command of `taken` has no whole answer: its predecessor died in N4; it is answered "failed", never run again;
+      so is every command that was accepted and, as far as the replies kept tell, has had no other answer since
   V3  `refuse_waiting`: what was queued for its predecessor is refused; a move or a power-on asked of the dead must not
       happen whenever somebody comes back
 A client claims a place with a lock that the kernel frees when it dies. Its successor goes on from the cursors; commands
@@ -218,16 +219,23 @@ class Mailbox:
             self._answered[place] = answered = answered + 1
         words[self._answered_at[place]] = answered
         if 0 <= words[self._sent[place]] - taken <= COMMANDS_DEPTH:
-            if taken and not self._was_answered(place, taken):
-                self.answer(place, taken, FAILED, DIED)  # V2
+            for number in self._unfinished(place, taken):
+                self.answer(place, number, FAILED, DIED)  # V2
         else:
             self._put_right(place)
 
-    def _was_answered(self, place: int, number: int) -> bool:
-        """Whether a whole reply to command `number` is among the last ones: the oldest may be half overwritten (A2)."""
-        words, end = self._words, self._answered[place]
-        slots = ((n, self._replies[place][n % REPLIES_DEPTH]) for n in range(max(1, end - REPLIES_DEPTH + 1), end + 1))
-        return any(words[at >> 3] == n and words[at + REPLY_START >> 3] == number for n, at in slots)
+    def _unfinished(self, place: int, taken: int) -> list[int]:
+        """Commands whose last whole answer is "accepted", and `taken` without any; the oldest may be torn (A2)."""
+        last: dict[int, int] = {}
+        end = self._answered[place]
+        for n in range(max(1, end - REPLIES_DEPTH + 1), end + 1):
+            at = self._replies[place][n % REPLIES_DEPTH]
+            number, outcome, _ = REPLY_BODY.unpack_from(self._view, at + REPLY_START)
+            if self._words[at >> 3] == n:
+                last[number] = outcome
+        if taken:
+            last.setdefault(taken, ACCEPTED)
+        return [number for number, outcome in last.items() if outcome == ACCEPTED]
 
     def drain(self) -> Iterator[Received]:
         """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here."""

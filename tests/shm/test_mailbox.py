@@ -321,3 +321,22 @@ def test_an_answer_cut_short_is_given_anew(system: str, client: Client, before: 
     heir = Mailbox(system, "IO1", "io")
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(last, "failed", m.DIED)]
     heir.close()
+
+
+def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, client: Client) -> None:
+    owner = Mailbox(system, "IO1", "io")
+    for _ in range(4):
+        client.send("power_off")
+    quick, slow, slower, last = owner.drain()
+    slow.accept()
+    quick.accept()
+    slower.accept()
+    quick.done()
+    slow.fail("changed its mind")
+    owner.close()
+    client.poll()
+    heir = Mailbox(system, "IO1", "io")
+    assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(i, "failed", m.DIED) for i in (slower.id, last.id)]
+    heir.close()
+    Mailbox(system, "IO1", "io").close()
+    assert client.poll() == []  # once is enough
