@@ -287,7 +287,8 @@ class System:
     emulation: Emulation | None
     processes: tuple[Process, ...]
     supervisor_lost_s: float = 1.0
-    group: str = ""
+    group: str = ""  # may attach, too
+    service_user: str = ""  # whose shared memory is trusted besides our own and root's
     notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
 
     def io(self, name: str) -> Io:
@@ -316,8 +317,11 @@ def to_json(system: System) -> bytes:
 
 
 def from_json(data: bytes) -> System:
-    """The document from `to_json`; ValueError or TypeError when the bytes are not one."""
-    return typing.cast(System, _decode(System, json.loads(data)))
+    """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
+    try:
+        return typing.cast(System, _decode(System, json.loads(data)))
+    except (TypeError, KeyError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
+        raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 
 
 def _decode(kind: Any, value: Any) -> Any:

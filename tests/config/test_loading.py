@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import grp
+import os
+import pwd
 import shutil
 from pathlib import Path
 
@@ -30,8 +33,10 @@ def test_set_changes_the_section_of_trocar(home: Home) -> None:
 
 
 def test_set_accepts_a_mapping(home: Home) -> None:
-    system = home.load(sets={"supervisor_lost_s": "2", "group": "robots"}).system
-    assert system is not None and (system.supervisor_lost_s, system.group) == (2.0, "robots")
+    group, user = grp.getgrgid(0).gr_name, pwd.getpwuid(os.getuid()).pw_name
+    system = home.load(sets={"supervisor_lost_s": "2", "group": group, "service_user": user}).system
+    assert system is not None
+    assert (system.supervisor_lost_s, system.group, system.service_user) == (2.0, group, user)
 
 
 @pytest.mark.parametrize(
@@ -48,6 +53,9 @@ def test_set_accepts_a_mapping(home: Home) -> None:
         ("clock.x.y=1", "trocar.clock", "wall"),
         ("IOs.0.port=udp", "trocar.IOs", "clock"),
         ("processes.PSM9.cpu=1", "trocar.processes.PSM9", "PSM1"),
+        ("group=no-such-group", "trocar.group", "a group of this machine"),
+        ("service_user=no-such-user", "trocar.service_user", "a user of this machine"),
+        ("service_user=A B", "trocar.service_user", "a user of this machine"),
     ],
 )
 def test_wrong_set_is_named_as_such(home: Home, given: str, key: str, allowed: str) -> None:

@@ -131,6 +131,9 @@ DRIVE = "robots[0].actuators[0].drive"
         (SYSTEM, "boards: emulated", "board: emulated", "trocar.board", '"emulated"', "boards"),
         (SYSTEM, "boards: emulated", "boards: simulated", "trocar.boards", '"simulated"', '"real", "emulated"'),
         (SYSTEM, "boards: emulated", "clock: lockstep", "trocar.clock", '"lockstep"', "wall"),
+        (SYSTEM, "boards: emulated", "group: nobodies", "trocar.group", '"nobodies"', "a group of this machine"),
+        (SYSTEM, "boards: emulated", "service_user: nbdy", "trocar.service_user", '"nbdy"', "a user of this machine"),
+        (SYSTEM, "boards: emulated", "service_user: 7", "trocar.service_user", "7", "a text"),
         (SYSTEM, "boards: emulated", "io: {spin_us: 51}", "trocar.io.spin_us", "51", "up to 50"),
         (SYSTEM, "boards: emulated", "processes: {PSM2: {cpu: 1}}", "trocar.processes.PSM2", '{"cpu": 1}', "IO1, PSM1"),
         (

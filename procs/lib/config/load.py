@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import grp
+import pwd
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -89,6 +91,7 @@ def _load(
         return None
     context.search = _with_settings(context, source, content)
     _check_names(context, source, content)
+    _check_accounts(context, source, options)
     emulated = (boards or options.boards) == "emulated"
     if boards not in (None, "real", "emulated"):
         context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
@@ -117,6 +120,17 @@ def _options(context: Context, source: Source) -> TrocarSection | None:
     options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
     context.problems += problems
     return options
+
+
+def _check_accounts(context: Context, source: Source, options: TrocarSection) -> None:
+    """Who else may attach must be known to this machine, or shared memory could not be given to them."""
+    rows = (("group", "group", options.group, grp.getgrnam), ("service_user", "user", options.service_user, pwd.getpwnam))
+    for key, what, name, find in rows:
+        try:
+            if name:
+                find(name)
+        except KeyError:
+            context.error(source, (SECTION, key), f"this machine has no such {what}", f"a {what} of this machine")
 
 
 def _with_settings(context: Context, source: Source, content: SystemFile) -> SearchPath:
@@ -209,6 +223,7 @@ def _assemble(
         processes=processes,
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
+        service_user=options.service_user,
         notes=tuple(dict.fromkeys(context.notes)),
     )
 

@@ -11,6 +11,7 @@ from procs.lib.config.validate import Section
 Period = Annotated[float, Field(ge=0.0001, le=0.1, description="s")]
 Priority = Annotated[int, Field(ge=0, le=98, description="SCHED_FIFO priority, 0 for none")]
 Cpu = Annotated[int, Field(ge=0, le=1023, description="number of a processor")]
+Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
@@ -62,7 +63,8 @@ class TrocarSection(Section):
 
     clock: Literal["wall", "lockstep"] = "wall"
     boards: Literal["real", "emulated"] = "real"
-    group: str = Field(default="", pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$", description="a group of this machine")
+    group: Account = Field(default="", description="a group of this machine")
+    service_user: Account = Field(default="", description="a user of this machine")
     supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
