@@ -293,12 +293,15 @@ class RingReader:
         self._at, self._slot = self._places[n % self._depth]
 
     def last(self, count: int) -> NDArray[Any]:
-        """Up to `count` newest records, oldest first, as one structured array; only whole ones."""
+        """Up to `count` newest records, oldest first, as one structured array: whole ones, without a hole.
+
+        What the writer came round to meanwhile is left out with all that is older: as many as are missing at the front.
+        """
         head = int(self._words[HEAD])
         return self._collect(max(1, head - min(count, self._depth - 1) + 1), head)
 
     def since(self, stamp_ns: int) -> NDArray[Any]:
-        """All records kept whose stamp is at least `stamp_ns`, oldest first."""
+        """All records kept whose stamp is at least `stamp_ns`, oldest first; whole and without a hole, as in `last`."""
         head = int(self._words[HEAD])
         kept = range(max(1, head - self._depth + 2), head + 1)
         begin = bisect_left(kept, stamp_ns, key=lambda n: int(self._words[self._places[n % self._depth][0] + 1]))
@@ -308,15 +311,14 @@ class RingReader:
     def _collect(self, begin: int, end: int) -> NDArray[Any]:
         numbers = range(begin, end + 1)
         rows: NDArray[Any] = np.zeros(len(numbers), dtype=self._dtype)
-        keep = np.zeros(len(numbers), dtype=bool)
-        size = self._dtype.itemsize
+        size, first = self._dtype.itemsize, 0
         target = rows.view(np.uint8).reshape(-1).data
         for i, n in enumerate(numbers):
             at, slot = self._places[n % self._depth]
-            target[i * size : (i + 1) * size] = slot
-            keep[i] = self._words[at] == n
-        whole: NDArray[Any] = rows[keep & (rows["sequence"] == np.arange(begin, end + 1, dtype=np.uint64))]
-        return whole
+            target[i * size : (i + 1) * size] = slot  # R2
+            if self._words[at] != n:  # R3
+                first = i + 1
+        return rows[first:]
 
     def close(self) -> None:
         """Unmap."""

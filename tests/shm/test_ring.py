@@ -199,7 +199,7 @@ def test_a_half_written_newest_slot_is_never_given(ring: Ring) -> None:
         words[(hand.header.first + 2 * hand.header.stride) // 8] = 0  # as if the writer had come round to it
         assert not reader.newest() and reader.torn == 1
         assert rest(reader) == [1] and reader.lost == 1
-        assert reader.last(9)["value"].tolist() == [1]
+        assert len(reader.last(9)) == 0  # who has come round to 2 has overwritten 1
 
 
 def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: Ring) -> None:
