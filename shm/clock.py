@@ -13,7 +13,7 @@ from collections.abc import Callable
 from shm.doorbell import Futex
 from shm.layout import schema_of
 from shm.pulse import Pulse
-from shm.segment import Segment, create, segment_name
+from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic
 
 PAGE = Topic(
@@ -95,14 +95,18 @@ class LockstepClock:
         self._turn.wake()
 
 
+def create_clock(system: str, make: Make = create) -> int:
+    """Make the clock page; returns its size."""
+    return make(segment_name(system, "supervisor", "clock"), "clock", SCHEMA, 1, {})
+
+
 class Conductor:
     """The supervisor's end of lock-step: owns the clock page."""
 
-    def __init__(self, system: str, *, mode: int = 0o600, group: int = -1) -> None:
+    def __init__(self, system: str, make: Make = create) -> None:
         """Make the page and set simulated time to EPOCH_NS."""
-        name = segment_name(system, "supervisor", "clock")
-        self.size = create(name, "clock", SCHEMA, 1, mode=mode, group=group)
-        self._segment = Segment(name, write=True)
+        self.size = create_clock(system, make)
+        self._segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
         first = self._segment.header.first
         at = (first + SCHEMA.offset("now_ns")) // 8
         self._now = self._segment.view.cast("q")[at : at + 1]

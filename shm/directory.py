@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from shm.layout import Schema, schema_from_json, schema_of
+from shm.layout import LayoutError, Schema, schema_from_json, schema_of
 from shm.ring import HEAD, RingReader, RingWriter, attach
-from shm.segment import Segment, SegmentError, create, names_of, segment_name
+from shm.segment import Make, Segment, SegmentError, create, names_of, segment_name
 from shm.topics import TOPICS, Topic
 
 RING = "ring"
@@ -42,14 +42,13 @@ def rings(system: str) -> list[tuple[str, str]]:
 
 
 def create_ring(
-    system: str, instance: str, topic: Topic, dims: Mapping[str, int], info: Mapping[str, Any], *, mode: int = 0o600,
-    group: int = -1,
+    system: str, instance: str, topic: Topic, dims: Mapping[str, int], info: Mapping[str, Any], make: Make = create
 ) -> int:
     """Make the ring of an instance's topic; returns its size. `dims` fill the named sizes of the row."""
     schema = schema_of(topic, dims)
     depth = topic.depth or max(2, round(topic.depth_s * topic.rate_hz))
     meta = {"dims": dict(dims), "rate_hz": topic.rate_hz, **info}
-    return create(segment_name(system, instance, topic.name), RING, schema, depth, meta, mode=mode, group=group)
+    return make(segment_name(system, instance, topic.name), RING, schema, depth, meta)
 
 
 def reader(system: str, instance: str, topic: str, kind: str | None = None) -> RingReader:
@@ -76,17 +75,26 @@ def _expected(segment: Segment, kind: str | None, topic: str) -> Schema | None:
     if kind is None:
         return None
     dims = segment.header.info.get("dims", {})
-    if not isinstance(dims, dict):
-        raise SegmentError(f"{segment.name}: its sizes are not readable")
-    return schema_of(topic_of(kind, topic), dims)
+    try:
+        return schema_of(topic_of(kind, topic), dims)
+    except (LayoutError, TypeError, ValueError) as error:  # its header may say anything
+        raise SegmentError(f"{segment.name}: its sizes {str(dims)[:64]!r} are not readable: {error}") from None
 
 
-def publish_document(system: str, text: bytes, *, mode: int = 0o600, group: int = -1) -> int:
-    """Make the document segment; returns its size."""
-    schema = _document_schema(len(text))
+def create_document(system: str, length: int, make: Make = create) -> int:
+    """Make the segment for a document of `length` bytes, empty as yet; returns its size."""
     name = segment_name(system, "supervisor", "document")
-    size = create(name, "document", schema, 1, mode=mode, group=group)
-    with Segment(name, write=True) as segment:
+    try:
+        schema = _document_schema(length)
+    except LayoutError as error:
+        raise SegmentError(f"{name}: {error}") from None
+    return make(name, "document", schema, 1, {})
+
+
+def publish_document(system: str, text: bytes, make: Make = create) -> int:
+    """Make the document segment and fill it; returns its size."""
+    size = create_document(system, len(text), make)
+    with Segment(segment_name(system, "supervisor", "document"), write=True) as segment:
         start = segment.header.first + 16
         segment.view[start : start + len(text)] = text
         segment.words()[HEAD] = 1  # the head: the text is whole

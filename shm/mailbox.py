@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 from shm.commands import COMMANDS, Command
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
 from shm.ring import attach
-from shm.segment import Segment, create, segment_name
+from shm.segment import Make, Segment, create, segment_name
 from shm.topics import COMMAND, REPLY
 
 CLIENTS = 16
@@ -89,12 +89,12 @@ NOBODY = bytes(8 * CLIENTS)
 NOTHING: Iterator[Received] = iter(())
 
 
-def create_mailbox(system: str, instance: str, kind: str, *, mode: int = 0o600, group: int = -1) -> int:
+def create_mailbox(system: str, instance: str, kind: str, make: Make = create) -> int:
     """Make the mailbox of an instance of `kind`; returns its size."""
     commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves}
                 for c in COMMANDS.get(kind, ())]
     info = {"kind": kind, "commands": commands}
-    return create(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info, mode=mode, group=group)
+    return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 
 
 class MailboxMap:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shm.doorbell import PLACES, Bell, Futex, Waiter
 from shm.layout import cut_text, schema_of
 from shm.ring import attach
-from shm.segment import Segment, create, segment_name
+from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic
 
 STATES = ("CREATED", "STARTING", "RUNNING", "STOPPING", "STOPPED", "FAILED")
@@ -56,9 +56,9 @@ CONTROL = Topic(
 SCHEMA = schema_of(CONTROL)
 
 
-def create_control(system: str, instance: str, *, mode: int = 0o600, group: int = -1) -> int:
+def create_control(system: str, instance: str, make: Make = create) -> int:
     """Make the control page of an instance; returns its size."""
-    return create(segment_name(system, instance, "control"), "control", SCHEMA, 1, mode=mode, group=group)
+    return make(segment_name(system, instance, "control"), "control", SCHEMA, 1, {})
 
 
 def _offset(segment: Segment, name: str) -> int:

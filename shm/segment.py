@@ -49,9 +49,10 @@ from shm.order import Words, ordered
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 FOLDER = Path("/dev/shm")
 CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 10, 0.002
+Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
-    "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Segment",
-    "SegmentError", "SegmentFull", "create", "free_bytes", "names_of", "path_of", "segment_name", "size_of",
+    "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
+    "Segment", "SegmentError", "SegmentFull", "create", "free_bytes", "names_of", "path_of", "segment_name", "size_of",
     "start_time", "unlink",
 ]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import grp
 import logging
 import os
 import signal
@@ -28,7 +27,7 @@ from shm.events import Events
 from shm.mailbox import Mailbox
 from shm.pulse import Pulse
 from shm.ring import RingWriter
-from shm.segment import SegmentError
+from shm.segment import Make, SegmentError
 
 BEAT_S = 0.02
 BARRIER_S = 60.0
@@ -49,30 +48,30 @@ class Supervisor:
     def __init__(self, system: System) -> None:
         """Make all shared memory; SegmentError when the name is taken or memory is full."""
         self.system = system
-        group = grp.getgrnam(system.group).gr_gid if system.group else -1
+        memory.trust(system.service_user)
         self.stopping = ""
         self._name = memory.hold_name(system.name)
         try:
-            self._make(group)
+            self._make(memory.maker(system.group))
         except BaseException:  # nobody has us yet to close us
             self._name.close()
             raise
 
-    def _make(self, group: int) -> None:
+    def _make(self, make: Make) -> None:
         system = self.system
         left = memory.clear_left_over(system.name)
         if left:
             log.warning("cleared %d segments that a dead system left", left)
         folder = log_folder(os.environ, system.name)
         folder.mkdir(parents=True, exist_ok=True)
-        self.size = memory.create_all(system, group)
+        self.size = memory.create_all(system, make)
         try:
-            self._begin(folder)
+            self._begin(folder, make)
         except BaseException:
             memory.remove_all(system.name)
             raise
 
-    def _begin(self, folder: Path) -> None:
+    def _begin(self, folder: Path, make: Make) -> None:
         """Take our places in the memory that is there now."""
         system = self.system
         self.pulse = Pulse(system.name, "supervisor", write=True)
@@ -81,7 +80,8 @@ class Supervisor:
         highest = max((p.priority for p in system.processes), default=0)
         row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
         self.pulse.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
-        self.conductor = Conductor(system.name) if system.clock == "lockstep" else None
+        self.conductor = Conductor(system.name, make) if system.clock == "lockstep" else None
+        self.size += self.conductor.size if self.conductor is not None else 0
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns)
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor")

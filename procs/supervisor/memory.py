@@ -4,20 +4,37 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import grp
+import os
 import socket
 from typing import Any, Final
 
 from procs.lib.document import Io, Process, System, to_json
 from procs.manifest import proc
 from shm import directory
-from shm.clock import monotonic_ns, pause
+from shm.clock import create_clock, monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.mailbox import create_mailbox
+from shm.owners import SERVICE_USER
 from shm.pulse import create_control
-from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
+from shm.segment import (
+    FOLDER,
+    Make,
+    Segment,
+    SegmentError,
+    SegmentFull,
+    create,
+    free_bytes,
+    names_of,
+    segment_name,
+    size_of,
+    unlink,
+)
 
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
+MEGABYTE: Final = 1 << 20
 Dims = dict[str, int]
 Info = dict[str, Any]
 
@@ -98,34 +115,69 @@ def _orphans(name: str) -> list[str]:
     return found
 
 
-def create_all(system: System, group: int = -1) -> int:
-    """Make every segment of the system; returns the total size in bytes. On error nothing is left."""
-    mode = 0o660 if group >= 0 else 0o600
+def maker(group: str) -> Make:
+    """How segments are made: for us alone, or for a group of this machine as well."""
+    if not group:
+        return create
+    return functools.partial(create, mode=0o660, group=grp.getgrnam(group).gr_gid)
+
+
+def trust(service_user: str) -> None:
+    """We and every process we start accept segments of this user, too; empty: what the environment says holds."""
+    if service_user:
+        os.environ[SERVICE_USER] = service_user
+
+
+def needed(system: System) -> int:
+    """Bytes of shared memory the system takes."""
+    total = directory.create_document(system.name, len(to_json(system)), size_of) + _create_rest(system, size_of)
+    return total + (create_clock(system.name, size_of) if system.clock == "lockstep" else 0)
+
+
+def create_all(system: System, make: Make = create) -> int:
+    """Make every segment of the system but the clock; returns the total size in bytes. On error nothing is left.
+
+    SegmentFull when there is no room; what is obviously too much is not even begun.
+    """
+    total, free = needed(system), free_bytes()
+    if total > free:
+        raise SegmentFull(_no_room(system.name, total, free))
     try:
-        total = create_control(system.name, "supervisor", mode=mode, group=group)
-        total += directory.publish_document(system.name, to_json(system), mode=mode, group=group)
-        supervisor = Process("supervisor", "supervisor", proc("supervisor").period_s)
-        for process in (supervisor, *system.processes):
-            total += _create_instance(system, process, mode, group)
-    except BaseException:
-        for name, instance, what in names_of(system.name):
-            unlink(segment_name(name, instance, what))
+        made = directory.publish_document(system.name, to_json(system), make) + _create_rest(system, make)
+    except BaseException as error:
+        remove_all(system.name)
+        if isinstance(error, SegmentFull):  # somebody else took it meanwhile
+            raise SegmentFull(_no_room(system.name, total, free_bytes())) from None
         raise
-    return total
+    return made
 
 
-def _create_instance(system: System, process: Process, mode: int, group: int) -> int:
+def _no_room(name: str, total: int, free: int) -> str:
+    size = os.statvfs(FOLDER)
+    larger = -(-(size.f_blocks * size.f_frsize + total - free) // MEGABYTE) + 1
+    return (f"shared memory is full: system {name} needs {total / MEGABYTE:.1f} MiB, {max(free, 0) / MEGABYTE:.1f} MiB "
+            f"are free in {FOLDER}; clear what is left there (trocar down, ls -l {FOLDER}), or make it larger "
+            f"(as root: mount -o remount,size={larger}M {FOLDER})")
+
+
+def _create_rest(system: System, make: Make) -> int:
+    total = create_control(system.name, "supervisor", make)
+    supervisor = Process("supervisor", "supervisor", proc("supervisor").period_s)
+    return total + sum(_create_instance(system, process, make) for process in (supervisor, *system.processes))
+
+
+def _create_instance(system: System, process: Process, make: Make) -> int:
     total = 0
     if process.kind != "supervisor":
-        total += create_control(system.name, process.name, mode=mode, group=group)
+        total += create_control(system.name, process.name, make)
     if process.kind in COMMANDS:
-        total += create_mailbox(system.name, process.name, process.kind, mode=mode, group=group)
+        total += create_mailbox(system.name, process.name, process.kind, make)
     dims, info = sizes(system, process)
     topics = ("state",) if process.kind == "supervisor" else proc(process.kind).topics
     for topic in (*topics, "events"):
         row = directory.topic_of(process.kind, topic)
         total += directory.create_ring(system.name, process.name, row, dims if topic != "events" else {},
-                                       {"kind": process.kind, **info}, mode=mode, group=group)
+                                       {"kind": process.kind, **info}, make)
     return total
 
 

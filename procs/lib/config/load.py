@@ -124,8 +124,9 @@ def _options(context: Context, source: Source) -> TrocarSection | None:
 
 def _check_accounts(context: Context, source: Source, options: TrocarSection) -> None:
     """Who else may attach must be known to this machine, or shared memory could not be given to them."""
-    rows = (("group", "group", options.group, grp.getgrnam), ("service_user", "user", options.service_user, pwd.getpwnam))
-    for key, what, name, find in rows:
+    groups, users = ("group", options.group, grp.getgrnam), ("service_user", options.service_user, pwd.getpwnam)
+    for key, name, find in (groups, users):
+        what = key.removeprefix("service_")
         try:
             if name:
                 find(name)
