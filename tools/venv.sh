@@ -1,5 +1,5 @@
 # Makes the project's own .venv on first use and again when its requirements change. Sourced by tools/start and tools/test.
-# Sets: root, python. Argument: the extras to install, e.g. "" or "[dev]".
+# Sets: root, python. Argument: the extras to install, e.g. "" or "[dev,bench]".
 
 root=$(cd "$(dirname "$0")/.." && pwd)
 python="$root/.venv/bin/python"
