@@ -33,6 +33,9 @@ class Interrupted:
         self.newest_at[index] = self._meanwhile()
         return int(self._words[index])
 
+    def __setitem__(self, index: int, value: int, /) -> None:
+        raise AssertionError("a reader has written")
+
 
 class Pair:
     """A ring with a writer, and a reader in whose every load the writer may come."""
@@ -47,7 +50,8 @@ class Pair:
         self.reader = RingReader(Segment(self.name))
         self.witness = Witness(self.reader, Lives())
         self._pace = iter(pace)
-        self.words = self.reader._words = Interrupted(self.reader._words, self._meanwhile)
+        self.words = Interrupted(self.reader._words, self._meanwhile)
+        self.reader._words = self.words
 
     def _meanwhile(self) -> int:
         for _ in range(next(self._pace, 0)):

@@ -115,7 +115,9 @@ class Witness:
 
     def _whole(self, n: int, number: int, stamp: int, life: int, data: NDArray[np.uint64]) -> None:
         if not (number == stamp == n and np.array_equal(data - first_word(n, life), self._count)):
-            raise Violation(f"record {n} is torn: number {number}, stamp {stamp}, life {life}, data {data}")
+            other = int(np.count_nonzero(data - first_word(n, life) != self._count))
+            raise Violation(f"record {n} is torn: number {number}, stamp {stamp}, life {life}, "
+                            f"{other} of {data.size} words belong to another")
         self._lives.judge(n, life)
 
     def newest(self) -> bool:

@@ -1,0 +1,147 @@
+"""Seeded mistakes in the protocols of shm/, to show that the harness of kills.py catches them. One function each; it
+puts the mistake into this process. Each is one that the numbered steps forbid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from shm import doorbell, ring, segment
+from shm.client import Client, MailboxFull
+from shm.clock import monotonic_ns
+from shm.mailbox import (
+    COMMAND_HEAD,
+    COMMAND_START,
+    COMMANDS_DEPTH,
+    COMMANDS_OF,
+    FAILED,
+    REPLIES_DEPTH,
+    REPLY_START,
+    Mailbox,
+    Received,
+)
+from shm.ring import HEAD, RingWriter
+
+
+def head_first() -> None:
+    """W4 before W2: head names a record that is not there yet."""
+
+    def publish(self: RingWriter, stamp_ns: int) -> int:
+        n, words = self.sequence + 1, self._words
+        self._stamp[1] = stamp_ns
+        words[HEAD] = n  # W4
+        self._slot[:] = self._source  # W2
+        words[self._at] = n  # W3
+        self.sequence = n
+        self._at, self._slot = self._places[(n + 1) % self._depth]
+        words[self._at] = n + ring.NEXT_BUSY  # W1
+        return n
+
+    RingWriter.publish = publish  # type: ignore[method-assign]
+
+
+def never_busy() -> None:
+    """No W1: a slot keeps its old number while it is overwritten."""
+
+    def publish(self: RingWriter, stamp_ns: int) -> int:
+        n, words = self.sequence + 1, self._words
+        self._stamp[1] = stamp_ns
+        self._slot[:] = self._source  # W2
+        words[self._at] = n  # W3
+        words[HEAD] = n  # W4
+        self.sequence = n
+        self._at, self._slot = self._places[(n + 1) % self._depth]
+        return n
+
+    RingWriter.publish = publish  # type: ignore[method-assign]
+
+
+def forgotten_record() -> None:
+    """No V1: the successor gives the number of a record that is out, but not in head, a second time."""
+
+    def recover(self: RingWriter) -> int:
+        return self._words[HEAD]
+
+    RingWriter._recover = recover  # type: ignore[method-assign]
+
+
+def same_epoch() -> None:
+    """A claim that does not count."""
+
+    def claim(self: segment.Segment, name: str) -> segment.Identity:
+        identity = honest(self, name)
+        self.view[68:72] = (identity.epoch - 1).to_bytes(4, "little")
+        return identity
+
+    honest = segment.Segment.claim
+    segment.Segment.claim = claim  # type: ignore[method-assign]
+
+
+def flag_for_ever() -> None:
+    """No E5: the flag of a dead waiter stays up."""
+    doorbell.Places.while_free = lambda self, place, act: False  # type: ignore[method-assign]
+
+
+def run_then_taken() -> None:
+    """N3 behind N4: who dies in between leaves a command to his successor that has run."""
+
+    def take(self: Mailbox, place: int, n: int) -> Received | None:
+        at = self._slots[place][n % COMMANDS_DEPTH] + COMMAND_START
+        _, number, code, count = COMMAND_HEAD.unpack_from(self._view, at)
+        raw = self._view[at : at + COMMANDS_OF[count].size].tobytes()  # N2
+        return Received(self, place, number, self._table[code], raw)
+
+    def answer(self: Mailbox, place: int, number: int, outcome: int, text: str) -> None:
+        honest(self, place, number, outcome, text)
+        if outcome != FAILED:
+            self._taken[place] = self._words[self._taken_at[place]] = number  # N3
+
+    honest = Mailbox.answer
+    Mailbox._take, Mailbox.answer = take, answer  # type: ignore[method-assign]
+
+
+def silence() -> None:
+    """No V2: what the dead owner had taken is never answered."""
+    Mailbox._unfinished = lambda self, place, taken: []  # type: ignore[method-assign]
+
+
+def half_an_answer() -> None:
+    """V2 without a look at A3: an answer cut short counts as given."""
+
+    def unfinished(self: Mailbox, place: int, taken: int) -> list[int]:
+        end = self._answered[place]
+        slots = (self._replies[place][n % REPLIES_DEPTH] for n in range(max(1, end - REPLIES_DEPTH + 1), end + 1))
+        return [taken] if taken and not any(self._words[at + REPLY_START >> 3] == taken for at in slots) else []
+
+    Mailbox._unfinished = unfinished  # type: ignore[method-assign]
+
+
+def sent_first() -> None:
+    """M3 before M2: the owner is told of a command that is not there yet."""
+
+    def send(self: Client, name: str, values: Any = (), text: str = "") -> int:
+        n = self._count + 1
+        if n - self._words[self._taken] > COMMANDS_DEPTH:
+            raise MailboxFull("full")
+        self._count = self._words[self._sent] = n  # M3
+        at, numbers = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, np.asarray(values, dtype=np.float64)
+        COMMANDS_OF[len(numbers)].pack_into(
+            self._view, at, monotonic_ns(), n, self._codes[name], len(numbers), text.encode(), *numbers)  # M2
+        return n
+
+    Client.send = send  # type: ignore[method-assign]
+
+
+# name: (the mistake, who must die, at which step to begin, and for how many lives at most, until it shows)
+WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
+    "head first": (head_first, "writer", 1, 100),
+    "forgotten record": (forgotten_record, "writer", 1, 100),
+    "same epoch": (same_epoch, "writer", 1, 2),
+    "flag for ever": (flag_for_ever, "reader", 1, 100),
+    "sent first": (sent_first, "client", 1, 100),
+    "run, then taken": (run_then_taken, "owner", 100, 300),
+    "silence": (silence, "owner", 100, 300),
+    "half an answer": (half_an_answer, "owner", 200, 400),
+}
