@@ -136,8 +136,7 @@ class Follow:
         record = self._record
         for follower in self._followers:
             source = follower.source
-            source.newest()
-            stamp_ns = source.stamp_ns
+            stamp_ns = source.stamp_ns if source.newest() else 0  # what is not whole was never there
             age_ns = now_ns - stamp_ns
             robot = follower.robot
             record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1
