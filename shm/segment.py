@@ -52,8 +52,8 @@ CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 10, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
     "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
-    "Segment", "SegmentError", "SegmentFull", "create", "free_bytes", "names_of", "path_of", "segment_name", "size_of",
-    "start_time", "unlink",
+    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "path_of",
+    "segment_name", "size_of", "start_time", "unlink",
 ]
 
 
@@ -79,17 +79,19 @@ def segment_name(system: str, instance: str, what: str) -> str:
     return f"/trocar~{system}~{instance}~{what}"
 
 
-def names_of(system: str | None = None) -> list[tuple[str, str, str]]:
+def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[str, str, str]]:
     """All segments of accepted owners as (system, instance, what), of one system or of all; sorted.
 
-    What other users, or other programs, have put there under such names is none of ours.
+    What other users have put there is none of ours; `foreign` lists that instead.
     """
     accepted = _accepted()
     found = []
     for path in FOLDER.glob("trocar~*"):
         parts = path.name.split("~")
-        if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]) and _owner(path) in accepted:
-            found.append((parts[1], parts[2], parts[3]))
+        if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]):
+            owner = _owner(path)
+            if owner >= 0 and (owner not in accepted) == foreign:
+                found.append((parts[1], parts[2], parts[3]))
     return sorted(names for names in found if system in (None, names[0]))
 
 
@@ -180,9 +182,15 @@ def _give(fd: int, name: str, group: int) -> None:
                            "root, must start the system") from None
 
 
-def _whose(name: str) -> str:
+def foreign_owner(name: str) -> str:
+    """The owner of a segment in words ("user bob") when it is not accepted; empty when it is, or is not there."""
     uid = _owner(path_of(name))
-    return "" if uid in (-1, os.getuid()) else f" and belongs to {owners.user(uid)}"
+    return "" if uid == -1 or uid in _accepted() else owners.user(uid)
+
+
+def _whose(name: str) -> str:
+    user = foreign_owner(name)
+    return f" and belongs to {user}" if user else ""
 
 
 def _reason(error: Exception) -> str:

@@ -8,7 +8,17 @@ from pathlib import Path
 
 from shm.clock import pause
 from shm.directory import systems
-from shm.segment import Identity, Segment, SegmentError, names_of, segment_name, start_time, unlink
+from shm.owners import SERVICE_USER
+from shm.segment import (
+    Identity,
+    Segment,
+    SegmentError,
+    foreign_owner,
+    names_of,
+    segment_name,
+    start_time,
+    unlink,
+)
 from tools.errors import Problem
 
 BEING_MADE_S = 0.5
@@ -54,7 +64,7 @@ def chosen_system(name: str | None = None) -> str:
     known = systems()
     if name:
         if name not in known:
-            raise Problem(f"no system {name} is up; {_there_are([s for s in known if is_up(s)])}")
+            raise Problem(f"no system {name} is up; {_there_are([s for s in known if is_up(s)])}{_of_others(name)}")
         return name
     up = [s for s in known if is_up(s)]
     if len(up) == 1:
@@ -62,7 +72,15 @@ def chosen_system(name: str | None = None) -> str:
     if up:
         raise Problem(f"several systems are up: {', '.join(up)}; choose one with --system or TROCAR_SYSTEM")
     left = f" ({', '.join(known)} died and left shared memory: trocar down clears it)" if known else ""
-    raise Problem(f"no system is up{left}; trocar up starts one")
+    raise Problem(f"no system is up{left}; trocar up starts one{_of_others()}")
+
+
+def _of_others(name: str | None = None) -> str:
+    """What is to be said of systems of users whose shared memory is not accepted."""
+    found = sorted({(s, foreign_owner(segment_name(s, i, what))) for s, i, what in names_of(name, foreign=True)
+                    if (i, what) == ("supervisor", "document")})
+    said = [f"{system} belongs to {user}" for system, user in found if user]
+    return f" ({', '.join(said)}; {SERVICE_USER} names a user to trust)" if said else ""
 
 
 def _there_are(names: list[str]) -> str:

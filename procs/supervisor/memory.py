@@ -25,6 +25,7 @@ from shm.segment import (
     SegmentError,
     SegmentFull,
     create,
+    foreign_owner,
     free_bytes,
     names_of,
     segment_name,
@@ -34,7 +35,7 @@ from shm.segment import (
 
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
-MEGABYTE: Final = 1 << 20
+MEGABYTE: Final = 1e6
 Dims = dict[str, int]
 Info = dict[str, Any]
 
@@ -77,16 +78,21 @@ def hold_name(name: str) -> socket.socket:
         lock.close()
         if error.errno != errno.EADDRINUSE:
             raise
-        raise SegmentError(f"system {name} is up already{_pid_of(name)}; trocar down stops it") from None
+        raise SegmentError(f"system {name} is up already{_holder(name)}") from None
     return lock
 
 
-def _pid_of(name: str) -> str:
+def _holder(name: str) -> str:
+    """Who has the name, and what to do about it."""
+    control = segment_name(name, "supervisor", "control")
+    user = foreign_owner(control)
+    if user:
+        return f", of {user}; choose another name (--system)"
     try:
-        with Segment(segment_name(name, "supervisor", "control")) as segment:
-            return f" (supervisor pid {segment.identity().pid})"
+        with Segment(control) as segment:
+            return f" (supervisor pid {segment.identity().pid}); trocar down stops it"
     except SegmentError:
-        return " (it is just starting or ending)"
+        return " (it is just starting or ending, or another program holds its name); try again, or choose another name"
 
 
 def clear_left_over(name: str) -> int:
@@ -154,9 +160,9 @@ def create_all(system: System, make: Make = create) -> int:
 
 def _no_room(name: str, total: int, free: int) -> str:
     size = os.statvfs(FOLDER)
-    larger = -(-(size.f_blocks * size.f_frsize + total - free) // MEGABYTE) + 1
-    return (f"shared memory is full: system {name} needs {total / MEGABYTE:.1f} MiB, {max(free, 0) / MEGABYTE:.1f} MiB "
-            f"are free in {FOLDER}; clear what is left there (trocar down, ls -l {FOLDER}), or make it larger "
+    larger = (size.f_blocks * size.f_frsize + total - free >> 20) + 1
+    return (f"shared memory is full: system {name} needs {total / MEGABYTE:.1f} MB, {free / MEGABYTE:.1f} MB are free "
+            f"in {FOLDER}; clear what is left there (trocar down, ls -l {FOLDER}), or make it larger "
             f"(as root: mount -o remount,size={larger}M {FOLDER})")
 
 
