@@ -22,7 +22,7 @@ from shm.mailbox import (
     Mailbox,
     Received,
 )
-from shm.ring import HEAD, RingWriter
+from shm.ring import HEAD, RingReader, RingWriter
 
 
 def head_first() -> None:
@@ -145,3 +145,28 @@ WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
     "silence": (silence, "owner", 100, 300),
     "half an answer": (half_an_answer, "owner", 200, 400),
 }
+
+
+def no_second_look() -> None:
+    """No R3: whatever was copied counts."""
+
+    def newest(self: RingReader) -> bool:
+        n = self._words[HEAD]  # R1
+        self._target[:] = self._places[n % self._depth][1]  # R2
+        self.sequence = n
+        return n > 0
+
+    def following(self: RingReader) -> bool:
+        n = self._next
+        if self._words[self._at] != n:  # S1
+            return self._next_again()
+        self._target[:] = self._slot  # R2
+        self.sequence = n
+        self._go_to(n + 1)
+        return True
+
+    RingReader.newest, RingReader.next = newest, following  # type: ignore[method-assign]
+
+
+# Mistakes that show when writer and reader meet, by chance; test_stress.py gives them many.
+TEARING: dict[str, Callable[[], None]] = {"never busy": never_busy, "no second look": no_second_look}

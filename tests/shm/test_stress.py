@@ -1,0 +1,88 @@
+"""One writer and eight readers, real processes: no record is torn, and every one that is lost is counted."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from typing import Any
+
+import pytest
+
+from shm.directory import create_ring
+from tests.shm.witness import topic
+from tests.shm.wrongs import TEARING
+
+WRITE = "from tests.shm.crowd import write; write()"
+READ = "from tests.shm.crowd import read; read()"
+CROWD = ("next", "next", "next", "next", "newest", "newest", "newest", "history")
+SIZES = {216: 256, 4096: 64}  # bytes of payload: slots
+FULL_SPEED, TABLED = 0, 1500
+SHORT, LONG = 60_000, 1_000_000  # reads by all eight together
+
+
+def meet(world: Any, size: int, rate_hz: int, reads: int) -> list[dict[str, Any]]:
+    """The reports of the writer and of all readers; four come before the writer, four when it is at work."""
+    create_ring(world.name, "io", topic(SIZES[size], size), {}, {})
+    few = reads // 32  # who takes each record gets at most as many as there are, and is always behind at full speed
+    if rate_hz:
+        few = min(few, rate_hz // 2)
+    quotas = [few if verb == "next" else (reads - 4 * few) // 4 + 1 for verb in CROWD]
+
+    def join(verb: str, quota: int) -> subprocess.Popen[str]:
+        reader: subprocess.Popen[str] = world.start(READ, "", verb, str(quota))
+        return reader
+
+    pairs = list(zip(CROWD, quotas, strict=True))
+    readers = [join(*pair) for pair in pairs[::2]]
+    assert all(said(r) == "attached" for r in readers)
+    writer = world.start(WRITE, "", str(rate_hz))
+    readers += [join(*pair) for pair in pairs[1::2]]
+    assert all(said(r) == "attached" for r in readers[4:])
+    assert all(said(r) == "enough" for r in readers)
+    reports = [json.loads(world.finish(process)) for process in (writer, *readers)]
+    world.remove()
+    for report in reports:
+        print(json.dumps(report))
+    return reports
+
+
+def said(child: subprocess.Popen[str]) -> str:
+    assert child.stdout is not None
+    return child.stdout.readline().strip()
+
+
+def exact(reports: list[dict[str, Any]], reads: int) -> None:
+    """All has been counted; that nothing was torn the readers have seen to themselves."""
+    writer, readers = reports[0], reports[1:]
+    assert sum(r["reads"] for r in readers) >= reads and all(r["reads"] > 0 for r in readers), reports
+    followers = [r for r in readers if r["verb"] == "next"]
+    assert all(r["received"] + r["lost"] == r["passed"] for r in followers), reports
+    first = [r for r in followers if r["passed"] == writer["published"]]
+    assert len(first) >= 2 and all(r["passed"] <= writer["published"] for r in readers), reports
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [FULL_SPEED, TABLED])
+@pytest.mark.parametrize("size", SIZES)
+def test_eight_readers_see_whole_records_and_count_drops(world: Any, size: int, rate_hz: int) -> None:
+    exact(meet(world, size, rate_hz, SHORT), SHORT)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("rate_hz", [FULL_SPEED, TABLED])
+@pytest.mark.parametrize("size", SIZES)
+def test_a_million_reads_are_whole_and_drops_counted(world: Any, size: int, rate_hz: int) -> None:
+    exact(meet(world, size, rate_hz, LONG), LONG)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", TEARING)
+def test_a_record_torn_by_a_mistake_is_seen(world: Any, wrong: str) -> None:
+    create_ring(world.name, "io", topic(3, 4096), {}, {})
+    writer = world.start(WRITE, wrong, str(FULL_SPEED))
+    reader = world.start(READ, wrong, "next", str(LONG))  # it reads where the writer is about to write
+    assert said(reader) == "attached"
+    assert " is torn: " in said(reader)
+    assert reader.wait(timeout=30) == 1
+    world.finish(writer)
+    world.remove()
