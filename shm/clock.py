@@ -13,6 +13,7 @@ from collections.abc import Callable
 from shm.doorbell import Futex
 from shm.layout import schema_of
 from shm.pulse import Pulse
+from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic
 
@@ -60,6 +61,16 @@ class WallClock:
             pass
 
 
+def _page(system: str) -> Segment:
+    segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
+    try:
+        attach(segment, "clock", SCHEMA)
+    except BaseException:
+        segment.close()
+        raise
+    return segment
+
+
 class LockstepClock:
     """Simulated time, as seen by one process."""
 
@@ -67,7 +78,7 @@ class LockstepClock:
 
     def __init__(self, system: str, pulse: Pulse) -> None:
         """Attach the clock page of `system`; `pulse` is the process's own control page (attached with write)."""
-        self._segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
+        self._segment = _page(system)
         first = self._segment.header.first
         at = (first + SCHEMA.offset("now_ns")) // 8
         self._now = self._segment.view.cast("q")[at : at + 1]
@@ -106,17 +117,17 @@ class Conductor:
     def __init__(self, system: str, make: Make = create) -> None:
         """Make the page and set simulated time to EPOCH_NS."""
         self.size = create_clock(system, make)
-        self._segment = Segment(segment_name(system, "supervisor", "clock"), write=True)
+        self._segment = _page(system)
         first = self._segment.header.first
         at = (first + SCHEMA.offset("now_ns")) // 8
         self._now = self._segment.view.cast("q")[at : at + 1]
         self._tick = Futex(self._segment, first + SCHEMA.offset("tick"))
-        self._now[0] = EPOCH_NS
+        self._now[0] = self._time_ns = EPOCH_NS
 
     @property
     def now_ns(self) -> int:
-        """Simulated time."""
-        return int(self._now[0])
+        """Simulated time: our own copy, whatever was written into the page."""
+        return self._time_ns
 
     def advance(self, players: list[Pulse], give_up_ns: int) -> bool:
         """One step: wait until every player has finished what was due, then go to the earliest wish.
@@ -130,7 +141,7 @@ class Conductor:
                 return False
             wishes.append(int(player.get("next_ns")))
         wish = min((w for w in wishes if w > now), default=now + 1_000_000)
-        self._now[0] = wish
+        self._now[0] = self._time_ns = wish
         self._tick.wake()
         return True
 

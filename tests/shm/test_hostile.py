@@ -1,0 +1,276 @@
+"""Hostile segments: whatever the bytes are, attaching works or says why not, and nothing crashes, swells or hangs."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import tracemalloc
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procs.lib.document import from_json
+from shm import directory
+from shm.client import Client
+from shm.clock import Conductor, LockstepClock, create_clock
+from shm.mailbox import Mailbox, create_mailbox
+from shm.pulse import Pulse, create_control
+from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
+from shm.topics import SUPERVISOR_STATE
+
+SYSTEM = f"thostile{os.getpid()}"
+HANG_S = 10
+MOST_BYTES = 64 << 20
+OWNER = "supervisor"
+FIELDS = ((8, 4), (12, 4), (16, 8), (24, 4), (28, 4), (32, 4), (36, 4), (40, 8), (56, 8))  # where, bytes
+
+
+@contextlib.contextmanager
+def bounded() -> Iterator[None]:
+    """No endless loop (an alarm ends it) and no swollen memory."""
+
+    def hang(number: int, frame: FrameType | None) -> None:
+        raise AssertionError(f"not done after {HANG_S} s")
+
+    before = signal.signal(signal.SIGALRM, hang)
+    signal.setitimer(signal.ITIMER_REAL, HANG_S)
+    tracemalloc.reset_peak()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < MOST_BYTES
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of segment: how one is made, and all that may be done with it."""
+
+    name: str
+    instance: str
+    what: str
+    make: Callable[[], object]
+    use: Callable[[], object]
+
+    @property
+    def segment(self) -> str:
+        return segment_name(SYSTEM, self.instance, self.what)
+
+
+def read_ring() -> None:
+    for kind in (None, OWNER):
+        with contextlib.suppress(SegmentError), contextlib.closing(
+            directory.reader(SYSTEM, OWNER, "state", kind)
+        ) as reader:
+            assert reader.newest() in (True, False) and reader.next() in (True, False)
+            assert len(reader.last(5)) <= 5
+            reader.since(0)
+            assert isinstance(reader.trouble + str(reader.info), str)
+            assert reader.head >= 0 and reader.epoch >= 0
+
+
+def write_ring() -> None:
+    with contextlib.suppress(SegmentError), contextlib.closing(
+        directory.writer(SYSTEM, OWNER, "state", OWNER)
+    ) as writer:
+        writer.publish(1)
+        writer.publish(2)
+    read_ring()
+
+
+def use_mailbox() -> None:
+    with contextlib.ExitStack() as stack, contextlib.suppress(SegmentError):
+        owner = stack.enter_context(contextlib.closing(Mailbox(SYSTEM, "PSM1", "arm")))
+        client = stack.enter_context(contextlib.closing(Client(SYSTEM, "PSM1")))
+        with contextlib.suppress(KeyError):  # its header names another kind
+            client.send("hold")
+        for command in itertools.chain(owner.drain(), owner.drain()):
+            assert command.values.size <= 64 and isinstance(command.text + command.name, str)
+            command.done()
+        client.poll()
+        assert isinstance(client.commands, list)
+
+
+def use_control() -> None:
+    with contextlib.suppress(SegmentError), contextlib.closing(Pulse(SYSTEM, "PSM2", write=True)) as pulse:
+        assert isinstance(pulse.state + str(pulse.get("error")), str)
+        pulse.bell().ring()
+        pulse.waiter().wait(lambda: False, 1000)
+        pulse.show("RUNNING")
+
+
+def use_clock() -> None:
+    pulse = Pulse(SYSTEM, "boards", write=True)
+    with contextlib.suppress(SegmentError):
+        clock = LockstepClock(SYSTEM, pulse)
+        clock.sleep_until(clock.now_ns() + 1, lambda: True)
+        clock._segment.close()
+    pulse.close()
+
+
+def use_document() -> None:
+    with contextlib.suppress(SegmentError):
+        text = directory.document(SYSTEM)
+        with contextlib.suppress(ValueError):
+            from_json(text)
+
+
+def some_records() -> None:
+    directory.create_ring(SYSTEM, OWNER, SUPERVISOR_STATE, {"instances": 1}, {"kind": OWNER})
+    with contextlib.closing(directory.writer(SYSTEM, OWNER, "state", OWNER)) as writer:
+        for i in range(1, 300):
+            writer.publish(i)
+
+
+KINDS = {kind.name: kind for kind in (
+    Kind("ring", OWNER, "state", some_records, read_ring),
+    Kind("writer", OWNER, "state", some_records, write_ring),
+    Kind("mailbox", "PSM1", "mailbox", lambda: create_mailbox(SYSTEM, "PSM1", "arm"), use_mailbox),
+    Kind("control", "PSM2", "control", lambda: create_control(SYSTEM, "PSM2"), use_control),
+    Kind("clock", OWNER, "clock", lambda: create_clock(SYSTEM), use_clock),
+    Kind("document", OWNER, "document", lambda: directory.publish_document(SYSTEM, b'{"name":"a"}' * 9),
+         use_document),
+)}
+
+
+@pytest.fixture(scope="module")
+def templates() -> Iterator[dict[str, bytes]]:
+    """The bytes of a good segment of each kind; a page for the clock's user stays."""
+    found = {}
+    for name, kind in KINDS.items():
+        kind.make()
+        found[name] = path_of(kind.segment).read_bytes()
+        unlink(kind.segment)
+    create_control(SYSTEM, "boards")
+    tracemalloc.start()
+    yield found
+    tracemalloc.stop()
+    for parts in names_of(SYSTEM):
+        unlink(segment_name(*parts))
+
+
+HEADER = st.integers(0, 300)
+ANYWHERE = st.integers(0, 1 << 20)
+PLACES = st.one_of(HEADER, st.integers(0, 5000), ANYWHERE)
+WORDS = st.sampled_from([0, 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1])
+CHANGES = st.one_of(
+    st.tuples(st.just("flip"), PLACES, st.integers(0, 7)),
+    st.tuples(st.just("put"), PLACES, st.binary(min_size=1, max_size=40)),
+    st.tuples(st.just("word"), PLACES, WORDS),
+    st.tuples(st.just("cut"), st.one_of(ANYWHERE, HEADER), st.just(0)),
+    st.tuples(st.just("grow"), st.sampled_from([1, 4095, 4096, 1 << 16]), st.just(0)),
+    st.tuples(st.just("field"), st.integers(0, len(FIELDS) - 1), WORDS),
+)
+
+
+def changed(good: bytes, changes: list[tuple[str, int, Any]]) -> bytes:
+    raw = bytearray(good)
+    for what, at, value in changes:
+        at = at % len(raw) if raw and what not in ("grow", "field") else at
+        if what == "flip" and raw:
+            raw[at] ^= 1 << value
+        elif what == "put":
+            raw[at : at + len(value)] = value
+        elif what == "word":
+            raw[at & ~7 : (at & ~7) + 8] = value.to_bytes(8, "little")
+        elif what == "cut":
+            del raw[at:]
+        elif what == "grow":
+            raw += bytes(at)
+        elif what == "field":
+            at, size = FIELDS[at]
+            raw[at : at + size] = value.to_bytes(8, "little")[:size]
+    return bytes(raw)
+
+
+def try_out(kind: Kind, raw: bytes) -> None:
+    path = path_of(kind.segment)
+    path.write_bytes(raw)
+    path.chmod(0o600)
+    try:
+        with bounded():
+            kind.use()
+    finally:
+        path.unlink()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_unspoilt_one_works(templates: dict[str, bytes], kind: str) -> None:
+    try_out(KINDS[kind], templates[kind])
+
+
+SPOILT = st.lists(CHANGES, min_size=1, max_size=6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=25)
+@given(changes=SPOILT)
+def test_a_spoilt_segment_is_refused_or_harmless(
+    templates: dict[str, bytes], kind: str, changes: list[tuple[str, int, Any]]
+) -> None:
+    try_out(KINDS[kind], changed(templates[kind], changes))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=200)
+@given(changes=SPOILT)
+def test_many_spoilt_segments_are_refused_or_harmless(
+    templates: dict[str, bytes], kind: str, changes: list[tuple[str, int, Any]]
+) -> None:
+    try_out(KINDS[kind], changed(templates[kind], changes))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=15)
+@given(raw=st.binary(max_size=9000))
+def test_random_bytes_are_refused(templates: dict[str, bytes], kind: str, raw: bytes) -> None:
+    try_out(KINDS[kind], raw)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=20)
+@given(rest=st.binary(min_size=1, max_size=4000), data=st.data())
+def test_a_good_header_over_garbage_is_harmless(
+    templates: dict[str, bytes], kind: str, rest: bytes, data: st.DataObject
+) -> None:
+    good = templates[kind]
+    first = FIXED.unpack_from(good)[2]
+    body = (rest * (len(good) // len(rest) + 1))[: len(good) - first]
+    live = data.draw(st.binary(min_size=192, max_size=192), "identity and head")
+    try_out(KINDS[kind], good[:64] + live + good[256:first] + body)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=20)
+@given(other=st.sampled_from(sorted(KINDS)), data=st.data())
+def test_one_kind_is_not_taken_for_another(
+    templates: dict[str, bytes], kind: str, other: str, data: st.DataObject
+) -> None:
+    raw = bytearray(templates[other])
+    if data.draw(st.booleans(), "with the right kind's name"):
+        raw[40:56] = templates[kind][40:56]
+    try_out(KINDS[kind], bytes(raw))
+
+
+def test_the_conductor_keeps_a_time_of_its_own() -> None:
+    conductor = Conductor(SYSTEM)
+    try:
+        start = conductor.now_ns
+        for garbage in (-(2**63), 0, 2**63 - 1):
+            conductor._now[0] = garbage
+            assert conductor.now_ns == start
+            assert conductor.advance([], 1)
+            assert conductor.now_ns == conductor._now[0] == start + 1_000_000
+            start = conductor.now_ns
+    finally:
+        conductor.close()
+        unlink(segment_name(SYSTEM, OWNER, "clock"))
