@@ -13,7 +13,6 @@ end one step later (a walk through the code), 0 for deaths drawn from the seed. 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import json
 import os
@@ -31,14 +30,13 @@ from typing import Any, Protocol
 from shm import ring
 from shm.segment import names_of, segment_name, unlink
 from tests.shm import senders, victims, wrongs
-from tests.shm.witness import Notes, Violation, holds
+from tests.shm.witness import Notes, Violation, die_with_parent, holds
 
 TRACED = (str(Path(ring.__file__).parent) + os.sep, str(Path(__file__).with_name("wrongs.py")))
 PATIENCE_NS = 20_000_000_000
 LATE_STEPS, LATE_US = 2500, 1500  # how long a victim that has attached goes on at most
 UNTIL_KILLED = 1 << 60
 STEPS, TIME = "steps", "microseconds"
-PR_SET_PDEATHSIG = 1
 
 
 class Victim(Protocol):
@@ -103,7 +101,7 @@ class Steps:
 def child(victim: Victim, life: int, plan: Plan, notes: Notes) -> None:
     """The life of a child, up to its death; comes back never."""
     try:
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        die_with_parent()
         steps = Steps(plan.amount)
 
         def ready() -> None:

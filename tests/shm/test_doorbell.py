@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
+import platform
+import struct
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,6 +17,7 @@ from shm.doorbell import PLACES, UNHEARD
 from shm.pulse import Pulse, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
+LONG_S = 1800.0
 WAITER = """
 import sys
 from shm.pulse import Pulse
@@ -80,7 +86,7 @@ def test_only_who_waits_is_rung(pulse: Pulse) -> None:
 
 def test_a_ring_between_look_and_sleep_is_not_lost(pulse: Pulse) -> None:
     bell, waiter = pulse.bell(), pulse.waiter()
-    looks = []
+    looks: list[int] = []
 
     def ready() -> bool:
         looks.append(len(looks))
@@ -144,3 +150,96 @@ def test_waiting_needs_write_access(world: Any, pulse: Pulse) -> None:
     with pytest.raises((SegmentError, OSError)):
         reader.waiter()
     reader.close()
+
+
+def race(world: Any, which: str, *arguments: str) -> dict[str, Any]:
+    """The report of a race in races.py."""
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("a race needs two cores")
+    child = world.start(f"from tests.shm.races import {which}; {which}()", *arguments)
+    out, _ = child.communicate(timeout=LONG_S)
+    assert child.returncode == 0, "a side of the race has failed"
+    report: dict[str, Any] = json.loads(out)
+    print(json.dumps(report))
+    return report
+
+
+@pytest.mark.slow
+def test_with_the_fence_one_of_both_sees_the_other(world: Any) -> None:
+    report = race(world, "stores", "100000", "with_fence")
+    assert report["both_missed"] == 0 < report["one_missed"], report
+
+
+@pytest.mark.soak
+def test_ten_million_rounds_lose_nothing(world: Any) -> None:
+    report = race(world, "stores", "10000000", "with_fence")
+    assert report["both_missed"] == 0 < report["one_missed"], report
+
+
+@pytest.mark.slow
+def test_without_the_fence_both_miss_each_other(world: Any) -> None:
+    for rounds in (100_000, 1_000_000):
+        if race(world, "stores", str(rounds), "without_fence")["both_missed"]:
+            return
+    pytest.skip("this machine has not shown a store overtaken by a load in a million rounds")
+
+
+@pytest.mark.slow
+def test_no_wait_sleeps_through_data(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "2000", "10", "")
+    assert (report["wakeups"], report["lost"]) == (2000, 0) and report["slept"] > 100, report
+
+
+@pytest.mark.soak
+def test_a_hundred_thousand_waits_sleep_through_no_data(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "100000", "10", "")
+    assert (report["wakeups"], report["lost"]) == (100_000, 0) and report["slept"] > 5000, report
+
+
+@pytest.mark.slow
+def test_a_counter_read_too_late_is_slept_through(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "100000", "0.3", "counter_read_late")
+    assert report["lost"] == 1, report
+
+
+SLEEPS = {
+    "a wait at the bell": "Pulse(sys.argv[1], 'PSM1', write=True).waiter().wait(lambda: False, 60_000_000_000)",
+    "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
+    "a pause": "pause(60)",
+}
+SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.pulse import Pulse; "
+CLOCK_NANOSLEEP, FUTEX_ON_X86_64 = 230, 202
+CLOCK_MONOTONIC = 1
+
+
+def call_of(child: Any) -> list[int]:
+    """The system call a child is in, and its arguments; empty when it is in none."""
+    try:
+        words = Path(f"/proc/{child.pid}/syscall").read_text().split()
+    except OSError as error:
+        pytest.skip(f"/proc/…/syscall cannot be read here: {error}")
+    return [int(word, 0) for word in words] if len(words) > 6 else []
+
+
+def timespec(child: Any, at: int) -> tuple[int, int]:
+    """Seconds and nanoseconds at an address of a child."""
+    with Path(f"/proc/{child.pid}/mem").open("rb", buffering=0) as memory:
+        memory.seek(at)
+        seconds, nanoseconds = struct.unpack("<qq", memory.read(16))
+    return seconds, nanoseconds
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the numbers of system calls are those of x86-64")
+@pytest.mark.parametrize("how", SLEEPS)
+def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: Pulse, how: str) -> None:
+    child = world.start(SLEEPER + SLEEPS[how])
+    wanted = FUTEX_ON_X86_64 if "bell" in how else CLOCK_NANOSLEEP
+    world.until(lambda: call_of(child)[:1] == [wanted], "it sleeps")
+    _, first, operation, value, timeout_at, *_ = call_of(child)
+    if wanted == CLOCK_NANOSLEEP:
+        assert first == CLOCK_MONOTONIC
+    else:
+        assert (operation, value) == (0, 0)  # FUTEX_WAIT: its time-out is relative; no FUTEX_CLOCK_REALTIME, shared
+        assert timespec(child, timeout_at) == (60, 0)
+    world.kill(child)

@@ -6,7 +6,9 @@ given twice with different content has two authors.
 
 from __future__ import annotations
 
+import ctypes
 import mmap
+import signal
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from shm.topics import Field, Topic
 MASK = 2**64 - 1
 BY_NUMBER, BY_LIFE = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F
 REMEMBERED = 1 << 14
+PR_SET_PDEATHSIG = 1
 
 
 class Violation(Exception):
@@ -28,6 +31,11 @@ def holds(true: object, what: str) -> None:
     """Violation when it does not."""
     if not true:
         raise Violation(what)
+
+
+def die_with_parent() -> None:
+    """For a fork: be killed when our parent is gone."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 class Notes:
