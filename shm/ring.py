@@ -266,21 +266,21 @@ class RingReader:
 
     def _next_again(self) -> bool:
         words = self._words
-        for _ in range(RETRIES):
+        for attempt in range(RETRIES):
             n, head = self._next, words[HEAD]
             if n > head and words[self._at] != n:
                 if n > head + 2:  # two: we may have read a record whose W4 is still to come
                     self.backwards += 1
                 return False
-            if head - n >= self._depth - 1:
-                self._skip_to(head - self._depth + 2)
-                continue
-            self._target[ALL] = self._slot  # R2
-            if words[self._at] == n:  # R3
-                self.sequence = n
-                self._go_to(n + 1)
-                return True
-            self._skip_to(n + 1)
+            oldest = head - self._depth + 2
+            if n >= oldest:
+                self._target[ALL] = self._slot  # R2
+                if words[self._at] == n:  # R3
+                    self.sequence = n
+                    self._go_to(n + 1)
+                    return True
+            room = max(0, min((1 << attempt) - 1, self._depth - 2))  # a quick writer overtakes who begins at the oldest
+            self._skip_to(max(n + 1, oldest + room))
         self.torn += 1
         return self._nothing()
 
