@@ -1,0 +1,257 @@
+/* shm/mailbox.py and shm/client.py: one place; a client and an owner, each of which may be killed at every step and
+ * has a successor. Client and owner may die both, and in the middle of a recovery.
+ *
+ * A command has two cells, a reply has its id and its body, so that torn ones show. Commands of different lives of the
+ * client differ in content. Each command has one answer, given before the next one is taken, as our owners do.
+ */
+
+#ifndef COMMANDS
+#define COMMANDS 3
+#endif
+#ifndef CLIENTS
+#define CLIENTS 2       /* lives at the client's place */
+#endif
+#ifndef OWNERS
+#define OWNERS 2        /* lives of the owner */
+#endif
+#define DEPTH 2         /* of the queue, and of the reply ring */
+
+#define CLIENT 0
+#define OWNER 1
+#define PROCESSES 2
+#ifndef SIZE
+#define SIZE 2
+#endif
+#define SENT 0
+#define TAKEN 1
+#define ANSWERED 2
+#define FIRST(n) (3 + 2 * ((n) % DEPTH))
+#define SECOND(n) (4 + 2 * ((n) % DEPTH))
+#define SEQUENCE(n) (3 + 2 * DEPTH + 3 * ((n) % DEPTH))
+#define ID(n) (4 + 2 * DEPTH + 3 * ((n) % DEPTH))
+#define BODY(n) (5 + 2 * DEPTH + 3 * ((n) % DEPTH))
+#define CELLS (3 + 5 * DEPTH)
+#define ALWAYS skip
+
+#include "tso.pml"
+
+#define REFUSED 1
+#define DONE 2
+#define FAILED 3
+
+/* What no process knows, only the checks: */
+byte issued[COMMANDS + 1];      /* the content of each command past M3 */
+bool ran[COMMANDS + 1];
+byte outcome[COMMANDS + 1];     /* of each command's answer, when that is out */
+byte begun;                     /* the last reply whose slot was touched */
+bool quiet;                     /* every command is taken and answered, and all stores are out */
+
+#define KILL(life, lives) if :: skip :: life + 1 < lives -> goto killed fi
+#define DIE KILL(life, CLIENTS)
+
+/* Two stores of one copy, in any order. */
+#define STORE_BOTH(me, where, what, elsewhere, other) \
+    if \
+    :: store(me, where, what); DIE; store(me, elsewhere, other) \
+    :: store(me, elsewhere, other); DIE; store(me, where, what) \
+    fi; \
+    DIE
+
+#define CONTENT (CLIENTS * (count + 1) + life)
+
+active proctype client() {
+    byte count, known, seen, life;
+    byte head, id, body, sequence;
+begin:
+    count = 0; known = 0; seen = 0;
+#ifdef HEIR_FORGETS
+    load(CLIENT, TAKEN, count);
+#else
+    load(CLIENT, SENT, count);
+#endif
+    load(CLIENT, TAKEN, known);
+    load(CLIENT, ANSWERED, seen);
+idle:
+    head = 0; id = 0; body = 0; sequence = 0;
+    DIE;
+    if
+    :: count < COMMANDS -> goto send
+    :: memory[ANSWERED] != seen -> goto poll
+    :: count == COMMANDS && quiet && memory[ANSWERED] == seen -> goto done
+    fi;
+send:
+#ifndef NO_M1
+    if
+    :: count + 1 - known > DEPTH ->             /* M1 */
+        load(CLIENT, TAKEN, known);
+        if
+        :: count + 1 - known > DEPTH -> goto idle
+        :: else
+        fi
+    :: else
+    fi;
+#endif
+#ifdef M3_FIRST
+    issued[count + 1] = CONTENT;
+    store(CLIENT, SENT, count + 1);
+    DIE;
+#endif
+    STORE_BOTH(CLIENT, FIRST(count + 1), CONTENT, SECOND(count + 1), CONTENT);      /* M2 */
+#ifndef M3_FIRST
+    assert(issued[count + 1] == 0);
+    issued[count + 1] = CONTENT;
+    store(CLIENT, SENT, count + 1);             /* M3 */
+#endif
+    count++;
+    goto idle;
+poll:
+    head = 0;
+    load(CLIENT, ANSWERED, head);               /* B1 */
+    if
+    :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
+    :: else
+    fi;
+    do
+    :: seen < head ->
+        seen++;
+        load(CLIENT, ID(seen), id);             /* B2 */
+        load(CLIENT, BODY(seen), body);
+#ifndef NO_B3
+        load(CLIENT, SEQUENCE(seen), sequence); /* B3 */
+#else
+        sequence = seen;
+#endif
+        if
+        :: sequence == seen -> assert(body == 4 * id + outcome[id])
+        :: else -> assert(begun >= seen + DEPTH)
+        fi
+    :: else -> goto idle
+    od;
+killed:
+    life++;
+    EMPTY(CLIENT);
+    goto begin;
+done:
+    skip
+}
+
+#undef DIE
+#define DIE KILL(life, OWNERS)
+
+active proctype owner() {
+    byte taken, answered, end, life, how, number, at;
+    byte first, second;
+    bool refuse;
+begin:
+    end = 0; how = 0; number = 0; at = 0; first = 0; second = 0;
+    load(OWNER, TAKEN, taken);
+    load(OWNER, ANSWERED, answered);
+#ifndef NO_V1
+    load(OWNER, SEQUENCE(answered + 1), at);    /* V1 */
+    if
+    :: at == answered + 1 -> answered++
+    :: else
+    fi;
+#endif
+    store(OWNER, ANSWERED, answered);
+    DIE;
+#ifndef NO_V2
+    number = answered;                          /* V2 */
+    do
+    :: taken == 0 || number == 0 || number + DEPTH == answered -> break
+    :: else ->
+        load(OWNER, ID(number), how);
+#ifdef V2_HALF
+        at = number;
+#else
+        load(OWNER, SEQUENCE(number), at);
+#endif
+        if
+        :: how == taken && at == number -> goto whole
+        :: else -> number--
+        fi
+    od;
+    if
+    :: taken -> how = FAILED; goto answer
+    :: else
+    fi;
+#endif
+whole:
+    if
+    :: refuse = true                            /* V3 */
+    :: refuse = false
+    fi;
+look:
+    end = 0; number = 0; at = 0; how = 0; first = 0; second = 0;
+    load(OWNER, SENT, end);                     /* N1 */
+    if
+    :: end == taken && refuse -> refuse = false; goto look
+    :: end == taken && !refuse && taken == COMMANDS -> goto done
+    :: end == taken && !refuse && taken < COMMANDS -> memory[SENT] != taken; goto look
+    :: else
+    fi;
+take:
+    first = 0; second = 0;
+#ifdef N3_FIRST
+    store(OWNER, TAKEN, taken + 1);
+    DIE;
+#endif
+    load(OWNER, FIRST(taken + 1), first);       /* N2 */
+    load(OWNER, SECOND(taken + 1), second);
+    taken++;
+#if !defined(N3_FIRST) && !defined(N4_FIRST)
+    store(OWNER, TAKEN, taken);                 /* N3 */
+    DIE;
+#endif
+    assert(first == second);
+    assert(first == issued[taken]);
+    assert(!ran[taken] && !outcome[taken]);
+    if
+    :: refuse -> how = REFUSED
+    :: else -> ran[taken] = true; how = DONE    /* N4 */
+    fi;
+    DIE;
+answer:
+    number = answered + 1;
+    begun = number;
+#ifndef NO_A1
+    store(OWNER, SEQUENCE(number), 0);          /* A1 */
+    DIE;
+#endif
+#ifdef A3_FIRST
+    outcome[taken] = how;
+    store(OWNER, SEQUENCE(number), number);
+    DIE;
+#endif
+    STORE_BOTH(OWNER, ID(number), taken, BODY(number), 4 * taken + how);            /* A2 */
+#ifndef A3_FIRST
+    assert(!outcome[taken]);
+    outcome[taken] = how;
+    store(OWNER, SEQUENCE(number), number);     /* A3 */
+    DIE;
+#endif
+    answered = number;
+    store(OWNER, ANSWERED, answered);           /* A4 */
+    DIE;
+#ifdef N4_FIRST
+    store(OWNER, TAKEN, taken);
+    DIE;
+#endif
+    if
+    :: how == FAILED -> goto whole
+    :: taken < end -> goto take
+    :: else -> goto look
+    fi;
+killed:
+    life++;
+    taken = 0; answered = 0; refuse = false;
+    EMPTY(OWNER);
+    goto begin;
+done:
+    EMPTY(OWNER);
+    d_step {
+        for (number : 1 .. COMMANDS) { assert(outcome[number]) }
+        number = 0;
+        quiet = true
+    }
+}

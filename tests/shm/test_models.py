@@ -1,0 +1,151 @@
+"""The protocols of shm/ as models with store buffers, every interleaving and every death searched by spin.
+
+The models lie in models/*.pml; the macros in the tables below are theirs. Each seeded mutant must be found, by the
+check that was made for it, or the model proves nothing.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from shm import doorbell, mailbox, ring
+
+MODELS = Path(__file__).with_name("models")
+PROSE = {"ring": ring.__doc__, "mailbox": mailbox.__doc__, "doorbell": doorbell.__doc__}
+PATIENCE_S = 600
+BUILD = ("gcc", "-O1", "-DSAFETY", "-DMEMLIM=3000", "-o", "pan", "pan.c")
+DEEP = "-m100000"
+INCOMPLETE = ("max search depth too small", "memory bound", "out of memory", "aborted", "Bit statespace")
+
+RIGHT = [
+    ("ring", ""),
+    ("ring", "TO=0 RECORDS=4 LIVES=3 SIZE=5 RETRIES=2"),
+    ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2"),
+    ("ring", "FROM=1 MIXED RECORDS=5 SIZE=5 RETRIES=2 DEPTH=3"),
+    ("mailbox", ""),
+    ("mailbox", "CLIENTS=1 OWNERS=3"),
+    ("mailbox", "CLIENTS=1 SIZE=5"),
+    ("doorbell", ""),
+    ("doorbell", "UNHEARD=2"),
+    ("doorbell", "LIVES=3"),
+]
+TORN, OTHER = "(first==second)", "(first==issued["
+HEAD = "((memory[0]==0)||"
+UNANSWERED, REPLY = "outcome[number]", "(body==((4*id)+outcome[id]))"
+ASLEEP, FLAG_DOWN = "( !(asleep[0])&& !(asleep[1]))", "(( !(asleep[0])||memory[(1+0)])"
+MUTANTS = [  # what is wrong in them, and the check that must find it
+    ("ring", "W4_FIRST TO=0", HEAD),  # head published before the payload
+    ("ring", "W3_FIRST TO=0", HEAD),  # the sequence before the payload
+    ("ring", "W3_FIRST FROM=1", OTHER),
+    ("ring", "NO_W1 TO=0", TORN),
+    ("ring", "NO_W1 FROM=1", TORN),
+    ("ring", "NO_R3 TO=0", TORN),
+    ("ring", "NO_R3 FROM=1", TORN),
+    ("ring", "NO_V1 TO=0", "!(issued[n])"),  # a number given twice
+    ("ring", "NO_DRAIN TO=0", HEAD),  # the successor begins before the dead one's stores are out
+    ("ring", "SKIP_FAR FROM=1 DEPTH=3", "(headed>="),  # counted as lost, and still there
+    ("mailbox", "M3_FIRST CLIENTS=1", OTHER),
+    ("mailbox", "N3_FIRST CLIENTS=1", TORN),  # taken before it is copied
+    ("mailbox", "N4_FIRST CLIENTS=1", "( !(ran[taken])"),  # run before it is taken
+    ("mailbox", "NO_M1 CLIENTS=1", TORN),
+    ("mailbox", "HEIR_FORGETS", "(issued[(count+1)]==0)"),  # the client's successor goes on from `taken`
+    ("mailbox", "A3_FIRST CLIENTS=1", REPLY),
+    ("mailbox", "NO_A1 CLIENTS=1", UNANSWERED),
+    ("mailbox", "NO_B3 CLIENTS=1", REPLY),
+    ("mailbox", "NO_V1 CLIENTS=1", "!(outcome[taken])"),  # answered twice
+    ("mailbox", "NO_V2 CLIENTS=1", UNANSWERED),
+    ("mailbox", "V2_HALF CLIENTS=1", UNANSWERED),  # a reply cut short is taken for an answer
+    ("doorbell", "NO_D2", ASLEEP),
+    ("doorbell", "NO_E2", ASLEEP),
+    ("doorbell", "LOOK_FIRST", ASLEEP),  # the counter is read after flag and look
+    ("doorbell", "NO_E4", ASLEEP),  # the counter stays
+    ("doorbell", "NO_LOCK", FLAG_DOWN),
+    ("doorbell", "UNLOCK_EARLY", FLAG_DOWN),  # the place is given back before its flag is down
+    ("doorbell", "NO_E5", "( !(memory[(1+0)])"),
+]
+NEED_BUFFERS = ("NO_D2", "NO_E2", "UNLOCK_EARLY")
+
+
+def ident(value: str) -> str:
+    return value.replace(" ", ",") or "as it is"
+
+
+def search(folder: Path, model: str, macros: str) -> str:
+    """What spin's search says of a model, its trail added when it found an error."""
+    for program, remedy in (("spin", "apt-get install spin"), ("gcc", "apt-get install gcc")):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not there, the models were not checked; {remedy}")
+    for source in MODELS.glob("*.pml"):
+        shutil.copy(source, folder)
+    defines = [f"-D{macro}" for macro in macros.split()]
+    run(folder, "spin", *defines, "-a", f"{model}.pml")
+    run(folder, *BUILD)
+    said = run(folder, "./pan", DEEP)
+    if (folder / f"{model}.pml.trail").exists():
+        said += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
+    return said
+
+
+def run(folder: Path, *command: str) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, f"{' '.join(command)}: {said}"
+    return said
+
+
+def errors(said: str) -> int:
+    found = re.search(r"errors: (\d+)", said)
+    assert found is not None and "Full statespace search" in said, said
+    return int(found[1])
+
+
+def assert_proved(said: str) -> None:
+    assert errors(said) == 0, said
+    assert not [words for words in INCOMPLETE if words in said], said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "macros"), RIGHT, ids=ident)
+def test_no_interleaving_breaks_the_protocol(tmp_path: Path, model: str, macros: str) -> None:
+    assert_proved(search(tmp_path, model, macros))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "macros", "check"), MUTANTS, ids=[f"{m}-{ident(x)}" for m, x, _ in MUTANTS])
+def test_a_seeded_mutant_is_found(tmp_path: Path, model: str, macros: str, check: str) -> None:
+    said = search(tmp_path, model, macros)
+    violated = re.search(r"pan:1: assertion violated +(.*) \(at depth", said)
+    assert errors(said) == 1 and violated is not None, said
+    assert violated[1].startswith(check), f"found by another check: {violated[0]}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", NEED_BUFFERS)
+def test_without_store_buffers_missing_fences_go_unseen(tmp_path: Path, mutant: str) -> None:
+    """So it is the buffers that find them: the models do show total store order."""
+    assert_proved(search(tmp_path, "doorbell", f"{mutant} AT_ONCE"))
+
+
+def steps(text: str, pattern: str) -> set[str]:
+    return set(re.findall(pattern, text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("model", PROSE)
+def test_prose_and_model_have_the_same_steps(model: str) -> None:
+    text = (MODELS / f"{model}.pml").read_text()
+    in_model = steps(text, r"^ .*[\w);>\\].*/\* ([A-Z][1-9]) \*/$")  # behind a statement
+    assert in_model == steps(PROSE[model] or "", r"\b[A-Z][1-9]\b")
+
+
+@pytest.mark.parametrize("model", PROSE)
+def test_every_mutant_of_a_model_is_tried(model: str) -> None:
+    text = (MODELS / f"{model}.pml").read_text()
+    switches = steps(text, r"^#if.*?(\w+)\)?$") | steps(text, r"^#if !defined\((\w+)\)")
+    settings = steps(text, r"^#ifndef (\w+).*\n#define \1 ")
+    tried = {macros.split()[0] for name, macros, _ in MUTANTS if name == model}
+    assert switches - settings - {"MIXED"} == tried
