@@ -83,9 +83,9 @@ def schema_from_json(text: bytes) -> Schema:
     return Schema(topic, dtype, stride, text, int.from_bytes(digest, "little"))
 
 
-def _name(name: object) -> str:
-    if not isinstance(name, str) or not FIELD_NAME.fullmatch(name):
-        raise LayoutError(f"{str(name)[:64]!r} is no name; allowed are up to 64 letters, digits, _, / and -")
+def _name(name: str) -> str:
+    if not FIELD_NAME.fullmatch(name):
+        raise LayoutError(f"{name[:64]!r} is no name; allowed are up to 64 letters, digits, _, / and -")
     return name
 
 

@@ -21,7 +21,7 @@ def accepted() -> frozenset[int]:
 def _uid(name: str) -> int:
     try:
         return pwd.getpwnam(name).pw_uid
-    except (KeyError, ValueError):
+    except KeyError:
         raise KeyError(f"{SERVICE_USER}={name!r}: this machine has no such user; correct or unset it") from None
 
 

@@ -132,6 +132,20 @@ def test_a_schema_that_is_none_is_refused_shortly(ring: str, schema: bytes) -> N
     refused(ring, "schema is not readable|topic a: |is no name|is not allowed|is out of range|twice")
 
 
+@pytest.mark.parametrize("shape", [b"-1,", b"1048577,", b"0,1048577", b"1,1,1,1,1,1,1,1,1"])
+def test_a_shape_out_of_range_is_said_to_be_so(ring: str, shape: bytes) -> None:
+    with_text(ring, b'{"topic":"a","fields":[{"name":"b","dtype":"(%s)u1"}]}' % shape)
+    refused(ring, r"shape .* is out of range")
+
+
+def test_texts_that_are_too_long_are_not_even_read(ring: str) -> None:
+    long = SCHEMA.text.ljust((1 << 20) + 1)
+    with_text(ring, long)
+    refused(ring, "do not fit a header")
+    with_text(ring, SCHEMA.text, b"{}".ljust((1 << 20) + 1))
+    refused(ring, "do not fit a header")
+
+
 @pytest.mark.parametrize("info", [b"", b"[]", b"3", b"null", b"{", b"\xff", b"[" * 5000, b'{"a":' * 5000])
 def test_constants_that_are_none_are_refused(ring: str, info: bytes) -> None:
     with_text(ring, SCHEMA.text, info)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pwd
+import signal
 import socket
 import stat
 from pathlib import Path
@@ -245,12 +246,14 @@ def other_kinds(path: Path) -> dict[str, Any]:
 def test_what_is_no_file_is_refused_at_once(world: Any, kind: str) -> None:
     name = segment_name(world.name, "PSM1", "setpoint")
     other_kinds(file_of(name))[kind]()
+    signal.alarm(10)  # ends the run, if opening a pipe should wait
     try:
         refused(name, "is no segment but")
         assert names_of(world.name) == []
         with pytest.raises(SegmentError, match="exists already"):
             create(name, "ring", SCHEMA, 2)
     finally:
+        signal.alarm(0)
         (file_of(name).rmdir if kind == "directory" else file_of(name).unlink)()
 
 

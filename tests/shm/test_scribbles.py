@@ -1,0 +1,261 @@
+"""A hostile process writes into live rings and pages: everybody reports, nobody hangs, and a writer puts it right."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from shm.clock import Conductor, LockstepClock
+from shm.directory import create_ring
+from shm.pulse import Pulse, create_control
+from shm.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
+from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
+from shm.topics import Field, Topic
+from tests.shm.test_hostile import bounded
+
+SYSTEM = f"tscribble{os.getpid()}"
+COUNTER = itertools.count()
+DEPTH = 8
+NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", ""), Field("pair", "(2,)<f8", "", "")), depth=DEPTH)
+ODD = (0, 1, 2**31, 2**32 - 1, BUSY, BUSY + 1, LAST_SEQUENCE, 2**58, 2**62, 2**63, 2**64 - 2, 2**64 - 1)
+NEAR = st.integers(-2 * DEPTH, 2 * DEPTH)
+
+
+def clear() -> None:
+    for parts in names_of(SYSTEM):
+        unlink(segment_name(*parts))
+
+
+class ScribbledRing(RuleBasedStateMachine):
+    """One writer, readers that come and go, and somebody who writes anywhere."""
+
+    @initialize()
+    def make(self) -> None:
+        instance = f"r{next(COUNTER)}"
+        create_ring(SYSTEM, instance, NUMBER, {}, {})
+        self.name = segment_name(SYSTEM, instance, "number")
+        self.hand = Segment(self.name, write=True)
+        self.words = self.hand.words()
+        self.fixed, self.texts = self.hand.view[:64].tobytes(), self.hand.view[256:4096].tobytes()
+        self.writer = RingWriter(Segment(self.name, write=True), "io")
+        self.readers = [RingReader(Segment(self.name))]
+        self.kept: list[int] = [0]
+        self.told = [(0, 0, 0)]
+        self.clean = True
+
+    def restore(self) -> None:
+        """What the supervisor wrote, which no writer can bring back."""
+        self.hand.view[:64], self.hand.view[256:4096] = self.fixed, self.texts
+
+    @rule(count=st.integers(1, 2 * DEPTH))
+    def publish(self, count: int) -> None:
+        for _ in range(count):
+            n = self.writer.sequence + 1
+            self.writer.field("value")[...] = n
+            self.writer.field("pair")[...] = n
+            self.writer.publish(1000 + n)
+
+    @rule(at=st.integers(0, 4096 + DEPTH * 64 - 1), data=st.binary(min_size=1, max_size=80))
+    def scribble(self, at: int, data: bytes) -> None:
+        self.clean = False
+        end = min(len(self.hand.view), at + len(data))
+        self.hand.view[at:end] = data[: end - at]
+
+    @rule(value=st.one_of(st.sampled_from(ODD), NEAR))
+    def put_head(self, value: int) -> None:
+        self.clean = False
+        near = abs(value) <= 2 * DEPTH and value not in (0, 1)
+        self.words[HEAD] = max(0, self.writer.sequence + value) if near else value % 2**64
+
+    @rule(slot=st.integers(0, DEPTH - 1), value=st.one_of(st.sampled_from(ODD), NEAR), busy=st.booleans())
+    def put_sequence(self, slot: int, value: int, busy: bool) -> None:
+        self.clean = False
+        first, stride = self.hand.header.first, self.hand.header.stride
+        number = max(0, self.writer.sequence + value) if abs(value) <= 2 * DEPTH else value
+        self.words[(first + slot * stride) // 8] = (number + (BUSY if busy else 0)) % 2**64
+
+    @rule()
+    def attach(self) -> None:
+        if len(self.readers) < 4:
+            with contextlib.suppress(SegmentError):
+                self.readers.append(RingReader(Segment(self.name)))
+                self.kept.append(0)
+                self.told.append((0, 0, 0))
+
+    @rule()
+    def restart_writer(self) -> None:
+        """Like a death and a successor; one who finds garbage in the head says so and is not let down by it."""
+        before = self.writer.sequence
+        self.writer.close()
+        self.restore()
+        segment = Segment(self.name, write=True)
+        try:
+            self.writer = RingWriter(segment, "io")
+        except SegmentError as error:
+            segment.close()
+            assert "is garbage" in str(error) and self.words[HEAD] >= LAST_SEQUENCE
+            self.words[HEAD] = before
+            self.writer = RingWriter(Segment(self.name, write=True), "io")
+
+    @rule(verb=st.sampled_from(["newest", "next", "last", "since"]), which=st.integers(0, 3))
+    def read(self, verb: str, which: int) -> None:
+        place = which % len(self.readers)
+        reader = self.readers[place]
+        with bounded():
+            if verb in ("newest", "next"):
+                took = getattr(reader, verb)()
+                if took and (self.clean or verb == "newest"):
+                    assert reader.sequence >= self.kept[place]
+                if took and self.clean:
+                    assert int(reader.field("value")) == reader.sequence == reader.stamp_ns - 1000
+                if verb == "newest" and not took:
+                    assert reader.stamp_ns == 0
+                self.kept[place] = reader.sequence
+            else:
+                rows = reader.last(DEPTH) if verb == "last" else reader.since(0)
+                assert len(rows) < DEPTH
+                numbers = rows["sequence"].tolist()
+                assert numbers == sorted(set(numbers))
+            assert isinstance(reader.trouble, str) and reader.epoch >= 0 and reader.stamp_ns is not None
+
+    @rule()
+    def heal(self) -> None:
+        """Two rounds of the writer put everything right; who is left behind says so."""
+        self.restore()
+        self.publish(2 * DEPTH)
+        last = self.writer.sequence
+        with contextlib.closing(RingReader(Segment(self.name))) as fresh, bounded():
+            assert fresh.newest() and fresh.sequence == last == int(fresh.field("value"))
+            assert fresh.last(DEPTH)["value"].tolist() == list(range(last - DEPTH + 2, last + 1))
+            assert fresh.since(1000 + last)["value"].tolist() == [last] and fresh.trouble == ""
+            self.publish(1)
+            assert fresh.next() and fresh.sequence == last + 1 and not fresh.next() and fresh.lost == 0
+        for place, reader in enumerate(self.readers):
+            with bounded():
+                took = 0
+                while reader.next():
+                    took += 1
+                    assert took <= 3 * DEPTH
+                if reader.sequence != last + 1:
+                    assert reader.trouble or reader.lost > DEPTH
+                if not reader.newest():
+                    assert reader.trouble
+            self.kept[place] = reader.sequence
+
+    @invariant()
+    def counts_only_grow(self) -> None:
+        for place, reader in enumerate(getattr(self, "readers", [])):
+            now = reader.lost, reader.torn, reader.backwards
+            assert all(new >= old for new, old in zip(now, self.told[place], strict=True))
+            assert bool(reader.trouble) == bool(reader.torn or reader.backwards)
+            self.told[place] = now
+
+    def teardown(self) -> None:
+        for part in (self.hand, self.writer, *self.readers):
+            part.close()
+        unlink(self.name)
+
+
+TestScribbledRing = ScribbledRing.TestCase
+TestScribbledRing.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
+
+
+@pytest.mark.slow
+def test_a_long_life_of_scribbles_leaves_rings_usable() -> None:
+    case = ScribbledRing.TestCase()
+    case.settings = settings(max_examples=300, stateful_step_count=60, deadline=None)
+    case.runTest()
+
+
+@settings(deadline=None, max_examples=40)
+@given(at=st.integers(0, 4096), data=st.binary(min_size=1, max_size=1200))
+def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
+    create_control(SYSTEM, "PSM1")
+    pulse, other = Pulse(SYSTEM, "PSM1", write=True), Pulse(SYSTEM, "PSM1", write=True)
+    try:
+        bell, waiter = pulse.bell(), other.waiter()
+        end = min(len(pulse.segment.view), 4096 + at + len(data))
+        pulse.segment.view[4096 + at : end] = data[: end - 4096 - at]
+        with bounded():
+            for _ in range(20):
+                bell.ring()
+            assert waiter.wait(lambda: False, 100_000) is False
+            assert isinstance(pulse.state, str)
+            assert all(pulse.get(name) is not None for name in ("heartbeat_ns", "period_avg", "policy", "error"))
+            pulse.turn().wait(pulse.turn().value, 1000)
+            pulse.show("FAILED", "it did")
+        assert pulse.state == "FAILED" and pulse.get("error") == b"it did"
+    finally:
+        pulse.close()
+        other.close()
+        clear()
+
+
+@pytest.mark.parametrize("garbage", [-(2**63), -1, 0, 1, 2**63 - 1])
+@pytest.mark.parametrize("field", ["next_ns", "done_ns", "turn"])
+def test_a_player_that_shows_garbage_holds_nothing_up_for_ever(field: str, garbage: int) -> None:
+    create_control(SYSTEM, "boards")
+    conductor, pulse = Conductor(SYSTEM), Pulse(SYSTEM, "boards", write=True)
+    try:
+        clock = LockstepClock(SYSTEM, pulse)
+        clock.announce(clock.now_ns() + 1000)
+        pulse.field(field)[...] = garbage % 2**32 if field == "turn" else garbage
+        with bounded():
+            before = conductor.now_ns
+            for _ in range(3):
+                conductor.advance([pulse], 1_000_000)
+            assert before <= conductor.now_ns
+        clock._segment.close()
+    finally:
+        pulse.close()
+        conductor.close()
+        clear()
+
+
+@pytest.mark.parametrize("now", [-(2**63), 0, 2**63 - 1])
+def test_a_clock_page_that_shows_garbage_lets_a_process_end(now: int) -> None:
+    create_control(SYSTEM, "boards")
+    conductor, pulse = Conductor(SYSTEM), Pulse(SYSTEM, "boards", write=True)
+    try:
+        clock = LockstepClock(SYSTEM, pulse)
+        clock._now[0] = now
+        asked = iter(range(3))
+        with bounded():
+            clock.sleep_until(2**62, lambda: next(asked, None) is None)
+        clock._segment.close()
+    finally:
+        pulse.close()
+        conductor.close()
+        clear()
+
+
+CUT_SHORT = """
+import sys
+from shm.directory import reader
+ring = reader(sys.argv[1], "io", "number")
+print("attached", flush=True)
+sys.stdin.readline()
+ring.newest()
+print("still here", flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_a_file_cut_short_under_a_reader_ends_it(world: Any) -> None:
+    """What no reader can be protected against: the kernel's answer is SIGBUS; shm/segment.py says why."""
+    create_ring(world.name, "io", NUMBER, {}, {})
+    child = world.start(CUT_SHORT)
+    assert child.stdout.readline() == "attached\n"
+    with Segment(segment_name(world.name, "io", "number"), write=True) as hand:
+        os.ftruncate(hand.fd, 0)
+    said, _ = child.communicate("\n", timeout=30)
+    assert (child.returncode, said) == (-signal.SIGBUS, "")
+    world.remove()
