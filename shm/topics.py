@@ -279,7 +279,7 @@ REPLY = Topic(
 
 TOPICS: tuple[Topic, ...] = (IO_STATE, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY)
 
-# What `trocar bench ring` sends to and fro; no process writes it, so it is not in the table.
+# What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.
 PROBE = Topic(
     "probe",
     writer="bench",
@@ -287,4 +287,12 @@ PROBE = Topic(
     depth_s=0,
     depth=64,
     fields=(Field("payload", "(27,)<f8", "", "216 bytes, a small state record"),),
+)
+PROBE_4K = Topic(
+    "probe4k",
+    writer="bench",
+    rate_hz=0,
+    depth_s=0,
+    depth=64,
+    fields=(Field("payload", "(512,)<f8", "", "4096 bytes"),),
 )

@@ -1,294 +1,255 @@
-"""`trocar bench ring`: how long shared memory takes, between fresh processes on two cores.
+"""`trocar bench ring`: how long shared memory takes, and how long others take for the same, on the same two cores.
 
-Each part starts its children as `python -m tools.bench_ring --child ROLE SYSTEM CORE SECONDS`; a child prints its times
-(ns, one JSON list a line) and ends. The system's name is the benchmark's own and is removed on every path.
+Everything is measured in short turns, round after round: a turn of ours, a turn of a peer, a turn of ours, and so on.
+On a virtual machine the two cores may be near each other in one second and far apart in the next, which doubles every
+time; so ratios are formed of turns that lie side by side, and what is printed is the median over all rounds.
 """
 
 from __future__ import annotations
 
 import contextlib
-import gc
-import json
+import importlib.metadata
+import importlib.util
 import os
 import platform
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 import psutil
 
-from shm.client import Client
-from shm.clock import monotonic_ns, pause
-from shm.directory import create_ring
 from shm.layout import schema_of
-from shm.mailbox import Mailbox, create_mailbox
-from shm.pulse import Pulse, create_control
-from shm.ring import RingReader, RingWriter
-from shm.segment import Segment, names_of, segment_name, unlink
-from shm.topics import PROBE
+from shm.segment import FOLDER
+from shm.topics import PROBE, PROBE_4K
+from tools.bench_children import ROOT, Team
+from tools.bench_parts import BATCH, LOOK_S, LOOKERS, POLLERS, segments
+from tools.bench_peers import MODULES, SETTINGS, iceoryx2_prefix
 from tools.errors import Problem
+from tools.printing import progress
 
-ROOT = Path(__file__).resolve().parent.parent
-KEPT = 200_000  # times a child keeps
-WARM_UP = 200
-BATCH = 200
-PATIENCE_S = 60.0
-SPINS = range(100_000_000)  # polls before a child gives up on the other, who may have been killed
-LAST = -1.0  # a stamp that says: this was the last one
+ROUNDS, TURN_S = 9, 0.2
 COUNTER = count()
+SOURCE = ROOT / "tools" / "pingpong.c"
+FLAGS = ("-O2", "-std=c11")
+PEERS = ("c", *SETTINGS)
+INSTALL = "not installed; pip install -e .[bench]"
+
+# figure: what was measured, its percentile, how many ns the unit has
+FIGURES = {
+    "round_trip_us_p50": ("trip", "p50", 1e3),
+    "round_trip_us_p99": ("trip", "p99", 1e3),
+    "publish_ns_p50": ("publish", "p50", 1),
+    "newest_ns_p50": ("newest", "p50", 1),
+    "next_ns_p50": ("next", "p50", 1),
+    "publish_readers8_ns_p50": ("publish_readers8", "p50", 1),
+    "round_trip_4k_us_p50": ("trip_4k", "p50", 1e3),
+    "publish_4k_ns_p50": ("publish_4k", "p50", 1),
+    "mailbox_us_p50": ("mailbox", "p50", 1e3),
+    "mailbox_us_p99": ("mailbox", "p99", 1e3),
+    "wakeup_us_p50": ("wakeup", "p50", 1e3),
+    "wakeup_us_p99": ("wakeup", "p99", 1e3),
+    "doorbell_idle_ns_p50": ("doorbell_idle", "p50", 1),
+}
+
+Said = Mapping[str, Mapping[str, int]]
+Commands = dict[str, list[str]]  # of a team: role and command line
 
 
-def run(seconds: float = 2.0) -> dict[str, Any]:
-    """Measure for about `seconds`; one object with `bench`, `figures` and `conditions`."""
-    cores = psutil.Process().cpu_affinity() or [0]
-    part_s = seconds / 4
-    with _world() as system:
-        (publish, newest), = _children(system, part_s, cores, "local")
-        _, rounds = _children(system, part_s, cores, "pong", "ping")
-        mailbox, _ = _children(system, part_s, cores, "owner", "client")
-        wakeup, _ = _children(system, part_s, cores, "waiter", "ringer")
-    figures = {
-        "round_trip_us_p50": _percentile(rounds[0], 50) / 1e3,
-        "round_trip_us_p99": _percentile(rounds[0], 99) / 1e3,
-        "publish_ns_p50": _percentile(publish, 50),
-        "newest_ns_p50": _percentile(newest, 50),
-        "mailbox_us_p50": _percentile(mailbox[0], 50) / 1e3,
-        "mailbox_us_p99": _percentile(mailbox[0], 99) / 1e3,
-        "wakeup_us_p50": _percentile(wakeup[0], 50) / 1e3,
-        "wakeup_us_p99": _percentile(wakeup[0], 99) / 1e3,
-    }
-    rows = {"rounds": len(rounds[0]), "commands": len(mailbox[0]), "wake_ups": len(wakeup[0])}
-    return {"bench": "ring", "figures": figures, "conditions": {**_conditions(cores), **rows}}
+@dataclass
+class Found:
+    """What the turns gave, by what was measured; of a peer also its time by ours, from turns side by side."""
+
+    turns: dict[str, list[Mapping[str, int]]] = field(default_factory=dict)
+    by_ours: dict[str, list[float]] = field(default_factory=dict)
+
+    def keep(self, said: Said) -> None:
+        """Add a turn."""
+        for name, turn in said.items():
+            self.turns.setdefault(name, []).append(turn)
+
+    def keep_peer(self, name: str, before: Said, theirs: Said, after: Said) -> None:
+        """Add a turn of a peer, between two of ours."""
+        self.keep({name: theirs["trip"]})
+        pairs = self.by_ours.setdefault(name, [])
+        pairs.extend(theirs["trip"]["p50"] / ours["trip"]["p50"] for ours in (before, after))
+
+    def drop(self, name: str) -> None:
+        """Forget a peer."""
+        self.turns.pop(name, None)
+        self.by_ours.pop(name, None)
+
+    def figures(self) -> dict[str, float]:
+        """All figures, flat: medians over the turns; ratios are theirs by ours, with C ours by C's."""
+        found = {key: median(turn[quantile] for turn in self.turns[name]) / unit
+                 for key, (name, quantile, unit) in FIGURES.items()}
+        for name in filter(self.by_ours.__contains__, PEERS):
+            found[f"{name}_us_p50"] = median(turn["p50"] for turn in self.turns[name]) / 1e3
+        for name in filter(self.by_ours.__contains__, PEERS):
+            ratios = self.by_ours[name]
+            found[f"ratio_vs_{name}"] = median(1 / ratio for ratio in ratios) if name == "c" else median(ratios)
+        return found
+
+    def span(self) -> str:
+        """The quickest and the slowest turn of ours: far apart when the machine has several moods."""
+        trips = [turn["p50"] / 1e3 for turn in self.turns["trip"]]
+        return f"{min(trips):.2f} to {max(trips):.2f}"
 
 
-def _conditions(cores: list[int]) -> dict[str, Any]:
-    first, second = _pair(cores)
-    pinned = f"{first} and {second}" if first != second else f"{first}, the only core: polling processes alternate"
-    model = next((line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
-                  if line.startswith("model name")), platform.machine())
+def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
+    """Measure; one object with `bench`, `figures` and `conditions`."""
+    cores = _pair(psutil.Process().cpu_affinity() or [0])
+    about: dict[str, str] = {}  # the peers: settings, or why one was left out
+    found = Found()
+    with _world() as (system, folder), contextlib.ExitStack() as stack, progress("bench ring") as say:
+        say("starting", None)
+        own = {name: stack.enter_context(Team("ring", commands)) for name, commands in _own(system, cores).items()}
+        peers: dict[str, Team] = {}
+        for name in PEERS:
+            commands, about[name] = _peer(name, folder, cores)
+            if commands:
+                peers[name] = stack.enter_context(Team(f"ring, {name}", commands))
+        for team in own.values():
+            team.wait()
+        for name, team in list(peers.items()):
+            try:
+                team.wait()
+            except Problem as problem:
+                about[name] = f"left out: {problem}"
+                del peers[name]
+        for i in range(rounds):
+            say(f"round {i + 1} of {rounds}", i / rounds)
+            _round(turn_s, own, peers, about, found)
+    turns = {"turns": f"{rounds} rounds of turns of {turn_s:g} s, a turn of ours before and behind each peer's",
+             "round_trips": sum(turn["n"] for turn in found.turns["trip"]), "round_trip_us_p50_of_turns": found.span()}
+    conditions = {**_machine(cores), **turns, **_settings(), **about}
+    return {"bench": "ring", "figures": found.figures(), "conditions": conditions}
+
+
+def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: dict[str, str], found: Found) -> None:
+    """A turn of ours before and behind each peer's, then one of every other part."""
+    before = own["trip"].measure(turn_s)
+    found.keep(before)
+    for name, team in list(peers.items()):
+        try:
+            theirs = team.measure(turn_s)
+        except Problem as problem:
+            about[name] = f"left out: {problem}"
+            del peers[name]
+            found.drop(name)
+            continue
+        after = own["trip"].measure(turn_s)
+        found.keep(after)
+        found.keep_peer(name, before, theirs, after)
+        before = after
+    for name, team in own.items():
+        if name != "trip":
+            found.keep(team.measure(turn_s))
+
+
+@contextlib.contextmanager
+def _world() -> Iterator[tuple[str, str]]:
+    """A system's name and a folder, all that is made in either gone at the end."""
+    system = f"bench{os.getpid()}-{next(COUNTER)}"
+    with segments(system), tempfile.TemporaryDirectory(prefix=f"trocar-{system}-") as folder:
+        try:
+            yield system, folder
+        finally:
+            for path in FOLDER.glob(f"{iceoryx2_prefix(folder)}*"):
+                path.unlink(missing_ok=True)
+
+
+def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
+    """The teams of our own parts; the last of a team measures, on the first core."""
+
+    def team(*roles: str) -> Commands:
+        last = len(roles) - 1
+        return {f"{role} {i}": [sys.executable, "-m", "tools.bench_parts", role, system, str(cores[i != last])]
+                for i, role in enumerate(roles)}
+
     return {
-        "cpu": model,
-        "cores": len(cores),
-        "pinned": pinned,
-        "load_1min": os.getloadavg()[0],
-        "kernel": platform.release(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "payload_bytes": schema_of(PROBE).dtype.itemsize - 16,
+        "trip": team("pong", "ping"),
+        "trip_4k": team("pong_4k", "ping_4k"),
+        "local": team("local"),
+        "crowd": team(*["poller"] * POLLERS, *["looker"] * LOOKERS, "crowd"),
+        "mailbox": team("client", "owner"),
+        "wakeup": team("ringer", "waiter"),
     }
+
+
+def _peer(name: str, folder: str, cores: tuple[int, int]) -> tuple[Commands, str]:
+    """The team of a peer and its version and settings; an empty team and the reason when it is missing."""
+    first, second = (str(core) for core in cores)
+    if name == "c":
+        return _compiled(folder, first, second)
+    module = MODULES.get(name)
+    if module is None:
+        version = f"Python {platform.python_version()}"
+    elif importlib.util.find_spec(module) is None:
+        return {}, INSTALL
+    else:
+        version = importlib.metadata.version({"zmq": "pyzmq"}.get(module, module))
+    start = [sys.executable, "-m", "tools.bench_peers"]
+    if module is None:
+        team = {name: [*start, name, folder, first, second]}
+    else:
+        team = {f"{name}_pong": [*start, f"{name}_pong", folder, second, first],
+                f"{name}_ping": [*start, f"{name}_ping", folder, first, second]}
+    return team, f"{version}; {SETTINGS[name]}"
+
+
+def _compiled(folder: str, first: str, second: str) -> tuple[Commands, str]:
+    """The ping-pong in C, when it can be had."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        return {}, "gcc is not there; sudo apt-get install gcc libc6-dev"
+    program = Path(folder) / "pingpong"
+    done = subprocess.run([gcc, *FLAGS, "-o", program, SOURCE], capture_output=True, text=True, check=False)
+    if done.returncode:
+        return {}, f"gcc failed: {''.join(done.stderr.strip().splitlines()[:1])}"
+    version = subprocess.run([gcc, "--version"], capture_output=True, text=True, check=False).stdout.splitlines()[:1]
+    text = f"{''.join(version)}, {' '.join(FLAGS)}; the ring of shm/ring.py in C11 atomics, tools/{SOURCE.name}"
+    return {"c": [str(program), first, second]}, text
 
 
 def _pair(cores: list[int]) -> tuple[int, int]:
     return cores[0], cores[-1]
 
 
-def _percentile(times: list[int], q: float) -> float:
-    return float(np.percentile(np.array(times), q))
+def _machine(cores: tuple[int, int]) -> dict[str, Any]:
+    first, second = cores
+    pinned = f"{first} and {second}" if first != second else f"{first}, the only core: polling processes alternate"
+    model = next((line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
+                  if line.startswith("model name")), platform.machine())
+    return {
+        "cpu": model,
+        "cores": os.cpu_count(),
+        "pinned": pinned,
+        "load_1min": os.getloadavg()[0],
+        "kernel": platform.release(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
 
 
-@contextlib.contextmanager
-def _world() -> Iterator[str]:
-    """All segments of the benchmark, gone at the end."""
-    system = f"bench{os.getpid()}-{next(COUNTER)}"
-    try:
-        for instance in ("ping", "pong"):
-            create_ring(system, instance, PROBE, {}, {})
-        create_mailbox(system, "owner", "arm")
-        create_control(system, "ringer")
-        yield system
-    finally:
-        for parts in names_of(system):
-            unlink(segment_name(*parts))
-
-
-def _children(system: str, seconds: float, cores: list[int], *roles: str) -> list[list[list[int]]]:
-    """Run one or two children side by side; the lists of times each printed."""
-    running: list[subprocess.Popen[str]] = []
-    try:
-        for role, core in zip(roles, _pair(cores), strict=False):
-            command = [sys.executable, "-m", "tools.bench_ring", "--child", role, system, str(core), str(seconds)]
-            running.append(subprocess.Popen(command, cwd=ROOT, text=True, stdin=subprocess.DEVNULL,
-                                            stdout=subprocess.PIPE, stderr=subprocess.PIPE))
-        said = [child.communicate(timeout=PATIENCE_S + seconds) for child in running]
-    except subprocess.TimeoutExpired:
-        raise Problem(f"bench ring: {' and '.join(roles)} did not end") from None
-    finally:
-        for child in running:
-            if child.poll() is None:
-                child.kill()
-                child.communicate()
-    for role, child, (_, wrong) in zip(roles, running, said, strict=True):
-        if child.returncode:
-            raise Problem(f"bench ring: {role} ended with {child.returncode}: {wrong.strip().splitlines()[-1:]}")
-    return [[json.loads(line) for line in out.splitlines()] for out, _ in said]
-
-
-def _ends(system: str, write: str, read: str) -> tuple[RingWriter, RingReader]:
-    writer = RingWriter(Segment(segment_name(system, write, PROBE.name), write=True), write)
-    return writer, RingReader(Segment(segment_name(system, read, PROBE.name)))
-
-
-def local(system: str, seconds: float) -> tuple[list[int], list[int]]:
-    """Times of one publish and one newest, each the mean of a batch, in one process."""
-    writer, reader = _ends(system, "ping", "ping")
-    writer.publish(1)
-    end = monotonic_ns() + int(seconds * 1e9)
-    publish: list[int] = []
-    newest: list[int] = []
-    while monotonic_ns() < end and len(publish) < KEPT:
-        begin = monotonic_ns()
-        for _ in range(BATCH):
-            writer.publish(begin)
-        middle = monotonic_ns()
-        for _ in range(BATCH):
-            reader.newest()
-        newest.append((monotonic_ns() - middle) // BATCH)
-        publish.append((middle - begin) // BATCH)
-    return publish, newest
-
-
-def ping(system: str, seconds: float) -> tuple[list[int]]:
-    """Round trips: publish, poll until the answer is here, copied into our record."""
-    writer, reader = _ends(system, "ping", "pong")
-    payload = writer.field("payload")
-    _spin(lambda: reader.head > 0)  # pong is there
-    while reader.next():
-        pass
-    times: list[int] = []
-    end = monotonic_ns() + int(seconds * 1e9)
-    while len(times) < KEPT:
-        begin = monotonic_ns()
-        writer.publish(begin)
-        for _ in SPINS:
-            if reader.next():
-                break
-        now = monotonic_ns()
-        times.append(now - begin)
-        if now > end:
-            break
-    payload[0] = LAST
-    writer.publish(monotonic_ns())
-    if reader.stamp_ns != begin or reader.lost:
-        raise Problem("an answer is missing")
-    return (times[WARM_UP:] or times,)
-
-
-def pong(system: str, seconds: float) -> tuple[()]:
-    """Answer every record of ping with one of the same size."""
-    writer, reader = _ends(system, "pong", "ping")
-    asked = reader.field("payload")
-    writer.publish(1)
-    while asked[0] != LAST:
-        for _ in SPINS:
-            if reader.next():
-                break
-        else:
-            raise Problem("ping has gone")
-        writer.publish(reader.stamp_ns)
-    return ()
-
-
-def _spin(ready: Callable[[], object]) -> None:
-    for _ in SPINS:
-        if ready():
-            return
-    raise Problem("the other process has gone")
-
-
-def owner(system: str, seconds: float) -> tuple[list[int]]:
-    """Times from a client's send to the command in the owner's hands, its numbers read, the owner polling."""
-    box = Mailbox(system, "owner", "arm")
-    times: list[int] = []
-    for _ in SPINS:
-        for command in box.drain():
-            sent = float(command.values[0])
-            now = monotonic_ns()
-            command.done()
-            if sent == LAST:
-                return (times[WARM_UP:] or times,)
-            times.append(now - int(sent))
-    raise Problem("the client has gone")
-
-
-def client(system: str, seconds: float) -> tuple[()]:
-    """Send commands with the time of sending, one after the other."""
-    sender = Client(system, "owner")
-    values = [0.0] * 7
-    end = 0
-    for n in range(KEPT):
-        values[0] = float(monotonic_ns())  # exact below 2**53 ns, 104 days of uptime
-        sender.send("servo_jp", values)
-        _spin(sender.poll)
-        end = end or monotonic_ns() + int(seconds * 1e9)
-        if n > WARM_UP and monotonic_ns() > end:
-            break
-    sender.send("servo_jp", (LAST,))
-    return ()
-
-
-def waiter(system: str, seconds: float) -> tuple[list[int]]:
-    """Times from the ring of the bell to the waiter running, asleep before."""
-    page = Pulse(system, "ringer", write=True)
-    place, cycles, stamp = page.waiter(), page.field("cycles"), page.field("heartbeat_ns")
-    times: list[int] = []
-    seen = 0
-
-    def news() -> bool:
-        return int(cycles) != seen
-
-    patience = monotonic_ns() + int(PATIENCE_S * 1e9)
-    while monotonic_ns() < patience:
-        if not place.wait(news, 1_000_000_000):
-            continue  # a ring may come late, for data already seen
-        now = monotonic_ns()
-        seen, sent = int(cycles), int(stamp)
-        if sent < 0:
-            return (times,)
-        times.append(now - sent)
-    raise Problem("the ringer has gone")
-
-
-def ringer(system: str, seconds: float) -> tuple[()]:
-    """Ring the bell when the waiter has gone to sleep."""
-    page = Pulse(system, "ringer", write=True)
-    bell, cycles, stamp, flags = page.bell(), page.field("cycles"), page.field("heartbeat_ns"), page.field("flags")
-    patience, end, n = monotonic_ns() + int(PATIENCE_S * 1e9), 0, 0
-    while monotonic_ns() < (end or patience):
-        while not flags[0] and monotonic_ns() < patience:
-            pause(1e-5)
-        end = end or monotonic_ns() + int(seconds * 1e9)
-        pause(2e-4)  # the flag is up just before the sleep
-        n += 1
-        stamp[...] = monotonic_ns()
-        cycles[...] = n
-        bell.ring()
-    stamp[...] = -1
-    cycles[...] = n + 1
-    bell.ring()
-    return ()
-
-
-ROLES: dict[str, Callable[[str, float], tuple[list[int], ...]]] = {
-    "local": local, "ping": ping, "pong": pong, "owner": owner, "client": client, "waiter": waiter, "ringer": ringer,
-}
-
-
-def main(words: list[str]) -> int:
-    """A child of the benchmark."""
-    if len(words) != 5 or words[0] != "--child" or words[1] not in ROLES:
-        print("started by: trocar bench ring", file=sys.stderr)
-        return 2
-    role, system, core, seconds = words[1:]
-    psutil.Process().cpu_affinity([int(core)])
-    gc.disable()
-    for times in ROLES[role](system, float(seconds)):
-        print(json.dumps(times))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+def _settings() -> dict[str, Any]:
+    """What was measured how, in words."""
+    return {
+        "payload_bytes": schema_of(PROBE).dtype.itemsize - 16,
+        "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,
+        "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record; the "
+                      "answer names the question; garbage collector off, as with all peers",
+        "publish, newest, next, doorbell_idle": f"one process, nobody else attached; means of {BATCH} calls",
+        "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
+                            f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "
+                            f"means of {BATCH} calls",
+        "mailbox": "from just before send to the command in the polling owner's hands, its 7 numbers read",
+        "wakeup": "from just before the ring to the process running that slept",
+    }

@@ -1,45 +1,180 @@
-"""`trocar bench ring` measures in fresh processes and leaves nothing behind."""
+"""`trocar bench ring`: fair arithmetic, missing peers told, and nothing left behind."""
 
 from __future__ import annotations
 
+import ctypes
+import importlib.util
 import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from shm.segment import names_of
-from tools import bench_ring
+from shm import ring
+from shm.layout import schema_of
+from shm.segment import FOLDER, names_of
+from shm.topics import PROBE, PROBE_4K
+from tools import bench_parts, bench_peers, bench_ring
+from tools.bench_ring import FIGURES, PEERS, SOURCE, Found
 from tools.errors import Problem
 
-
-@pytest.mark.slow
-def test_every_figure_is_a_time() -> None:
-    result = bench_ring.run(0.2)
-    assert result["bench"] == "ring"
-    assert {"round_trip_us_p50", "round_trip_us_p99", "publish_ns_p50", "newest_ns_p50", "mailbox_us_p50",
-            "wakeup_us_p50"} <= set(result["figures"])
-    assert all(math.isfinite(x) and x > 0 for x in result["figures"].values())
-    assert result["conditions"]["payload_bytes"] == 216
-    assert not [parts for parts in names_of() if parts[0].startswith("bench")]
+Left = Callable[[], list[str]]
+READY = "print('{}', flush=True)\n"
+NEEDS_GCC = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not there")
 
 
-@pytest.mark.slow
-def test_a_child_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*arguments: object) -> None:
-        raise Problem("broken")
-
-    monkeypatch.setattr(bench_ring, "create_mailbox", broken)
-    with pytest.raises(Problem, match="broken"):
-        bench_ring.run(0.1)
-    with pytest.raises(Problem, match="owner ended with 1"):
-        bench_ring._children("nosuchsystem", 0.1, [0], "owner")
-    assert not [parts for parts in names_of() if parts[0].startswith("bench")]
+def trip(p50: int) -> dict[str, dict[str, int]]:
+    return {"trip": {"p50": p50, "p99": 2 * p50, "n": 10}}
 
 
-def test_a_wrong_child_call_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench_ring.main(["--child", "nobody", "a", "0", "1"]) == 2
+def others() -> dict[str, dict[str, int]]:
+    return {name: {"p50": 100, "p99": 200, "n": 10} for name, _, _ in FIGURES.values() if name != "trip"}
+
+
+def test_ratios_are_formed_of_turns_side_by_side() -> None:
+    found = Found()
+    near, far, farther = trip(1000), trip(2000), trip(8000)  # three moods of the machine
+    for ours in (near, near, far, far, farther, farther):
+        found.keep(ours)
+    found.keep(others())
+    for ours, theirs in ((near, 8000), (far, 12000), (farther, 40000)):
+        found.keep_peer("iceoryx2", ours, trip(theirs), ours)
+    figures = found.figures()
+    assert figures["ratio_vs_iceoryx2"] == 6.0  # of 8, 6 and 5
+    assert figures["iceoryx2_us_p50"] == 12.0
+    assert figures["round_trip_us_p50"] == 2.0 and figures["round_trip_us_p99"] == 4.0
+
+
+def test_both_neighbours_of_a_turn_count() -> None:
+    found = Found()
+    found.keep(trip(1000) | others())
+    found.keep_peer("pipe", trip(1000), trip(12000), trip(2000))
+    found.keep_peer("c", trip(1000), trip(500), trip(2000))
+    assert found.figures()["ratio_vs_pipe"] == 9.0  # half way between 12 and 6
+    assert found.figures()["ratio_vs_c"] == 3.0  # ours by theirs: 2 and 4
+
+
+def test_a_peer_that_was_dropped_has_no_figure() -> None:
+    found = Found()
+    found.keep(trip(1000) | others())
+    found.keep_peer("queue", trip(1000), trip(50000), trip(1000))
+    found.drop("queue")
+    assert set(found.figures()) == set(FIGURES)
+
+
+def test_a_missing_module_is_told_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    for name in ("iceoryx2", "iceoryx2_tuned", "pyzmq"):
+        assert bench_ring._peer(name, "folder", (0, 1)) == ({}, "not installed; pip install -e .[bench]")
+    for name in ("pipe", "queue"):
+        commands, about = bench_ring._peer(name, "folder", (0, 1))
+        assert commands and about.startswith("Python 3")
+
+
+def test_a_missing_or_failing_gcc_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    commands, about = bench_ring._peer("c", str(tmp_path), (0, 1))
+    assert not commands and "gcc is not there; sudo apt-get install" in about
+    (tmp_path / "gcc").write_text("#!/bin/sh\necho 'no stdio.h' >&2\nexit 1\n")
+    (tmp_path / "gcc").chmod(0o755)
+    assert bench_ring._peer("c", str(tmp_path), (0, 1)) == ({}, "gcc failed: no stdio.h")
+
+
+def test_all_send_records_of_the_same_size() -> None:
+    sizes = {schema_of(PROBE).dtype.itemsize - 16, ctypes.sizeof(bench_peers.Record), bench_peers.PAYLOAD,
+             len(bench_peers.QUESTION), len(bench_peers.END)}
+    assert sizes == {216}
+    assert schema_of(PROBE_4K).dtype.itemsize - 16 == 4096
+
+
+def test_the_c_program_follows_the_ring() -> None:
+    text = SOURCE.read_text(encoding="utf-8")
+    constants = {key: int(value) for key, value in re.findall(r"(\w+) = (\d+)[,; ]", text)}
+    assert (constants["DEPTH"], 8 * constants["VALUES"]) == (PROBE.depth, 216)
+    match = re.search(r"#define BUSY \(UINT64_C\(1\) << (\d+)\)", text)
+    assert match and 1 << int(match[1]) == ring.BUSY
+    assert re.findall(r"/\* ([WSR]\d)\b", text) == ["W2", "W3", "W4", "W1", "S1", "R2", "R3"]
+
+
+@NEEDS_GCC
+def test_the_c_program_compiles_without_a_warning(tmp_path: Path) -> None:
+    strict = ("-Wall", "-Wextra", "-Werror")
+    done = subprocess.run(["gcc", *bench_ring.FLAGS, *strict, "-o", tmp_path / "pingpong", SOURCE],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("module", [bench_parts, bench_peers])
+def test_a_wrong_child_call_is_misuse(module: object, capsys: pytest.CaptureFixture[str]) -> None:
+    assert module.main(["nobody", "a", "0", "1"]) == 2  # type: ignore[attr-defined]
     assert "trocar bench ring" in capsys.readouterr().err
 
 
-def test_one_core_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "the only core" in bench_ring._conditions([3])["pinned"]
-    assert bench_ring._conditions([0, 1])["pinned"] == "0 and 1"
+def test_one_core_is_said() -> None:
+    assert "the only core" in bench_ring._machine(bench_ring._pair([3]))["pinned"]
+    assert bench_ring._machine(bench_ring._pair([0, 1, 5]))["pinned"] == "0 and 5"
+
+
+@pytest.fixture
+def left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Left:
+    """What a bench of this process has left in shared memory and in the folder for temporary files."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    own = (f"trocar-bench{os.getpid()}-*", f"trocar~bench{os.getpid()}-*", "sem.mp-*")
+    before = {path for pattern in own[2:] for path in FOLDER.glob(pattern)}
+
+    def look() -> list[str]:
+        found = {path for pattern in own for path in FOLDER.glob(pattern)} - before
+        return sorted(str(path) for path in found | set(tmp_path.iterdir()))
+
+    return look
+
+
+@pytest.mark.slow
+def test_a_short_bench_gives_every_figure(left: Left) -> None:
+    result = bench_ring.run(rounds=1, turn_s=0.01)
+    figures, conditions = result["figures"], result["conditions"]
+    assert result["bench"] == "ring"
+    there = {name for name in PEERS if not conditions[name].startswith(("not installed", "gcc is not there"))}
+    assert {"pipe", "queue"} <= there
+    wanted = set(FIGURES) | {f"{name}_us_p50" for name in there} | {f"ratio_vs_{name}" for name in there}
+    assert set(figures) == wanted
+    assert all(math.isfinite(x) and x > 0 for x in figures.values())
+    for name in there:
+        assert re.search(r"\d+\.\d+", conditions[name]), "a version"
+    assert "2 poll" in conditions["publish_readers8"]
+    assert left() == []
+
+
+@pytest.mark.slow
+def test_a_peer_that_fails_is_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
+    broken = {"c": "import sys; sys.exit('will not start')", "pipe": READY + "input(); raise SystemExit('has no turn')"}
+    peer = bench_ring._peer
+
+    def some(name: str, folder: str, cores: tuple[int, int]) -> tuple[dict[str, list[str]], str]:
+        if name in broken:
+            return {name: [sys.executable, "-c", broken[name]]}, "fine"
+        return peer(name, folder, cores) if name == "queue" else ({}, "not asked for")
+
+    monkeypatch.setattr(bench_ring, "_peer", some)
+    result = bench_ring.run(rounds=2, turn_s=0.005)
+    assert set(result["figures"]) == set(FIGURES) | {"queue_us_p50", "ratio_vs_queue"}
+    assert result["conditions"]["c"] == "left out: bench ring, c: c ended with 1: will not start"
+    assert result["conditions"]["pipe"] == "left out: bench ring, pipe: pipe ended with 1: has no turn"
+    assert left() == []
+
+
+@pytest.mark.slow
+def test_a_part_of_ours_that_fails_ends_the_bench(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
+    broken = {"trip": {"pong": [sys.executable, "-c", "raise SystemExit('no pong')"]}}
+    monkeypatch.setattr(bench_ring, "_own", lambda system, cores: broken)
+    monkeypatch.setattr(bench_ring, "_peer", lambda name, folder, cores: ({}, "not asked for"))
+    with pytest.raises(Problem, match="pong ended with 1: no pong"):
+        bench_ring.run(rounds=1, turn_s=0.01)
+    assert left() == []
+    assert not [parts for parts in names_of() if parts[0].startswith(f"bench{os.getpid()}")]
