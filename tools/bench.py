@@ -34,5 +34,5 @@ def bench(
         return 0
     for part in ("figures", "conditions"):
         rows = [(key, f"{x:.6g}" if isinstance(x, float) else str(x)) for key, x in result[part].items()]
-        table(f"bench {name}: {part}", (part, "value"), rows, right=("value",))
+        table(f"bench {name}: {part}", (part, "value"), rows, right=("value",) if part == "figures" else ())
     return 0
