@@ -55,9 +55,10 @@ def _reader(system: str, instance: str, topic: Topic = PROBE) -> RingReader:
 
 
 def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
-    """Round trips: publish, poll until the answer is here, copied into our record."""
+    """Round trips: publish, poll until the answer is here, copied into our record, and read whose answer it is."""
     writer, answers = _writer(system, "ping", topic), _reader(system, "pong", topic)
-    publish, arrived, payload = writer.publish, answers.next, writer.field("payload")
+    publish, payload = writer.publish, writer.field("payload")
+    arrived, stamp = answers.next, answers.field("stamp_ns").item
 
     def turn(seconds: float) -> dict[str, list[int]]:
         times: list[int] = []
@@ -67,32 +68,34 @@ def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
             publish(begin)
             while not arrived():
                 pass
+            answer = stamp()
             now = monotonic_ns()
             times.append(now - begin)
-            if now > end or len(times) == KEPT:
+            if now > end or answer != begin or len(times) == KEPT:
                 break
         payload[0] = LAST
         publish(now)
         while not arrived():
             pass
         payload[0] = 0.0
-        if answers.stamp_ns != writer.sequence or answers.lost or answers.trouble:
-            raise Problem(f"an answer is missing {answers.trouble}")
+        if answer != begin or answers.stamp_ns != now or answers.lost or answers.trouble:
+            raise Problem(f"this was not the answer {answers.trouble}")
         return {what: times}
 
     return turn
 
 
 def pong(system: str, topic: Topic = PROBE) -> Turn:
-    """Answer every record of ping with one of the same size that says which it answers."""
+    """Answer every record of ping with one of the same size and the same stamp."""
     writer, asked = _writer(system, "pong", topic), _reader(system, "ping", topic)
-    publish, arrived, payload = writer.publish, asked.next, asked.field("payload")
+    publish, arrived = writer.publish, asked.next
+    stamp, payload = asked.field("stamp_ns").item, asked.field("payload")
 
     def turn(seconds: float) -> dict[str, list[int]]:
         while True:
             while not arrived():
                 pass
-            publish(asked.sequence)
+            publish(stamp())
             if payload[0] == LAST:
                 return {}
 

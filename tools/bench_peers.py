@@ -2,7 +2,7 @@
 
 Started as `python -m tools.bench_peers ROLE PLACE CORE OTHER` (see tools/bench_children.py); PLACE is a folder of the
 bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for them. Those that carry bytes send the
-same bytes back without looking into them; iceoryx2's answer carries the question's number, as ours does.
+same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
 
 iceoryx2 comes twice: with the calls of its own Python examples, and tuned like its own benchmark in Rust: the next
 sample is borrowed while the other side is at work, the payload written and read at its bare address.

@@ -244,8 +244,8 @@ def _settings() -> dict[str, Any]:
     return {
         "payload_bytes": schema_of(PROBE).dtype.itemsize - 16,
         "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,
-        "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record; the "
-                      "answer names the question; garbage collector off, as with all peers",
+        "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record, read its "
+                      "stamp, which is the question's; garbage collector off, as with all peers",
         "publish, newest, next, doorbell_idle": f"one process, nobody else attached; means of {BATCH} calls",
         "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
                             f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "

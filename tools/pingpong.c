@@ -85,7 +85,7 @@ static int ping(double seconds)
     count -= (int)(counted - times);
     qsort(counted, (size_t)count, sizeof *counted, by_size);
     printf("{\"trip\": {\"p50\": %u, \"p99\": %u, \"n\": %d}}\n", counted[count / 2], counted[count * 99LL / 100], count);
-    return reads.record.stamp == (int64_t)writes.n; /* the answer to our last one */
+    return reads.record.stamp == now; /* the answer to our last one */
 }
 
 int main(int argc, char **argv)
@@ -108,7 +108,7 @@ int main(int argc, char **argv)
     while (!child && read(go[0], &line, 1) == 1)
         do {
             while (!next()) {}
-            publish((int64_t)reads.n);
+            publish(reads.record.stamp);
         } while (reads.record.payload[0] != LAST);
     if (child)
         puts("{}"); /* here we are */
