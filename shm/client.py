@@ -29,6 +29,7 @@ from shm.mailbox import (
 )
 
 SEQUENCES = (tuple, list)
+FAR = 1 << 40  # commands; twenty years at 1500 Hz
 
 
 class MailboxFull(Exception):
@@ -73,9 +74,12 @@ class Client:
         """Whether a place's cursors make sense; one out of step is left for the owner to put right."""
         words, at = self._words, self._map.cursor("sent", place)
         sent, taken = words[at], words[self._map.cursor("taken", place)]
-        if 0 <= sent - taken <= COMMANDS_DEPTH and sent < LAST_NUMBER:
+        answered = words[self._map.cursor("answered", place)]
+        newest = words[self._map.replies(place)[answered % REPLIES_DEPTH] >> 3]
+        if 0 <= sent - taken <= COMMANDS_DEPTH and sent < LAST_NUMBER and (newest == answered or not answered):
             return True
-        words[at] = 0 if sent else 2 * COMMANDS_DEPTH  # further out of step: the owner looks where a cursor moves
+        # further out of step, wherever the owner's own copy stands: it looks where a cursor moves
+        words[at] = sent + 2 * COMMANDS_DEPTH if FAR <= sent < LAST_NUMBER - 2 * COMMANDS_DEPTH else FAR
         return False
 
     @property

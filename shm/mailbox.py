@@ -25,9 +25,10 @@ Recovery. An owner that begins:
 A client claims a place with a lock that the kernel frees when it dies. Its successor goes on from the cursors; commands
 past M3 are still run, what the dead one left of M2 is overwritten.
 
-Trust. The owner runs nothing whose cursor is out of step (sent − taken not in 0 … depth): it takes taken := sent there,
-runs nothing, and goes on. A client passes over a place whose cursors make no sense, after pushing `sent` out of step so
-that the owner puts the place right.
+Trust. The owner runs nothing whose slot was not written for its turn (each command carries its number), and nothing
+whose cursor is out of step (sent − taken not in 0 … depth): it takes taken := sent there, runs nothing, and goes on. A
+client passes over a place whose cursors make no sense, after pushing `sent` out of step so that the owner puts the
+place right.
 
 Memory order: stores M2 → M3, N3 → A1 … A4 and loads N1 → N2, B1 → B2 → B3 in program order (shm/order.py). N3 is stored
 after the loads of N2: a store is never overtaken by, nor overtakes, an earlier load on x86-64.
@@ -212,17 +213,21 @@ class Mailbox:
 
     def _recover(self, place: int) -> None:
         """Go on where a predecessor stopped, wherever that was."""
-        words, taken, answered = self._words, self._taken[place], self._answered[place]
-        if answered >= LAST_NUMBER:
-            self._answered[place] = answered = 0
+        words, taken, answered = self._words, self._taken[place], self._last_answer(place)
         if words[self._replies[place][(answered + 1) % REPLIES_DEPTH] >> 3] == answered + 1:  # V1
-            self._answered[place] = answered = answered + 1
-        words[self._answered_at[place]] = answered
+            answered += 1
+        self._answered[place] = words[self._answered_at[place]] = answered
         if 0 <= words[self._sent[place]] - taken <= COMMANDS_DEPTH:
             for number in self._unfinished(place, taken):
                 self.answer(place, number, FAILED, DIED)  # V2
         else:
             self._put_right(place)
+
+    def _last_answer(self, place: int) -> int:
+        """Number of the last answer; 0, to begin anew, when the slot of that number says something else."""
+        answered = self._answered[place]
+        at = self._replies[place][answered % REPLIES_DEPTH]
+        return answered if answered < LAST_NUMBER and self._words[at >> 3] == answered else 0
 
     def _unfinished(self, place: int, taken: int) -> list[int]:
         """Commands whose last whole answer is "accepted", and `taken` without any; the oldest may be torn (A2)."""
@@ -294,6 +299,7 @@ class Mailbox:
         if sent >= LAST_NUMBER:
             sent = 0  # its next client moves its own cursor
         self._taken[place] = self._words[self._taken_at[place]] = sent
+        self._answered[place] = self._words[self._answered_at[place]] = self._last_answer(place)
         self.resets += 1
 
     def _take(self, place: int, n: int) -> Received | None:
@@ -304,12 +310,14 @@ class Mailbox:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
-        if code < len(self._table) and count <= MAX_VALUES:
-            return Received(self, place, number, self._table[code], raw)
+        if number == n and code < len(self._table) and count <= MAX_VALUES:
+            return Received(self, place, n, self._table[code], raw)
         wrong = f"command {code} is not in the table"
-        if count > MAX_VALUES:
+        if number != n:  # nobody wrote it for this turn: never run what was run before
+            wrong = f"the slot of command {n} holds command {number}"
+        elif count > MAX_VALUES:
             wrong = f"{count} values; allowed are {MAX_VALUES}"
-        self.answer(place, number, REFUSED, wrong)
+        self.answer(place, n, REFUSED, wrong)
         return None
 
     def answer(self, place: int, number: int, outcome: int, text: str) -> None:

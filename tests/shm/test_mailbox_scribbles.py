@@ -1,0 +1,343 @@
+"""A hostile client, or whole hostile processes, write into a live mailbox: the others are served as if nothing were."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
+
+from shm import mailbox as m
+from shm.client import Client, MailboxFull
+from shm.mailbox import Mailbox, MailboxMap, create_mailbox
+from shm.segment import SegmentError, segment_name, unlink
+from tests.shm.test_hostile import bounded
+
+SYSTEM = f"tbox{os.getpid()}"
+COUNTER = itertools.count()
+ODD = st.one_of(
+    st.sampled_from([0, 1, 31, 32, 33, 64, 65, 2**31, 2**62 - 1, 2**62, 2**63, 2**64 - 1]), st.integers(0, 2**64 - 1)
+)
+CURSORS = st.sampled_from(m.CURSORS[:3])
+
+
+class OneBadClient(RuleBasedStateMachine):
+    """One client writes anything into its own place; two others are good, and nothing of theirs is lost."""
+
+    @initialize()
+    def make(self) -> None:
+        self.instance = f"IO{next(COUNTER)}"
+        create_mailbox(SYSTEM, self.instance, "io")
+        self.owner = Mailbox(SYSTEM, self.instance, "io")
+        self.bad = Client(SYSTEM, self.instance)
+        self.good = [Client(SYSTEM, self.instance) for _ in range(2)]
+        self.sent: list[list[int]] = [[], []]
+        self.run: list[list[int]] = [[], []]
+        self.answers: list[list[int]] = [[], []]
+        self.serial = itertools.count(1)
+
+    @rule(which=CURSORS, value=ODD)
+    def bad_cursor(self, which: str, value: int) -> None:
+        self.bad._words[self.bad._map.cursor(which, 0)] = value
+
+    @rule(slot=st.integers(0, m.COMMANDS_DEPTH - 1), at=st.integers(0, 600), data=st.binary(min_size=1, max_size=80))
+    def bad_command(self, slot: int, at: int, data: bytes) -> None:
+        begin = self.bad._queue[slot] + at % m.COMMAND_SCHEMA.stride
+        self.put(begin, data, self.bad._queue[slot] + m.COMMAND_SCHEMA.stride)
+
+    @rule(slot=st.integers(0, m.REPLIES_DEPTH - 1), at=st.integers(0, 255), data=st.binary(min_size=1, max_size=80))
+    def bad_reply(self, slot: int, at: int, data: bytes) -> None:
+        begin = self.bad._replies[slot] + at % m.REPLY_SCHEMA.stride
+        self.put(begin, data, self.bad._replies[slot] + m.REPLY_SCHEMA.stride)
+
+    def put(self, begin: int, data: bytes, end: int) -> None:
+        data = data[: end - begin]
+        self.bad._view[begin : begin + len(data)] = data
+
+    @rule()
+    def bad_sends_and_polls(self) -> None:
+        with bounded(), contextlib.suppress(MailboxFull):
+            self.bad.send("power_off", (666,), "bad")
+            assert all(reply.outcome and isinstance(reply.text, str) for reply in self.bad.poll())
+
+    @rule(which=st.integers(0, 1), count=st.integers(1, 12))
+    def good_sends(self, which: int, count: int) -> None:
+        for _ in range(count):
+            serial = next(self.serial)
+            try:
+                self.good[which].send("power_off", (serial,), f"good {which}")
+            except MailboxFull:
+                assert len(self.sent[which]) - len(self.run[which]) == m.COMMANDS_DEPTH
+                return
+            self.sent[which].append(serial)
+
+    @rule()
+    def drain(self) -> None:
+        with bounded():
+            for count, got in enumerate(self.owner.drain()):
+                assert count < 3 * m.PER_CYCLE
+                assert got.values.size <= m.MAX_VALUES and got.name
+                if got.text in ("good 0", "good 1") and got._place:
+                    which = int(got.text[-1])
+                    self.run[which].append(int(got.values[0]))
+                    got.done(str(self.run[which][-1]))
+                else:
+                    assert got._place == 0
+                    got.refuse("bad")
+        for which, client in enumerate(self.good):
+            assert self.run[which] == self.sent[which][: len(self.run[which])]
+            replies = client.poll()
+            assert all(reply.outcome == "done" for reply in replies) and client.lost == 0
+            self.answers[which] += [int(reply.text) for reply in replies]
+            assert self.answers[which] == self.run[which]
+
+    @rule()
+    def replace_owner(self) -> None:
+        self.owner.close()
+        with bounded():
+            self.owner = Mailbox(SYSTEM, self.instance, "io")
+            self.drain()
+
+    @rule()
+    def replace_bad(self) -> None:
+        """It goes, and the place is used again as soon as the owner has looked."""
+        self.bad.close()
+        for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
+            with contextlib.closing(Client(SYSTEM, self.instance)):
+                self.drain()
+        self.bad = Client(SYSTEM, self.instance)
+        assert self.bad._sent == self.bad._map.cursor("sent", 0)
+        self.bad.poll()
+        number = self.bad.send("power_off", (7,), "heir")
+        got = [c for _ in range(6) for c in self.owner.drain()]
+        ours = [c for c in got if c._place == 0 and c.text == "heir"]
+        assert [c.id for c in ours] == [number] and ours[0].values.tolist() == [7.0]
+        ours[0].done("it was")
+        assert ("done", "it was") in [(r.outcome, r.text) for r in self.bad.poll()]
+        for c in got:
+            if c._place:
+                self.run[int(c.text[-1])].append(int(c.values[0]))
+                c.done(str(int(c.values[0])))
+        self.drain()
+
+    def teardown(self) -> None:
+        for _ in range(6):
+            self.drain()
+        assert self.run == self.sent
+        for part in (self.owner, self.bad, *self.good):
+            part.close()
+        unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+
+
+TestOneBadClient = OneBadClient.TestCase
+TestOneBadClient.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+
+
+@pytest.mark.slow
+def test_a_long_life_with_a_bad_client_loses_nothing() -> None:
+    case = OneBadClient.TestCase()
+    case.settings = settings(max_examples=150, stateful_step_count=50, deadline=None)
+    case.runTest()
+
+
+class NobodyIsSpared(RuleBasedStateMachine):
+    """Somebody writes anywhere in the segment: afterwards every place works again."""
+
+    @initialize()
+    def make(self) -> None:
+        self.instance = f"IO{next(COUNTER)}"
+        create_mailbox(SYSTEM, self.instance, "io")
+        self.owner = Mailbox(SYSTEM, self.instance, "io")
+        self.hand = MailboxMap(SYSTEM, self.instance)
+        self.good_header = self.hand.view[:4096].tobytes()
+        self.clients = [Client(SYSTEM, self.instance) for _ in range(3)]
+
+    @rule(at=st.integers(64, 1 << 20), data=st.binary(min_size=1, max_size=300))
+    def scribble(self, at: int, data: bytes) -> None:
+        begin = 64 + (at - 64) % (len(self.hand.view) - 64)
+        data = data[: len(self.hand.view) - begin]
+        self.hand.view[begin : begin + len(data)] = data
+        self.hand.view[256:4096] = self.good_header[256:]
+
+    @rule(which=CURSORS, place=st.integers(0, m.CLIENTS - 1), value=ODD)
+    def cursor(self, which: str, place: int, value: int) -> None:
+        self.hand.words[self.hand.cursor(which, place)] = value
+
+    @rule(which=st.integers(0, 2), count=st.integers(1, 40))
+    def send(self, which: int, count: int) -> None:
+        with bounded(), contextlib.suppress(MailboxFull):
+            for _ in range(count):
+                self.clients[which].send("power_off", (1,))
+
+    @rule(which=st.integers(0, 2))
+    def poll(self, which: int) -> None:
+        with bounded():
+            assert len(self.clients[which].poll()) <= m.REPLIES_DEPTH
+
+    @rule()
+    def drain(self) -> None:
+        with bounded():
+            for count, got in enumerate(self.owner.drain()):
+                assert count < m.CLIENTS * m.PER_CYCLE
+                got.accept()
+                got.done(got.text)
+            assert self.owner.resets >= 0
+
+    @rule()
+    def replace_owner(self) -> None:
+        self.owner.close()
+        with bounded():
+            self.owner = Mailbox(SYSTEM, self.instance, "io")
+            self.owner.refuse_waiting("just started")
+
+    @rule(which=st.integers(0, 2))
+    def replace_client(self, which: int) -> None:
+        self.clients[which].close()
+        self.drain()
+        with bounded():
+            self.clients[which] = Client(SYSTEM, self.instance)
+
+    def teardown(self) -> None:
+        for client in self.clients:
+            client.close()
+        for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
+            self.drain()
+        everybody = self.everybody()
+        assert len(everybody) == m.CLIENTS
+        for client in everybody:
+            client.poll()
+            number = client.send("power_off", (3,), "mine")
+            (got,) = [c for _ in range(5) for c in self.owner.drain()]
+            assert (got.id, got.text, got.values.tolist()) == (number, "mine", [3.0])
+            got.done("fine")
+            reply = client.poll()[-1]  # a cursor put back may show it what its predecessor was told
+            assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
+        for part in (self.owner, *everybody):
+            part.close()
+        self.hand.segment.close()
+        unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+
+    def everybody(self) -> list[Client]:
+        """A client in every place; one out of step is passed over, and right when the owner has looked."""
+        found: list[Client] = []
+        for _ in range(3):
+            with contextlib.suppress(SegmentError):
+                while True:
+                    found.append(Client(SYSTEM, self.instance))
+            self.drain()
+        return found
+
+
+TestNobodyIsSpared = NobodyIsSpared.TestCase
+TestNobodyIsSpared.settings = settings(max_examples=20, stateful_step_count=20, deadline=None)
+
+
+@pytest.mark.slow
+def test_a_long_life_of_scribbles_leaves_a_mailbox_usable() -> None:
+    case = NobodyIsSpared.TestCase()
+    case.settings = settings(max_examples=100, stateful_step_count=40, deadline=None)
+    case.runTest()
+
+
+@pytest.fixture
+def system(world: Any) -> Iterator[str]:
+    create_mailbox(world.name, "IO1", "io")
+    yield world.name
+    unlink(segment_name(world.name, "IO1", "mailbox"))
+
+
+@pytest.mark.parametrize("attempts", [1, 2, 3])
+@pytest.mark.parametrize("value", [0, 1, 5, 33, 1 << 40, 2**62, 2**64 - 1])
+@pytest.mark.parametrize("which", m.CURSORS[:3])
+def test_a_place_out_of_step_is_put_right_and_used_again(system: str, which: str, value: int, attempts: int) -> None:
+    owner, first = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    for _ in range(3):
+        first.send("power_off", (1,))
+    for got in owner.drain():
+        got.done()
+    hand = MailboxMap(system, "IO1")
+    hand.words[hand.cursor(which, 0)] = value
+    first.close()
+    for _ in range(attempts):
+        with contextlib.closing(Client(system, "IO1")):
+            pass
+    assert [got for _ in range(5) for got in owner.drain()] == []
+    heir = Client(system, "IO1")
+    assert heir._sent == hand.cursor("sent", 0)
+    number = heir.send("power_off", (2,), "heir")
+    (got,) = owner.drain()
+    got.done("fine")
+    assert (got.id, got.text) == (number, "heir")
+    reply = heir.poll()[-1]
+    assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
+    for part in (owner, heir, hand.segment):
+        part.close()
+
+
+@pytest.mark.parametrize("forged", [1, 7, m.COMMANDS_DEPTH])
+def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged: int) -> None:
+    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    for _ in range(2 * m.COMMANDS_DEPTH):
+        client.send("power_off", (1,))
+        for got in owner.drain():
+            got.done()
+    client.poll()
+    client._words[client._sent] += forged
+    ran = [got for _ in range(5) for got in owner.drain()]
+    assert ran == []
+    replies = client.poll()
+    assert [r.id for r in replies] == list(range(65, 65 + forged)) and {r.outcome for r in replies} == {"refused"}
+    assert replies[0].text == "the slot of command 65 holds command 33"
+    owner.close()
+    client.close()
+
+
+@pytest.mark.parametrize("before", [0, 1, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 2 * m.REPLIES_DEPTH])
+def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -> None:
+    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    for _ in range(before):
+        client.send("power_off")
+        for got in owner.drain():
+            got.done()
+        client.poll()
+    number = client.send("power_off")
+    (got,) = owner.drain()
+    got.done("just in time")
+    owner._words[owner._answered_at[0]] = before  # as it is between A3 and A4
+    owner.close()
+    assert client.poll() == []
+    heir = Mailbox(system, "IO1", "io")  # V1
+    assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(number, "done", "just in time")]
+    next_number = client.send("power_off")
+    (got,) = heir.drain()
+    got.done("next")
+    assert [(r.id, r.text) for r in client.poll()] == [(next_number, "next")] and client.lost == 0
+    heir.close()
+    client.close()
+
+
+@pytest.mark.parametrize("waiting", [0, 3])
+def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> None:
+    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    fatal = client.send("power_off", (1,), "fatal")
+    (got,) = owner.drain()  # N3 is done, N4 is not
+    assert got.id == fatal
+    later = [client.send("power_off", (2,)) for _ in range(waiting)]
+    owner.close()
+    run: list[int] = []
+    for _ in range(3):
+        heir = Mailbox(system, "IO1", "io")  # V2
+        for got in heir.drain():
+            run.append(got.id)
+            got.done()
+        heir.close()
+    assert run == later
+    replies = [(r.id, r.outcome, r.text) for r in client.poll()]
+    assert replies == [(fatal, "failed", m.DIED), *((number, "done", "") for number in later)]
+    client.close()
