@@ -199,6 +199,11 @@ class RingReader:
         return int(self._stamp[1])
 
     @property
+    def record(self) -> memoryview:
+        """The private copy as bytes, for who wants to keep it."""
+        return self._target
+
+    @property
     def head(self) -> int:
         """Sequence of the newest record, 0: none; one load, for polling."""
         return int(self._words[HEAD])

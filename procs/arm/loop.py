@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from procs import runtime
 from procs.arm.joints import AXES
@@ -36,7 +40,35 @@ class IoMailbox:
         return self._client.poll()
 
 
-def fault_text(io: RingReader, events: RingReader, robot: str) -> Callable[[int], str]:
+class LastGood:
+    """io's newest whole record. A read that found none leaves the last one as it was, to grow old: its positions are
+    where the robot was, which a torn record's are not.
+    """
+
+    def __init__(self, ring: RingReader) -> None:
+        """`ring` is io's; nothing of what it holds is seen before it was read whole."""
+        self._ring, self._source = ring, ring.record
+        kept = bytearray(len(ring.record))
+        self._kept, self._record = memoryview(kept), np.frombuffer(kept, dtype=ring.dtype, count=1)
+        self.stamp_ns = 0
+
+    @property
+    def epoch(self) -> int:
+        """Which of io's lives writes the ring now."""
+        return self._ring.epoch
+
+    def field(self, name: str) -> NDArray[Any]:
+        """A view on a field; resolve before the loop."""
+        return self._record[name].reshape(self._record[name].shape[1:])
+
+    def take(self) -> None:
+        """Read the newest record, if it can be had whole."""
+        if self._ring.newest():
+            self._kept[:] = self._source
+            self.stamp_ns = self._ring.stamp_ns
+
+
+def fault_text(io: LastGood, events: RingReader, robot: str) -> Callable[[int], str]:
     """What io has just said about a fault of `robot`, in its own words, else the words of the fault table.
 
     io's events come after its record, so that they are not always there yet; `io` reads the record.
@@ -72,7 +104,7 @@ def main() -> None:
         arm = me.document.arm(me.name)
         if arm.type != "PSM":
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available in this version; PSM is")
-        io, setpoint, state = me.reads(arm.io, "state"), me.writes("setpoint"), me.writes("state")
+        io, setpoint, state = LastGood(me.reads(arm.io, "state")), me.writes("setpoint"), me.writes("state")
         readings = Readings(io.field, *place_in(me.document.io(arm.io), arm))
         faults = fault_text(io, me.reads(arm.io, "events"), arm.robot)
         orders = IoMailbox(me.commands(arm.io))
@@ -82,7 +114,7 @@ def main() -> None:
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         me.ready()
         while me.tick():
-            io.newest()
+            io.take()
             psm.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain())
             setpoint.publish(me.now_ns)
             state.publish(me.now_ns)

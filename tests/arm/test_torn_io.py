@@ -1,0 +1,138 @@
+"""Records of io that cannot be read whole: the arm goes by the last good one, and by its age."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.arm.loop import LastGood
+from procs.arm.psm import PsmArm
+from procs.arm.readings import SILENT_NS, Readings
+from shm import directory
+from shm.ring import HEAD
+from shm.segment import Segment, segment_name
+from shm.topics import IO_STATE
+from tests.arm.fake_io import AXES, PERIOD_NS, Rig
+
+GARBAGE = b"\xc7"  # every flag is set, every number is far away
+
+
+class TornRig(Rig):
+    """A rig whose io writes a real ring, which can be spoilt."""
+
+    def __init__(self, system: str) -> None:
+        directory.create_ring(system, "IO1", IO_STATE, {"axes": AXES + 2, "robots": 2, "inputs": 1}, {})
+        self.ring = directory.writer(system, "IO1", "state", "io")
+        self.reader = directory.reader(system, "IO1", "state", "io")
+        self.hand = Segment(segment_name(system, "IO1", "state"), write=True)
+        self.seen = LastGood(self.reader)
+        self.torn = False
+        super().__init__()
+
+    def start_arm(self) -> None:
+        view = View(self.ring)
+        for name, value in (("position", self.io.position), ("setpoint_position", self.io.setpoint)):
+            view[name][2:] = value
+        self.io.record = view  # type: ignore[assignment]
+        super().start_arm()
+        self.arm = PsmArm(self.document, Readings(self.seen.field, 1, 2), self.io, self.state.field,
+                          self.setpoint.field, self.reports, lambda code: f"fault number {code}")
+
+    def step(self, *requests: Any) -> None:
+        self.now_ns += self.period_ns
+        self.io.cycle(self.now_ns, self.setpoint)
+        self.ring.publish(self.now_ns)
+        if self.torn:
+            self.tear()
+        self.seen.take()
+        self.arm.step(self.now_ns, self.seen.stamp_ns, self.seen.epoch, requests)
+
+    def tear(self) -> None:
+        """The newest record is garbage, and its sequence says that somebody is writing."""
+        header = self.hand.header
+        words = self.hand.words()
+        at = header.first + words[HEAD] % header.depth * header.stride
+        self.hand.view[at + 8 : at + header.stride] = GARBAGE * (header.stride - 8)
+        words[at // 8] = 0
+
+    def close(self) -> None:
+        for part in (self.ring, self.reader, self.hand):
+            part.close()
+
+
+class View:
+    """A ring's private record, as the fake io likes it."""
+
+    def __init__(self, ring: Any) -> None:
+        self.field = ring.field
+
+    def __getitem__(self, name: str) -> Any:
+        return self.field(name)
+
+    def set(self, name: str, value: Any) -> None:
+        self.field(name)[...] = value
+
+
+@pytest.fixture
+def rig(world: Any) -> Iterator[TornRig]:
+    made = TornRig(world.name)
+    yield made
+    made.close()
+    world.remove()
+
+
+def test_nothing_is_seen_before_a_whole_record(rig: TornRig) -> None:
+    rig.torn = True
+    rig.run(0.1)
+    assert rig.seen.stamp_ns == 0 and not rig.seen.field("position").any() and not rig.seen.field("powered").any()
+    assert rig.arm.state == "DISABLED" and not rig.state["valid"]
+
+
+def test_a_torn_record_now_and_then_changes_nothing(rig: TornRig) -> None:
+    rig.homed()
+    before = rig.setpoint["position"].copy()
+    for _ in range(20):
+        rig.torn = True
+        rig.run(0.01)
+        rig.torn = False
+        rig.run(0.01)
+        assert rig.state["valid"]
+    assert rig.arm.state == "HOMED" and rig.reports.of("error") == []
+    assert rig.reader.torn >= 20
+    np.testing.assert_array_equal(rig.setpoint["position"], before)
+    np.testing.assert_allclose(rig.state["position"][:6], rig.arm._io.position[:6])
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_torn_records_are_an_io_that_is_silent(rig: TornRig, busy: bool) -> None:
+    rig.homed()
+    if busy:
+        rig.send("move_jp", (0.5, 0.1, 0.1, 0.0, 0.0, 0.0))
+        rig.run(0.3)
+    rig.torn = True
+    good = rig.setpoint["position"].copy()
+    rig.run(0.02)
+    assert rig.arm.state == "HOMED" and rig.state["valid"]
+    rig.run(SILENT_NS * 1e-9)
+    assert rig.arm.state == "FAULT"
+    assert [row[1] for row in rig.reports.of("error")] == ["io-silent"]
+    assert not rig.state["valid"] and not rig.state["position"].any()
+    assert np.abs(rig.setpoint["position"] - good).max() < 0.05  # it never asked for anything garbage said
+    assert np.abs(rig.arm._io.rows).max() < 10.0
+    rig.torn = False
+    rig.run(0.1)
+    rig.state_command("enable")
+    rig.until(lambda: rig.arm.state == "ENABLED")
+
+
+def test_the_effort_mode_falls_back_to_a_real_position(rig: TornRig) -> None:
+    rig.homed()
+    rig.send("servo_jf", (0.0,) * 6)
+    here = rig.arm._io.setpoint.copy()
+    rig.torn = True
+    rig.run(SILENT_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
+    assert rig.arm.state == "FAULT"
+    np.testing.assert_allclose(rig.arm._motion.goal[:6], here[:6], atol=0.01)
