@@ -2,7 +2,8 @@
  * has a successor. Client and owner may die both, and in the middle of a recovery.
  *
  * A command has two cells, a reply has its id and its body, so that torn ones show. Commands of different lives of the
- * client differ in content. Each command has one answer, given before the next one is taken, as our owners do.
+ * client differ in content. A command is answered before the next one is taken, as our owners do; with ACCEPTS, one at
+ * a time may stay under way, accepted, and is done when others have been taken.
  */
 
 #ifndef COMMANDS
@@ -15,6 +16,11 @@
 #define OWNERS 2        /* lives of the owner */
 #endif
 #define DEPTH 2         /* of the queue, and of the reply ring */
+#define ACCEPTED 1
+#define REFUSED 2
+#define DONE 3
+#define FAILED 4
+#define REPLY(id, outcome) (8 * (id) + outcome)
 
 #define CLIENT 0
 #define OWNER 1
@@ -35,16 +41,28 @@
 
 #include "tso.pml"
 
-#define REFUSED 1
-#define DONE 2
-#define FAILED 3
-
 /* What no process knows, only the checks: */
 byte issued[COMMANDS + 1];      /* the content of each command past M3 */
 bool ran[COMMANDS + 1];
-byte outcome[COMMANDS + 1];     /* of each command's answer, when that is out */
+byte outcome[COMMANDS + 1];     /* the last answer to each command that is out */
+byte accepted[COMMANDS + 1];    /* the reply that said so */
 byte begun;                     /* the last reply whose slot was touched */
-bool quiet;                     /* every command is taken and answered, and all stores are out */
+bool quiet;                     /* every command is taken and done, and all stores are out */
+
+/* A command is answered once, but for one that was accepted: once more, when it has come to its end. */
+inline answers(command, how) {
+    d_step {
+        assert(!outcome[command] || (outcome[command] == ACCEPTED && how >= DONE));
+        outcome[command] = how;
+        if
+        :: how == ACCEPTED -> accepted[command] = begun
+        :: else -> accepted[command] = 0
+        fi
+    }
+}
+
+/* What was accepted has come to its end, unless nobody can know: that reply has been overwritten. */
+#define ENDED(command) (outcome[command] > ACCEPTED || (accepted[command] && begun >= accepted[command] + DEPTH))
 
 #define KILL(life, lives) if :: skip :: life + 1 < lives -> goto killed fi
 #define DIE KILL(life, CLIENTS)
@@ -122,7 +140,7 @@ poll:
         sequence = seen;
 #endif
         if
-        :: sequence == seen -> assert(body == 4 * id + outcome[id])
+        :: sequence == seen -> assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED))
         :: else -> assert(begun >= seen + DEPTH)
         fi
     :: else -> goto idle
@@ -139,11 +157,11 @@ done:
 #define DIE KILL(life, OWNERS)
 
 active proctype owner() {
-    byte taken, answered, end, life, how, number, at;
-    byte first, second;
-    bool refuse;
+    byte taken, answered, end, life, how, number, at, to, under_way;
+    byte first, second, last[COMMANDS + 1];
+    bool refuse, recovers;
 begin:
-    end = 0; how = 0; number = 0; at = 0; first = 0; second = 0;
+    end = 0; how = 0; number = 0; at = 0; to = 0;
     load(OWNER, TAKEN, taken);
     load(OWNER, ANSWERED, answered);
 #ifndef NO_V1
@@ -156,42 +174,60 @@ begin:
     store(OWNER, ANSWERED, answered);
     DIE;
 #ifndef NO_V2
-    number = answered;                          /* V2 */
-    do
-    :: taken == 0 || number == 0 || number + DEPTH == answered -> break
-    :: else ->
-        load(OWNER, ID(number), how);
+    atomic {    /* the only one who writes replies reads them: no step of others matters in between */
+        number = (answered < DEPTH -> 0 : answered - DEPTH);                        /* V2 */
+        do
+        :: number < answered ->
+            number++;
+            load(OWNER, ID(number), to);
+            load(OWNER, BODY(number), how);
 #ifdef V2_HALF
-        at = number;
+            at = number;
 #else
-        load(OWNER, SEQUENCE(number), at);
+            load(OWNER, SEQUENCE(number), at);
 #endif
-        if
-        :: how == taken && at == number -> goto whole
-        :: else -> number--
-        fi
-    od;
+            if
+            :: at == number -> last[to] = how % 8
+            :: else
+            fi
+        :: else -> break
+        od;
+        last[taken] = (last[taken] == 0 -> ACCEPTED : last[taken]);
+        to = 0;
+        recovers = true;
+    };
+recover:
+    at = 0; how = FAILED;
     if
-    :: taken -> how = FAILED; goto answer
-    :: else
+    :: to < COMMANDS ->
+        to++;
+        if
+#ifdef V2_TAKEN
+        :: last[to] == ACCEPTED && to == taken -> last[to] = 0; goto answer
+#else
+        :: last[to] == ACCEPTED -> last[to] = 0; goto answer
+#endif
+        :: else -> last[to] = 0; goto recover
+        fi
+    :: else -> last[0] = 0; recovers = false
     fi;
 #endif
-whole:
     if
     :: refuse = true                            /* V3 */
     :: refuse = false
     fi;
 look:
-    end = 0; number = 0; at = 0; how = 0; first = 0; second = 0;
+    end = 0; number = 0; at = 0; how = 0; to = 0;
     load(OWNER, SENT, end);                     /* N1 */
     if
     :: end == taken && refuse -> refuse = false; goto look
-    :: end == taken && !refuse && taken == COMMANDS -> goto done
-    :: end == taken && !refuse && taken < COMMANDS -> memory[SENT] != taken; goto look
-    :: else
+    :: end == taken && !refuse && !under_way && taken == COMMANDS -> goto done
+    :: end == taken && !refuse && !under_way && taken < COMMANDS -> memory[SENT] != taken; goto look
+    :: end != taken
+    :: under_way -> to = under_way; how = DONE; under_way = 0; goto answer
     fi;
 take:
-    first = 0; second = 0;
+    to = 0; how = 0;
 #ifdef N3_FIRST
     store(OWNER, TAKEN, taken + 1);
     DIE;
@@ -206,9 +242,14 @@ take:
     assert(first == second);
     assert(first == issued[taken]);
     assert(!ran[taken] && !outcome[taken]);
+    first = 0; second = 0;
+    to = taken;
     if
     :: refuse -> how = REFUSED
-    :: else -> ran[taken] = true; how = DONE    /* N4 */
+    :: !refuse -> ran[taken] = true; how = DONE                                     /* N4 */
+#ifdef ACCEPTS
+    :: !refuse && !under_way -> ran[taken] = true; how = ACCEPTED; under_way = taken
+#endif
     fi;
     DIE;
 answer:
@@ -219,38 +260,41 @@ answer:
     DIE;
 #endif
 #ifdef A3_FIRST
-    outcome[taken] = how;
+    answers(to, how);
     store(OWNER, SEQUENCE(number), number);
     DIE;
 #endif
-    STORE_BOTH(OWNER, ID(number), taken, BODY(number), 4 * taken + how);            /* A2 */
+    STORE_BOTH(OWNER, ID(number), to, BODY(number), REPLY(to, how));                /* A2 */
 #ifndef A3_FIRST
-    assert(!outcome[taken]);
-    outcome[taken] = how;
+    answers(to, how);
     store(OWNER, SEQUENCE(number), number);     /* A3 */
     DIE;
 #endif
     answered = number;
     store(OWNER, ANSWERED, answered);           /* A4 */
     DIE;
+    number = 0;
 #ifdef N4_FIRST
     store(OWNER, TAKEN, taken);
     DIE;
 #endif
     if
-    :: how == FAILED -> goto whole
-    :: taken < end -> goto take
-    :: else -> goto look
+#ifndef NO_V2
+    :: recovers -> goto recover
+#endif
+    :: !recovers && taken < end -> goto take
+    :: !recovers && taken >= end -> goto look
     fi;
 killed:
     life++;
-    taken = 0; answered = 0; refuse = false;
+    taken = 0; answered = 0; under_way = 0; refuse = false; recovers = false;
+    for (number : 0 .. COMMANDS) { last[number] = 0 }
     EMPTY(OWNER);
     goto begin;
 done:
     EMPTY(OWNER);
     d_step {
-        for (number : 1 .. COMMANDS) { assert(outcome[number]) }
+        for (number : 1 .. COMMANDS) { assert(ENDED(number)) }
         number = 0;
         quiet = true
     }

@@ -137,10 +137,19 @@ inline accept() {
     }
 }
 
-/* Numbers due to k - 1 are lost: only what no longer belongs to the DEPTH - 1 records kept. */
+/* Where a reader that was overrun goes on: at the oldest record kept, at later attempts ROOM records nearer to head. */
+#define OLDEST (seen - DEPTH + 2)
+#ifdef SKIP_FAR
+#define ROOM ((1 << tries) < DEPTH - 1 -> (1 << tries) : DEPTH - 2)
+#else
+#define ROOM ((1 << tries) - 1 < DEPTH - 2 -> (1 << tries) - 1 : DEPTH - 2)
+#endif
+
+/* Numbers due to k - 1 are lost: at first only what no longer belongs to the DEPTH - 1 records kept. */
 inline skip_to(k) {
     d_step {
-        assert(headed >= k - 1 + DEPTH - 1);
+        assert(headed >= k);
+        assert(tries || headed >= k - 1 + DEPTH - 1);
         counted = counted + k - due;
         due = k
     }
@@ -213,24 +222,24 @@ look:
         :: memory[SEQUENCE(n)] != n -> assert(n <= seen + 2); goto nothing
         :: else
         fi
-    :: seen >= n + DEPTH - 1 ->
-#ifdef SKIP_FAR
-        skip_to(seen - DEPTH + 3);
-#else
-        skip_to(seen - DEPTH + 2);
-#endif
-        AGAIN(look)
     :: else
     fi;
-    copy(n);
     if
+    :: n >= OLDEST ->
+        copy(n);
+        if
 #ifndef NO_R3
-    :: memory[SEQUENCE(n)] != n -> skip_to(n + 1); AGAIN(look)
-    :: else -> goto got
+        :: memory[SEQUENCE(n)] != n
+        :: else -> goto got
 #else
-    :: true -> goto got
+        :: true -> goto got
 #endif
+        fi
+    :: else
     fi;
+    n = (n < OLDEST + ROOM -> OLDEST + ROOM : n + 1);
+    skip_to(n);
+    AGAIN(look);
 take:
     copy(n);
     if
