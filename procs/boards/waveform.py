@@ -1,0 +1,97 @@
+"""Playing the waveform table of a board's digital outputs: which entry is on at any tick, in closed form.
+
+Entries follow each other, each lasts its value + 1 ticks; the first entry that is not valid ends it. A table whose
+1024 entries are all valid goes round for ever.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from itertools import accumulate
+from typing import Final
+
+ENTRIES: Final = 1024
+VALID: Final = 1 << 31
+LEVELS: Final = 0xFF
+NEVER: Final = 1 << 62
+_LENGTH_SHIFT, _LENGTH_MASK = 8, (1 << 23) - 1
+
+
+class Waveform:
+    """The table, and where in it a playback is."""
+
+    def __init__(self) -> None:
+        """An empty table at rest."""
+        self.table = [0] * ENTRIES
+        self.end = -1  # tick at which the entry that is not valid comes up; at rest after it
+        self._index = 0  # entry the plan begins with
+        self._elapsed = 0  # ticks of it that lay before the plan
+        self._starts: list[int] = []  # ticks at which the entries of the plan begin, one lap at most
+        self._laps_from = NEVER  # a full table: tick at which the second lap begins
+        self._offsets: list[int] = []  # and the starts within a later lap
+        self._lap = 1
+
+    def play(self, tick: int) -> None:
+        """Begin at entry 0."""
+        self._plan(tick, 0, 0)
+
+    def stop(self) -> None:
+        """Nothing is played any more."""
+        self.end = -1
+        self._starts = []
+        self._laps_from = NEVER
+
+    def write(self, index: int, entries: list[int], tick: int) -> None:
+        """Write entries from `index` on (past the last comes the first); a playback goes on with the new ones."""
+        at = self.where(tick)
+        for k, entry in enumerate(entries):
+            self.table[(index + k) % ENTRIES] = entry
+        if at is not None:
+            self._plan(tick, *at)
+
+    def where(self, tick: int) -> tuple[int, int] | None:
+        """Entry that is on and its ticks gone by; at `end` the invalid one; None at rest."""
+        if tick > self.end:
+            return None
+        if tick >= self._laps_from:
+            spent = (tick - self._laps_from) % self._lap
+            k = bisect_right(self._offsets, spent) - 1
+            return (self._index + k) % ENTRIES, spent - self._offsets[k]
+        if tick == self.end:
+            return (self._index + len(self._starts)) % ENTRIES, 0
+        k = bisect_right(self._starts, tick) - 1
+        before = self._elapsed if k == 0 else 0
+        return (self._index + k) % ENTRIES, tick - self._starts[k] + before
+
+    def count(self, tick: int) -> int:
+        """Number of entries (the one that ends it included) that have come up by `tick` since the plan was made."""
+        if tick < self._laps_from:
+            return bisect_right(self._starts, tick) + (0 <= self.end <= tick)
+        laps, spent = divmod(tick - self._laps_from, self._lap)
+        return len(self._starts) + laps * ENTRIES + bisect_right(self._offsets, spent)
+
+    def at(self, number: int) -> int:
+        """Tick at which entry `number` (from 0, as `count` counts them) comes up."""
+        if number < len(self._starts):
+            return self._starts[number]
+        if self._laps_from == NEVER:
+            return self.end
+        laps, k = divmod(number - len(self._starts), ENTRIES)
+        return self._laps_from + laps * self._lap + self._offsets[k]
+
+    def _plan(self, tick: int, index: int, elapsed: int) -> None:
+        """Foresee what comes when `elapsed` ticks of entry `index` have gone by at `tick`."""
+        self._index, self._elapsed = index, elapsed
+        order = self.table[index:] + self.table[:index]
+        valid = next((k for k, entry in enumerate(order) if not entry & VALID), ENTRIES)
+        lengths = [(entry >> _LENGTH_SHIFT & _LENGTH_MASK) + 1 for entry in order[:valid]]
+        lap = list(accumulate(lengths, initial=0))
+        if valid:
+            # The counter is compared for equality: past the length it goes on until it wraps.
+            lengths[0] = (lengths[0] - 1 - elapsed) % (_LENGTH_MASK + 1) + 1
+        *self._starts, stop = accumulate(lengths, initial=tick)
+        if valid < ENTRIES:
+            self.end, self._laps_from = stop, NEVER
+        else:
+            self.end, self._laps_from = NEVER, stop
+            *self._offsets, self._lap = lap
