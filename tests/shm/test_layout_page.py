@@ -1,0 +1,355 @@
+"""docs/shared-memory.md says what the code does: its tables, its example, and a client made from nothing else."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib
+import itertools
+import mmap
+import os
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shm import clock, doorbell, header, mailbox, pulse, ring
+from shm.client import Client
+from shm.directory import create_ring
+from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
+from shm.mailbox import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, Mailbox, create_mailbox
+from shm.pulse import STATES, Pulse, create_control
+from shm.ring import RingWriter
+from shm.segment import NAME, Segment, path_of, segment_name
+from shm.topics import TOPICS, Field, Topic
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "docs" / "shared-memory.md").read_text(encoding="utf-8")
+Row = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of the page: the heading it stands under, and its rows by column."""
+
+    heading: str
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def cells(line: str) -> tuple[str, ...]:
+    return tuple(cell.strip().strip("`") for cell in line.strip().strip("|").split("|"))
+
+
+def tables() -> Iterator[Table]:
+    heading, lines = "", [*TEXT.splitlines(), ""]
+    for i, line in enumerate(lines):
+        if line.startswith("#"):
+            heading = line.strip("# ")
+        if line.startswith("|") and not lines[i - 1].startswith("|"):
+            block = list(itertools.takewhile(lambda text: text.startswith("|"), lines[i:]))
+            assert set(block[1]) <= set("|-"), "the second line of a table"
+            rows = tuple(dict(zip(cells(block[0]), cells(row), strict=True)) for row in block[2:])
+            yield Table(heading, cells(block[0]), rows)
+
+
+def table(heading: str, *columns: str) -> tuple[Row, ...]:
+    """The rows of the one table under a heading that begins with these columns."""
+    (found,) = [t for t in tables() if t.heading == heading and t.columns[: len(columns)] == columns]
+    return found.rows
+
+
+def records(number: int) -> dict[str, Row]:
+    """The tables that lay out a record: 0 control, 1 command, 2 reply, 3 clock."""
+    found = [t for t in tables() if t.columns[:4] == ("offset", "size", "dtype", "field")]
+    assert [t.heading for t in found] == ["Control page", "Mailbox", "Mailbox", "Clock page"]
+    return {row["field"]: row for row in found[number].rows}
+
+
+def places(form: str) -> list[tuple[int, int]]:
+    """(offset, size) of every member of a struct format without gaps."""
+    sizes = [struct.calcsize(f"<{part}") for part in re.findall(r"\d*[a-zA-Z]", re.sub(
+        r"(\d+)I", lambda m: "I" * int(m[1]), form.strip("<")))]
+    return list(zip(itertools.accumulate(sizes, initial=0), sizes, strict=False))
+
+
+def code(path: str) -> int:
+    module, name = path.rsplit(".", 1)
+    return int(getattr(importlib.import_module(module), name))
+
+
+def number(text: str) -> int:
+    """57, 2^59, or 2^59 − 2."""
+    base, power, minus = re.fullmatch(r"(\d+)(?:\^(\d+))?(?: − (\d+))?", text).groups("0")  # type: ignore[union-attr]
+    return int(base) ** int(power or 1) - int(minus) if "^" in text else int(base)
+
+
+def test_the_header_lies_where_the_page_says() -> None:
+    rows = {row["name"]: (int(row["offset"]), int(row["size"])) for row in table("Header", "offset", "size")}
+    fixed = places(header.FIXED.format)
+    identity = [(header.IDENTITY_AT + at, size) for at, size in places(header.IDENTITY.format)]
+    assert list(rows.values()) == [*fixed, *identity, (header.HEAD_AT, 8)]
+    assert " ".join(rows) == ("magic version first fingerprint stride depth schema info kind size pid epoch start "
+                              "instance head")
+    assert header.MAGIC == b"TROCAR\0\1" and "`TROCAR`, 0, 1" in TEXT
+
+
+def test_every_constant_is_that_of_the_code() -> None:
+    rows = [row for t in tables() if "in the code" in t.columns for row in t.rows]
+    assert {row["in the code"]: number(row["value"]) for row in rows} == {
+        row["in the code"]: code(row["in the code"]) for row in rows}
+    named = {row["in the code"] for row in rows}
+    assert len(named) == len(rows)
+    assert named >= {"shm.header.VERSION", "shm.header.TEXT_AT", "shm.header.MAX_TEXT", "shm.layout.MAX_STRIDE",
+                     "shm.layout.MAX_DEPTH", "shm.layout.PAGE", "shm.layout.LINE", "shm.ring.BUSY", "shm.ring.RETRIES",
+                     "shm.doorbell.PLACES", "shm.doorbell.UNHEARD", "shm.doorbell.OFD_SETLK", "shm.mailbox.CLIENTS",
+                     "shm.mailbox.COMMANDS_DEPTH", "shm.mailbox.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER"}
+
+
+def test_the_kinds_are_all_there_are() -> None:
+    rows = table("Segments", "what", "kind")
+    assert {row["kind"] for row in rows} == set(header.KINDS)
+    named = {what.strip(" `") for row in rows if row["kind"] == "ring" for what in row["what"].split(",")}
+    assert named == {topic.name for topic in TOPICS} - {"command", "reply"}
+
+
+SCALARS = table("Schema, and where its fields lie", "scalar", "size", "aligned to")
+
+
+def allowed(dtype: str) -> bool:
+    try:
+        schema_from_json(b'{"topic":"t","fields":[{"name":"x","dtype":"%s"}]}' % dtype.encode())
+    except LayoutError:
+        return False
+    return True
+
+
+def test_the_scalars_are_those_the_code_allows() -> None:
+    named = {row["scalar"]: row for row in SCALARS}
+    tried = {"?", "S20", *(f"{order}{kind}{size}" for order in ("", "<", ">", "=", "|") for kind in "?biufcSUVOMm"
+                           for size in ("", "0", "1", "2", "4", "8", "16"))} - {"S1", "S2", "S4", "S8", "S16"}
+    assert {dtype for dtype in tried if allowed(dtype)} == set(named)
+    assert allowed("S1") and allowed("S9999") and not allowed("S0") and not allowed("S10000")
+    for dtype, row in named.items():
+        assert (np.dtype(dtype).itemsize, np.dtype(dtype).alignment) == (int(row["size"]), int(row["aligned to"]))
+
+
+def laid_out(schema: Schema) -> tuple[dict[str, int], int, int]:
+    """Offsets, record and stride by the three rules of the page and its table of scalars."""
+    sizes = {row["scalar"]: (int(row["size"]), int(row["aligned to"])) for row in SCALARS}
+    at, offsets = 16, {"sequence": 0, "stamp_ns": 8}
+    for name, shape, scalar in re.findall(rb'"name":"([^"]*)","dtype":"(?:\(([^)]*)\))?([^"]*)"', schema.text):
+        text = scalar.decode()
+        size, align = (int(text[1:]), 1) if text.startswith("S") else sizes[text]
+        at = -(-at // align) * align
+        offsets[name.decode()] = at
+        at += size * int(np.prod([int(n) for n in shape.split(b",") if n], dtype=int))
+    record = -(-at // 8) * 8
+    return offsets, record, -(-record // 64) * 64
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_the_rules_give_the_offsets_of_every_topic(count: int) -> None:
+    dims = dict.fromkeys(("axes", "robots", "inputs", "boards", "instances"), count)
+    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, clock.SCHEMA]:
+        names = schema.dtype.names or ()
+        assert laid_out(schema) == ({n: schema.offset(n) for n in names}, schema.dtype.itemsize, schema.stride)
+
+
+@pytest.mark.parametrize(("which", "schema"), [(0, pulse.SCHEMA), (1, COMMAND_SCHEMA), (2, REPLY_SCHEMA),
+                                               (3, clock.SCHEMA)])
+def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
+    dtypes = dict(re.findall(r'"name":"([^"]*)","dtype":"([^"]*)"', schema.text.decode()))
+    dtypes = {"sequence": "<u8", "stamp_ns": "<i8"} | {n: d.replace(",)", ",)") for n, d in dtypes.items()}
+    assert [(row["field"], int(row["offset"]), int(row["size"]), row["dtype"]) for row in records(which).values()] == [
+        (n, schema.offset(n), schema.dtype[n].itemsize, dtypes[n]) for n in schema.dtype.names or ()]
+
+
+LAST_PLACE = mailbox.CLIENTS - 1
+FLAGS_AT = pulse.SCHEMA.offset("flags")
+SENTENCES = [
+    "State: " + ", ".join(f"{i} {state}" for i, state in enumerate(STATES)) + ".",
+    ", ".join(f"{i} {outcome}" for i, outcome in mailbox.OUTCOMES.items()),
+    f"The first {header.TEXT_AT} bytes", f"offset of slot 0: {header.TEXT_AT} + both texts, in whole pages",
+    f"the schema text, which begins at {header.TEXT_AT}", f"`st_blocks` · {header.BLOCK} ≥ size",
+    f"in whole cache lines of {LINE}", f"Simulated time begins at {clock.EPOCH_NS} ns",
+    f"A control page has {doorbell.PLACES} places", f"Try 0 to {doorbell.PLACES - 1} until", "Mode 0600, or 0660",
+    f"After {doorbell.UNHEARD} rings that nobody heard", f"as its lock, byte first + {FLAGS_AT} + k of the file",
+    f".l_start = first + {FLAGS_AT} + k, .l_len = 1", f"It has {mailbox.CLIENTS} places", "With B = first + 16:",
+    f"`sent` of places 0 to {LAST_PLACE} |", f"places 0 to {LAST_PLACE}: {mailbox.COMMANDS_DEPTH} command slots, behind",
+    f"them {mailbox.REPLIES_DEPTH} reply slots", f"slot n mod {mailbox.COMMANDS_DEPTH}, {COMMAND_SCHEMA.stride} bytes each",
+    f"reply slot n mod {mailbox.REPLIES_DEPTH}, {REPLY_SCHEMA.stride} bytes each", "from byte first + 16 on",
+    f"0 ≤ sent − taken ≤ {mailbox.COMMANDS_DEPTH} and sent < 2^62", f"sent − taken < {mailbox.COMMANDS_DEPTH}?",
+    f"at most the last {mailbox.REPLIES_DEPTH} ", f"values are used, at most {mailbox.MAX_VALUES} |",
+    "Record 4 lies in slot 4 mod 3 = 1, at 4096 + 64; slot 2 is busy with record 5, record 3 is in slot 0",
+]
+
+
+@pytest.mark.parametrize("sentence", SENTENCES)
+def test_numbers_in_sentences_are_those_of_the_code(sentence: str) -> None:
+    assert sentence in " ".join(TEXT.split())
+
+
+def test_names_are_as_long_as_the_page_says() -> None:
+    assert "each of the three parts has 1 to 64 letters, digits, `_` or `-`" in " ".join(TEXT.split()).lower()
+    assert all(NAME.fullmatch(name) for name in ("x", "a_-Z9", "x" * 64))
+    assert not any(NAME.fullmatch(name) for name in ("", "ä", "x" * 65))
+
+
+def test_the_steps_are_those_of_the_modules() -> None:
+    modules: tuple[ModuleType, ...] = (ring, mailbox, doorbell)
+    steps = re.compile(r"\b(?:[WRVMNABDE][1-9]|S1)\b")
+    assert set(steps.findall(TEXT)) == {step for module in modules for step in steps.findall(module.__doc__ or "")}
+
+
+def test_the_size_of_peek_is_right() -> None:
+    lines = len((ROOT / "tools" / "peek.c").read_text(encoding="utf-8").splitlines())
+    assert f"a reader of {lines} lines" in TEXT
+
+
+LEVEL = Topic("level", "arm", 100, 0, (Field("valid", "?", "", ""), Field("position", "(2,)<f8", "rad", ""),
+                                       Field("state", "S6", "", ""), Field("age", "<i4", "ns", "")), depth=3)
+
+
+@pytest.fixture
+def system(world: Any) -> Iterator[str]:
+    """Name of a system whose segments are removed behind the test."""
+    yield world.name
+    world.remove()
+
+
+@pytest.fixture
+def level(system: str) -> bytes:
+    """The bytes of the page's small ring: after four records, by a writer with the pid and start shown there."""
+    create_ring(system, "PSM1", LEVEL, {}, {"kind": "arm"})
+    name = segment_name(system, "PSM1", "level")
+    with Segment(name, write=True) as segment:
+        writer = RingWriter(segment, "PSM1")
+        for i in range(1, 5):
+            for field, value in (("valid", True), ("position", (i / 2, -i)), ("age", -i),
+                                 ("state", b"HOMING" if i == 4 else b"IDLE")):
+                writer.field(field)[...] = value
+            writer.publish(1000 * i)
+        raw = bytearray(segment.view)
+    header.IDENTITY.pack_into(raw, header.IDENTITY_AT, 4711, 1, 123456, b"PSM1")
+    return bytes(raw)
+
+
+def test_the_dump_is_what_the_code_writes(level: bytes) -> None:
+    shown = {int(at, 16): bytes.fromhex(text) for at, text in
+             re.findall(r"^    ([0-9a-f]{4})  ((?:[0-9a-f]{2} {1,2}){15}[0-9a-f]{2})(?:  |$)", TEXT, re.MULTILINE)}
+    slot = 4096 + 64
+    assert list(shown) == [*range(0, 256, 16), *range(slot, slot + 80, 16)]
+    assert all(level[at : at + 16] == part for at, part in shown.items())
+
+
+def test_the_notes_beside_the_dump_are_true(level: bytes) -> None:
+    rows = {row["name"]: (int(row["offset"]), int(row["size"])) for row in table("Header", "offset", "size")}
+    values = {name: int.from_bytes(level[at : at + size], "little") for name, (at, size) in rows.items() if size < 16}
+    for note in ("version {version}, first {first}", "stride {stride}, depth {depth}", "schema {schema}, info {info} b",
+                 "size {size}", "pid {pid}, epoch {epoch}; start {start}", "head {head}"):
+        assert note.format(**values) in TEXT
+    schema = schema_of(LEVEL)
+    record = np.frombuffer(level, schema.dtype, 1, 4096 + 64)[0]
+    assert (int(record["sequence"]), int(record["stamp_ns"]), bool(record["valid"]), record["position"].tolist(),
+            bytes(record["state"]), int(record["age"])) == (4, 4000, True, [2.0, -4.0], b"HOMING", -4)
+    assert "sequence 4; stamp_ns 4000" in TEXT and "position[0] = 2.0" in TEXT and "position[1] = -4.0" in TEXT
+    assert 'state "HOMING"' in TEXT and "age -4; the record ends at 56" in TEXT and schema.dtype.itemsize == 56
+
+
+def test_the_fingerprint_is_found_as_the_page_tells(level: bytes) -> None:
+    schema = schema_of(LEVEL)
+    assert f"\n    {schema.text.decode()}\n" in TEXT
+    digest = hashlib.blake2b(schema.text, digest_size=8).digest()
+    assert f"with the fingerprint {int.from_bytes(digest, 'little'):016x}:" in TEXT
+    assert digest == level[16:24]
+
+
+class ByThePage:
+    """A segment seen through nothing but the numbers of the page."""
+
+    def __init__(self, name: str) -> None:
+        self.fd = os.open(path_of(name), os.O_RDWR)
+        rows = {row["name"]: (int(row["size"]), int(row["offset"])) for row in table("Header", "offset", "size")}
+        self.first = int.from_bytes(os.pread(self.fd, *rows["first"]), "little")
+        self.map = mmap.mmap(self.fd, int.from_bytes(os.pread(self.fd, *rows["size"]), "little"))
+
+    def lock(self, at: int) -> bool:
+        (row,) = [row for t in tables() if "in the code" in t.columns for row in t.rows
+                  if row.get("constant") == "F_OFD_SETLK"]
+        try:
+            fcntl.fcntl(self.fd, int(row["value"]), struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, at, 1, 0))
+        except BlockingIOError:
+            return False
+        return True
+
+    def close(self) -> None:
+        self.map.close()
+        os.close(self.fd)
+
+
+def offset(rows: dict[str, Row], field: str) -> int:
+    return int(rows[field]["offset"])
+
+
+def test_a_client_made_from_the_page_is_served(system: str) -> None:
+    create_mailbox(system, "PSM1", "arm")
+    owner, seen = Mailbox(system, "PSM1", "arm"), ByThePage(segment_name(system, "PSM1", "mailbox"))
+    layout = [(int(row["offset from B"]), int(row["bytes each"])) for row in table("Mailbox", "offset from B")]
+    (sent, each), (taken, _), (answered, _), (lock, _), (queues, place_bytes) = [
+        (seen.first + 16 + at, size) for at, size in layout]
+    commands, command_bytes = map(int, re.findall(r"command slot n mod (\d+), (\d+) bytes each", TEXT)[0])
+    replies, reply_bytes = map(int, re.findall(r"reply slot n mod (\d+), (\d+) bytes each", TEXT)[0])
+    assert (layout[4], queues) == ((QUEUES_AT, commands * command_bytes + replies * reply_bytes), seen.first + 16 + 512)
+    ours = Client(system, "PSM1")  # has place 0
+    assert not seen.lock(lock) and seen.lock(lock + 1)
+    place = queues + place_bytes
+    for n in range(1, 40):
+        at, fields = place + n % commands * command_bytes, records(1)
+        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", 5), ("<H", "count", 2),
+                                   ("64s", "text", b"by hand"), ("<2d", "values", (n, 0.5))):
+            struct.pack_into(form, seen.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
+        struct.pack_into("<Q", seen.map, sent + each, n)
+        (got,) = owner.drain()
+        assert (got.name, got.id, got.sent_ns, got.text, got.values.tolist()) == ("move_jp", n, 5, "by hand", [n, 0.5])
+        assert struct.unpack_from("<Q", seen.map, taken + each) == (n,)
+        got.refuse(f"no {n}")
+        assert struct.unpack_from("<Q", seen.map, answered + each) == (n,)
+        at, fields = place + commands * command_bytes + n % replies * reply_bytes, records(2)
+        assert struct.unpack_from("<Q", seen.map, at + offset(fields, "sequence")) == (n,)
+        assert struct.unpack_from("<Q", seen.map, at + offset(fields, "id")) == (n,)
+        assert seen.map[at + offset(fields, "outcome")] == mailbox.REFUSED
+        text = at + offset(fields, "text")
+        assert seen.map[text : text + int(fields["text"]["size"])].rstrip(b"\0") == f"no {n}".encode()
+    assert ours.poll() == []
+    for end in (ours, owner, seen):
+        end.close()
+
+
+def test_a_waiter_made_from_the_page_is_rung(system: str) -> None:
+    create_control(system, "PSM1")
+    page, seen = Pulse(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
+    flag, counter = (seen.first + offset(records(0), field) for field in ("flags", "counters"))
+    assert flag == seen.first + 16 and "lock, byte first + 16 + k of the file" in TEXT
+    assert seen.lock(flag)
+    bell, waiter, flags = page.bell(), page.waiter(), page.field("flags")
+    up: list[int] = []
+    waiter.wait(lambda: up.extend(flags.tolist()) or True, 10**9)  # type: ignore[func-returns-value]  # a look, no more
+    assert up == [0, 1, *[0] * 14]  # ours is taken
+    seen.map[flag] = 1
+    bell.ring()
+    assert struct.unpack_from("<2I", seen.map, counter) == (1, 0)
+    for _ in range(3 * doorbell.UNHEARD):
+        bell.ring()
+    assert seen.map[flag] == 1  # the lock was found: we live
+    seen.close()
+    for _ in range(doorbell.UNHEARD):
+        bell.ring()
+    assert not flags.any()
+    page.close()
