@@ -243,7 +243,10 @@ class Mailbox:
         return [number for number, outcome in last.items() if outcome == ACCEPTED]
 
     def drain(self) -> Iterator[Received]:
-        """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here."""
+        """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here.
+
+        Answer (or accept) each before the next is taken: of what was taken, a successor can answer only the last (V2).
+        """
         sent = self._sent_bytes.tobytes()
         if sent == self._seen and not self._backlog:  # N1 for all places at once
             return NOTHING

@@ -6,7 +6,8 @@ AMD APM vol. 2 §7.2): stores are not reordered with stores, loads not with load
 LATER load of another address, which the ring and the mailbox do not mind. Two details:
 
 - A copy is many stores. Those of one `rep movs` may pass each other, but none passes a store before or behind the
-  copy; glibc ends copies made with non-temporal stores (very large ones) with an sfence.
+  copy. Copies beyond glibc's non-temporal threshold (hundreds of kB, and never below 16 kB) are weakly ordered stores
+  with an sfence behind them: they could pass an EARLIER store, a slot's BUSY mark. Writers of larger records therefore fence (`ordered`).
 - A word is one move: CPython reads and writes an item of a memoryview of format "Q" as one aligned 8-byte memcpy, which
   compilers turn into one instruction.
 
@@ -31,6 +32,7 @@ from typing import Protocol
 SEQUENTIALLY_CONSISTENT = 5  # memory_order_seq_cst of <stdatomic.h>
 LIBRARIES = ("libatomic.so.1", "libatomic.so")
 ORDERED = ("x86_64", "AMD64")
+PLAIN_COPY = 0x4000  # no threshold of glibc is below 0x4040
 
 
 class OrderError(Exception):
@@ -70,9 +72,12 @@ def fences_wanted() -> bool:
     return platform.machine() not in ORDERED or os.environ.get("TROCAR_FENCES") == "1"
 
 
-def ordered(words: memoryview[int]) -> Words:
-    """`words` as they are where the processor keeps our order, fenced elsewhere; OrderError when that cannot be had."""
-    return FencedWords(words, library_fence()) if fences_wanted() else words
+def ordered(words: memoryview[int], copied: int = 0) -> Words:
+    """`words` as they are where the processor keeps our order, fenced elsewhere; OrderError when that cannot be had.
+
+    `copied`: the most bytes that are copied between two accesses; above PLAIN_COPY there are fences everywhere.
+    """
+    return FencedWords(words, full_fence()) if fences_wanted() or copied > PLAIN_COPY else words
 
 
 def library_fence() -> Callable[[], object]:

@@ -102,7 +102,7 @@ class RingWriter:
     def __init__(self, segment: Segment, name: str, expected: Schema | None = None) -> None:
         """Claim `segment` (attached with write=True) as instance `name`, going on from the last head."""
         attach(segment, "ring", expected)
-        self._words = segment.words()
+        self._words = segment.words(segment.header.schema.dtype.itemsize)
         self.identity = segment.claim(name)
         self._segment = segment
         self._record = _Record(segment.header.schema)
@@ -157,8 +157,9 @@ class RingWriter:
 class RingReader:
     """The reading end; keeps one private copy, its fields ready made: good after `newest` or `next` said True.
 
-    `lost` counts records overwritten before `next` came, `torn` reads given up after RETRIES, `backwards` heads that
-    were older than what we had. After a read given up the private copy has stamp 0: nobody takes it for fresh.
+    `lost` counts records that `next` left out because they were overwritten or about to be, `torn` reads given up after
+    RETRIES, `backwards` heads that were older than what we had. After a read given up the private copy has stamp 0:
+    nobody takes it for fresh.
     """
 
     def __init__(self, segment: Segment, expected: Schema | None = None) -> None:
@@ -214,6 +215,11 @@ class RingReader:
         return int(self._words[EPOCH_WORD] >> 32)
 
     @property
+    def gone(self) -> str:
+        """The writer there was and is no more, in words; empty while one lives (asks the kernel: for tools)."""
+        return self._segment.gone
+
+    @property
     def trouble(self) -> str:
         """What no writer of ours does, in words; empty when all is well."""
         said = [f"{self.backwards} times the head went backwards (last good: {self.sequence})"] * bool(self.backwards)
@@ -255,7 +261,7 @@ class RingReader:
         return False
 
     def next(self) -> bool:
-        """Copy the next record in order; False when there is none yet. What was overwritten is added to `lost`."""
+        """Copy the next record in order; False when there is none yet. What had to be left out is added to `lost`."""
         words, at, n = self._words, self._at, self._next
         seen = words[at]  # S1
         if seen == n:

@@ -235,11 +235,14 @@ class Segment:
         self.at_close(part.release)
         return part
 
-    def words(self) -> Words:
-        """The whole segment as unsigned 64-bit words, loaded and stored in program order (shm/order.py)."""
+    def words(self, copied: int = 0) -> Words:
+        """The whole segment as unsigned 64-bit words, loaded and stored in program order (shm/order.py).
+
+        `copied`: bytes of the largest copy that is written between them.
+        """
         words = self.view.cast("Q")
         self.keep(words)
-        return ordered(words)
+        return ordered(words, copied)
 
     def claim(self, name: str) -> Identity:
         """Become the writer; SegmentError names the one that holds it. The kernel frees the claim when we die."""
@@ -276,6 +279,12 @@ class Segment:
             return True
         fcntl.flock(self.fd, fcntl.LOCK_UN)
         return False
+
+    @property
+    def gone(self) -> str:
+        """Who claimed it last and holds it no more, in words; empty while somebody does, and when nobody ever did."""
+        last = self.identity()
+        return f"{last.name} (pid {last.pid})" if last.epoch and not self.claimed() else ""
 
     def close(self) -> None:
         """Unmap and close; every view taken from it must be out of use."""

@@ -20,6 +20,14 @@ def test_x86_64_words_are_used_as_they_are(words: memoryview, monkeypatch: pytes
     assert order.ordered(words) is words
 
 
+def test_copies_that_may_overtake_stores_are_fenced_everywhere(
+    words: memoryview, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    assert order.ordered(words, order.PLAIN_COPY) is words
+    assert isinstance(order.ordered(words, order.PLAIN_COPY + 1), order.FencedWords)
+
+
 @pytest.mark.parametrize("machine", ["aarch64", "riscv64", "ppc64le", ""])
 def test_other_processors_get_words_between_fences(
     words: memoryview, monkeypatch: pytest.MonkeyPatch, machine: str
