@@ -122,7 +122,7 @@ static void print_record(void) {
 }
 
 int main(int argc, char **argv) {
-    int follow = 0, n = 0, got = 1;
+    int follow = 0, n = 0, got = 0;
     uint64_t count = 0, told = 0;
     for (int i = 1; i < argc; i++)
         if (!strcmp(argv[i], "--follow")) follow = 1;
@@ -140,7 +140,7 @@ int main(int argc, char **argv) {
     for (count = count ? count : follow ? UINT64_MAX : 1; count && (follow || next <= head);) {
         int gone = !fstat(fd, &file) && !file.st_nlink;
         if ((got = take())) count--, print_record();
-        if (follow && lost > told) fprintf(stderr, "peek: %s: %" PRIu64 " lost\n", segment, told = lost);
+        if (follow && lost > told && !(got && count)) fprintf(stderr, "peek: %" PRIu64 " lost\n", told = lost);
         if (!got && (gone || !follow)) break;
         if (!got && !fflush(stdout)) usleep(1000);
     }
