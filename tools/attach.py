@@ -14,6 +14,7 @@ import typer
 from rich.console import Console, Group
 from rich.live import Live
 
+from shm.segment import SegmentError
 from tools.errors import Problem
 from tools.listing import measured
 from tools.options import SystemOption
@@ -52,29 +53,29 @@ def attach(
 
 def _page(system: str, entries: list[Entry]) -> Group:
     records = [entry for entry in entries if entry.kind == RECORD]
-    rates = [(str(row["topic"]), number(row["hz"], ".1f"), number(row["max_ms"], ".2f"))
+    rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["trouble"])
              for row in measured(system, records, WINDOW_S)]
     return Group(
         made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in lives(system)], RIGHT),
         made_table("arms", ("arm", "state", "homed", "busy", "joints"), list(_arms(system, entries))),
         made_table("newest events", ("from", "event", "about", "text"), _events(system, entries)),
-        made_table("topics", ("topic", "Hz", "longest ms"), rates, ("Hz", "longest ms")),
+        made_table("topics", ("topic", "Hz", "longest ms", "trouble"), rates, ("Hz", "longest ms")),
     )
 
 
 def _arms(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
     for entry in entries:
         if entry.kind == EVENT and entry.event == "operating_state":
-            with contextlib.suppress(Problem), contextlib.ExitStack() as stack:
-                state = next(e for e in entries if e.name == f"{entry.instance}/state")
+            with contextlib.suppress(Problem, SegmentError), contextlib.ExitStack() as stack:
+                state = next((e for e in entries if e.name == f"{entry.instance}/state"), entry)
                 joints = next((e for e in entries if e.name == f"{entry.instance}/measured_js"), None)
                 source = stack.enter_context(Source(system, state))
                 if joints is None or "sub_state" not in {f.name for f in state.fields} or not source.newest():
                     continue
                 row = source.as_dict()
                 view = stack.enter_context(Source(system, joints))
-                view.newest()
-                values = " ".join(f"{q:+.4f}" for q in view.part("position")) if view.valid else "–"
+                good = view.newest() and view.valid
+                values = " ".join(f"{q:+.4f}" for q in view.part("position")) if good else "–"
                 yield (entry.instance, f"{row['state']} ({row['sub_state']})", _yes(row["is_homed"]),
                        _yes(row["is_busy"]), values)
 
@@ -87,7 +88,7 @@ def _events(system: str, entries: list[Entry]) -> list[tuple[str, ...]]:
     found: list[tuple[int, tuple[str, ...]]] = []
     for entry in entries:
         if entry.ring == "events" and entry.kind == RECORD:
-            with Source(system, entry) as source:
+            with contextlib.suppress(SegmentError), Source(system, entry) as source:
                 found += [(int(row["stamp_ns"]), _event(entry.instance, row)) for row in source.history(EVENTS_SHOWN)]
     return [row for _, row in sorted(found)[-EVENTS_SHOWN:]]
 

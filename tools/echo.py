@@ -37,7 +37,7 @@ def echo(
     with open_topic(name, topic) as source:
         try:
             for shown, row in enumerate(_rows(name, source, once, rate, timeout), 1):
-                _show(source, row, as_json)
+                _show(source, row, as_json, _said(source))
                 if once or shown == count:
                     break
         except KeyboardInterrupt:
@@ -72,17 +72,27 @@ def _first(system: str, source: Source, timeout: float) -> dict[str, Any]:
             if found is not None:
                 return found
         if monotonic_ns() >= end:
-            raise Problem(f"{source.entry.name}: nothing was written yet")
+            said = source.trouble()
+            raise Problem(f"{source.entry.name}: {'no record is whole' if source.head else 'nothing was written yet'}"
+                          + (f" ({said})" if said else ""))
         pause(POLL_S)
 
 
-def _show(source: Source, row: dict[str, Any], as_json: bool) -> None:
+def _said(source: Source) -> str:
+    """What is wrong with the ring, and what we missed of it."""
+    lost = f"{source.lost} records were overwritten before they were read" if source.lost else ""
+    return "; ".join(part for part in (source.trouble(), lost) if part)
+
+
+def _show(source: Source, row: dict[str, Any], as_json: bool, trouble: str) -> None:
     if as_json:
-        emit(row)
+        emit(row | ({"trouble": trouble} if trouble else {}))
         return
     units = {field.name: field.unit for field in source.entry.fields}
     parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
     print(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
+    if trouble:
+        print(f"  trouble: {trouble}")
     for key, value in row.items():
         if key not in ("stamp_ns", "sequence"):
             unit = units.get(parts.get(key, key), "")

@@ -10,10 +10,12 @@ import typer
 
 from shm import directory
 from shm.clock import pause
+from shm.ring import RingReader
+from shm.segment import SegmentError
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, number, table
 from tools.systems import chosen_system
-from tools.topics import RECORD, Entry, catalogue, find
+from tools.topics import RECORD, Entry, catalogue, find, writer_gone
 
 WINDOW_S = 1.0
 
@@ -34,13 +36,13 @@ def list_topics(
     elif verbose:
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
-            print(f"{entry.name}  ({entry.kind}{rate})")
+            print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.trouble}" if entry.trouble else ""))
             if entry.kind != "event":
                 for f in entry.fields:
                     print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
     else:
-        rows = [(e.name, e.kind, number(e.rate_hz or None, "g"), _names(e)) for e in entries]
-        table("", ("topic", "kind", "Hz", "fields"), rows, right=("Hz",))
+        rows = [(e.name, e.kind, number(e.rate_hz or None, "g"), _names(e), e.trouble) for e in entries]
+        table("", ("topic", "kind", "Hz", "fields", "trouble"), rows, right=("Hz",))
 
 
 def _names(entry: Entry) -> str:
@@ -53,7 +55,8 @@ def _names(entry: Entry) -> str:
 
 def _described(entry: Entry) -> dict[str, Any]:
     fields = [] if entry.kind == "event" else [dataclasses.asdict(f) for f in entry.fields]
-    return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields}
+    return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields,
+            "trouble": entry.trouble}
 
 
 def hz(
@@ -74,8 +77,8 @@ def hz(
             emit(row)
     else:
         figures = ("hz", "nominal_hz", "period_ms", "std_ms", "max_ms")
-        cells = [(str(row["topic"]), *(number(row[key], ".2f") for key in figures)) for row in rows]
-        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms"), cells,
+        cells = [(row["topic"], *(number(row[key], ".2f") for key in figures), row["trouble"]) for row in rows]
+        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms", "trouble"), cells,
               right=("Hz", "nominal", "period ms", "std ms", "max ms"))
     silent = [r for r in rows if r["nominal_hz"] and not r["records"]]
     return 1 if topics and silent else 0
@@ -83,23 +86,44 @@ def hz(
 
 def measured(system: str, entries: list[Entry], window_s: float) -> list[dict[str, Any]]:
     """Rates of topics over a window; the spacing is that of the stamps, None where fewer than two records came."""
-    readers = [directory.reader(system, e.instance, e.ring) for e in entries]
+    watched = [_Rate(system, entry) for entry in entries]
     try:
-        before = [reader.head for reader in readers]
         pause(window_s)
-        after = [reader.head for reader in readers]
-        kept = [reader.last(n - b) if n > b else None for reader, n, b in zip(readers, after, before, strict=True)]
+        return [rate.row(window_s) for rate in watched]
     finally:
-        for reader in readers:
-            reader.close()
-    rows = []
-    for entry, n, b, records in zip(entries, after, before, kept, strict=True):
-        gaps = np.diff(records["stamp_ns"]) * 1e-6 if records is not None else np.zeros(0)
-        some = len(gaps) > 0
-        rows.append({
-            "topic": entry.name, "records": n - b, "nominal_hz": entry.rate_hz or None,
-            "hz": float(1e3 / gaps.mean()) if some and gaps.mean() > 0 else (n - b) / window_s,
+        for rate in watched:
+            rate.close()
+
+
+class _Rate:
+    """One topic over a window; what cannot be read is a row too, with its trouble."""
+
+    def __init__(self, system: str, entry: Entry) -> None:
+        self._entry, self._before, self._trouble = entry, 0, entry.trouble
+        self._reader: RingReader | None = None
+        try:
+            self._reader = directory.reader(system, entry.instance, entry.ring)
+            self._before = self._reader.head
+        except SegmentError as error:
+            self._trouble = str(error)
+
+    def row(self, window_s: float) -> dict[str, Any]:
+        count, gaps = 0, np.zeros(0)
+        reader = self._reader
+        if reader is not None:
+            count = reader.head - self._before
+            gaps = np.diff(reader.last(count)["stamp_ns"]) * 1e-6 if count > 0 else gaps
+            reader.newest()
+            said = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.trouble]
+            self._trouble = "; ".join(part for part in said if part)
+        some, steady = len(gaps) > 0, len(gaps) > 0 and gaps.mean() > 0
+        return {
+            "topic": self._entry.name, "records": max(0, count), "nominal_hz": self._entry.rate_hz or None,
+            "hz": float(1e3 / gaps.mean()) if steady else max(0, count) / window_s,
             "period_ms": float(gaps.mean()) if some else None, "std_ms": float(gaps.std()) if some else None,
-            "max_ms": float(gaps.max()) if some else None,
-        })
-    return rows
+            "max_ms": float(gaps.max()) if some else None, "trouble": self._trouble,
+        }
+
+    def close(self) -> None:
+        if self._reader is not None:
+            self._reader.close()

@@ -61,7 +61,7 @@ def lives(system: str) -> list[Life]:
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
     """What the supervisor wrote about each instance."""
     try:
-        reader = directory.reader(system, "supervisor", "state")
+        reader = directory.reader(system, "supervisor", "state", "supervisor")
     except SegmentError:
         return {}
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterable
 from pathlib import Path
@@ -119,7 +120,7 @@ def instances_of_kind(system: str, kind: str) -> list[str]:
     found = []
     for owner, instance, what in names_of(system):
         if what == "state":
-            with Segment(segment_name(owner, instance, what)) as segment:
+            with contextlib.suppress(SegmentError), Segment(segment_name(owner, instance, what)) as segment:
                 if segment.header.info.get("kind") == kind:
                     found.append(instance)
     return found

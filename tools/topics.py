@@ -6,12 +6,13 @@ on which fields stands in `shm/topics.py`.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import dataclass, field
 from typing import Any
 
 from shm.directory import rings, topic_of
-from shm.segment import Segment, segment_name
+from shm.segment import Segment, SegmentError, segment_name
 from shm.topics import Field, View
 from tools.systems import unknown
 
@@ -25,6 +26,7 @@ class Entry:
     """One topic: the ring it lives in, and how it is seen.
 
     `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes.
+    `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Entry:
     first: int = 0
     count: int = 0
     labels: tuple[str, ...] = field(default=())
+    trouble: str = ""
 
 
 def catalogue(system: str) -> list[Entry]:
@@ -59,9 +62,24 @@ def find(system: str, topic: str) -> Entry:
 
 
 def _entries(system: str, instance: str, ring: str) -> list[Entry]:
-    with Segment(segment_name(system, instance, ring)) as segment:
-        info = segment.header.info
-        text = segment.header.schema.text
+    try:
+        with Segment(segment_name(system, instance, ring)) as segment:
+            gone = segment.gone
+            entries = _described(instance, ring, segment.header.info, segment.header.schema.text)
+    except SegmentError as error:
+        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
+        text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
+        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
+    return [dataclasses.replace(entry, trouble=writer_gone(gone)) for entry in entries]
+
+
+def writer_gone(who: str) -> str:
+    """What is to be said of a ring whose last writer was `who`; empty when that one lives."""
+    return f"its writer {who} is gone" if who else ""
+
+
+def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> list[Entry]:
     rate = float(info.get("rate_hz", 0.0))
     fields = tuple(_field(row) for row in json.loads(text)["fields"])
     known = {f.name: f for f in fields}
@@ -77,6 +95,8 @@ def _entries(system: str, instance: str, ring: str) -> list[Entry]:
     found = [record]
     for view in views:
         seen = tuple(known[name] for _, name in view.fields if name in known)
+        if len(seen) < len(view.fields):  # another version's record
+            continue
         if view.per == "robot":
             found += _of_robots(view, instance, ring, rate, seen, info)
         else:

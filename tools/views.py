@@ -17,7 +17,7 @@ from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.printing import plain
 from tools.systems import is_lockstep
-from tools.topics import EVENT, RECORD, Entry, catalogue, find
+from tools.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
 
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
 MESSAGE = ("severity", "code", "component", "axis", "value", "limit", "text")
@@ -59,6 +59,11 @@ class Source:
     def lost(self) -> int:
         """Records that were overwritten before `next` came to them."""
         return self._reader.lost
+
+    def trouble(self) -> str:
+        """What is wrong with the ring: no writer any more, or records no writer writes; empty when all is well."""
+        said = [writer_gone(self._reader.gone), self._reader.trouble]
+        return "; ".join(part for part in said if part)
 
     def newest(self) -> bool:
         """Read the newest record, or the last event of this name; False when there is none."""

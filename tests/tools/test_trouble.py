@@ -1,0 +1,199 @@
+"""Rings and pages in trouble, as a person sees them: dead writers, torn records, spoilt headers."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner, Result
+
+from shm.clock import monotonic_ns
+from shm.ring import HEAD
+from shm.segment import Segment, path_of, segment_name
+from tests.tools.robot import Played, robot
+from tools import cli
+from tools.echo import _said
+from tools.processes import cells, lives, remarks
+from tools.topics import catalogue
+from tools.views import open_topic
+
+APP = cli.build()
+
+
+@pytest.fixture
+def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    monkeypatch.setattr("tools.listing.pause", lambda seconds: None)  # no figure here depends on time
+    monkeypatch.setattr("tools.processes.pause", lambda seconds: None)
+    with robot(world.name) as made:
+        yield made
+
+
+def run(played: Played, *words: str) -> Result:
+    return CliRunner().invoke(APP, [*words, "--system", played.name])
+
+
+def rows(result: Result) -> dict[str, dict[str, Any]]:
+    return {row["topic"]: row for row in map(json.loads, result.stdout.splitlines())}
+
+
+def gone() -> str:
+    return f"its writer PSM1 (pid {os.getpid()}) is gone"
+
+
+def tear(played: Played) -> None:
+    """The newest state of PSM1 is half written."""
+    with Segment(segment_name(played.name, "PSM1", "state"), write=True) as hand:
+        words = hand.words()
+        words[(hand.header.first + words[HEAD] % hand.header.depth * hand.header.stride) // 8] = 0
+
+
+def spoil(played: Played, ring: str = "PSM1/state") -> None:
+    """The header of a ring makes no sense."""
+    with path_of(segment_name(played.name, *ring.split("/"))).open("r+b") as file:
+        file.seek(16)
+        file.write(b"\xff" * 8)
+
+
+def test_all_is_well_and_said_so(played: Played) -> None:
+    played.show_arm()
+    listed = rows(run(played, "list", "--json"))
+    assert {row["trouble"] for row in listed.values()} == {""}
+    measured = rows(run(played, "hz", "--window", "0.05", "--json"))
+    assert {row["trouble"] for row in measured.values()} == {""}
+    once = json.loads(run(played, "echo", "PSM1/state", "--once", "--json").stdout)
+    assert "trouble" not in once
+    assert "trouble:" not in run(played, "echo", "PSM1/state", "--once").stdout
+
+
+def test_a_dead_writer_is_named_by_every_verb(played: Played) -> None:
+    played.show_arm(0.25)
+    played.arm.close()
+    listed = rows(run(played, "list", "--json"))
+    assert listed["PSM1/state"]["trouble"] == listed["PSM1/measured_js"]["trouble"] == gone()
+    assert listed["IO1/state"]["trouble"] == listed["PSM1/error"]["trouble"] == ""
+    assert gone() in " ".join(run(played, "list").stdout.split())
+    assert f"PSM1/state  (record, nominal 1500 Hz)  {gone()}" in run(played, "list", "--verbose").stdout
+    measured = run(played, "hz", "PSM1/state", "--window", "0.05", "--json")
+    assert measured.exit_code == 1 and rows(measured)["PSM1/state"]["trouble"] == gone()
+    assert gone() in " ".join(run(played, "hz", "--window", "0.05").stdout.split())
+    row = json.loads(run(played, "echo", "PSM1/measured_js", "--once", "--json").stdout)
+    assert (row["position"][0], row["trouble"]) == (0.25, gone())
+    assert f"trouble: {gone()}" in run(played, "echo", "PSM1/measured_js", "--once").stdout
+    assert gone() in " ".join(run(played, "attach", "--once").stdout.split())
+
+
+def test_a_ring_nobody_wrote_yet_has_no_dead_writer(played: Played) -> None:
+    listed = rows(run(played, "list", "--json"))
+    assert listed["PSM1/setpoint"]["trouble"] == ""  # the played arm never claims it
+
+
+def test_torn_records_are_told(played: Played) -> None:
+    played.show_arm()
+    tear(played)
+    measured = rows(run(played, "hz", "--window", "0.05", "--json"))
+    assert measured["PSM1/state"]["trouble"] == "1 reads found no whole record"
+    failed = run(played, "echo", "PSM1/state", "--once", "--timeout", "0")
+    assert failed.exit_code == 1
+    assert "PSM1/state: no record is whole (1 reads found no whole record)" in failed.stderr
+    page = " ".join(run(played, "attach", "--once").stdout.split())
+    assert "1 reads found no whole record" in page
+
+
+def test_a_head_that_goes_backwards_is_told(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
+    def meanwhile(seconds: float) -> None:
+        with Segment(segment_name(played.name, "PSM1", "state"), write=True) as hand:
+            hand.words()[HEAD] = 1
+
+    for _ in range(5):
+        played.show_arm()
+    monkeypatch.setattr("tools.listing.pause", meanwhile)
+    row = rows(run(played, "hz", "PSM1/state", "--json"))["PSM1/state"]
+    assert (row["trouble"], row["records"], row["hz"]) == ("the head went backwards", 0, 0.0)
+
+
+def test_records_that_were_missed_are_told(played: Played) -> None:
+    with open_topic(played.name, "PSM1/state") as source:
+        for _ in range(5000):
+            played.arm.publish(monotonic_ns())
+        assert source.next() and source.lost > 0 and source.trouble() == ""
+        assert _said(source) == f"{source.lost} records were overwritten before they were read"
+
+
+def test_one_spoilt_ring_leaves_the_others_readable(played: Played) -> None:
+    played.show_arm()
+    played.io.publish(monotonic_ns())
+    spoil(played)
+    listed = run(played, "list", "--json")
+    assert listed.exit_code == 0
+    assert "contradict each other" in rows(listed)["PSM1/state"]["trouble"]
+    assert rows(listed)["IO1/PSM1/measured_js"]["trouble"] == ""
+    measured = rows(run(played, "hz", "--window", "0.05", "--json"))
+    assert "contradict each other" in measured["PSM1/state"]["trouble"] and measured["PSM1/state"]["hz"] == 0.0
+    assert measured["IO1/state"]["trouble"] == ""
+    assert json.loads(run(played, "echo", "IO1/state", "--once", "--json").stdout)["sequence"] == 1
+    refused = run(played, "echo", "PSM1/state", "--once")
+    assert refused.exit_code == 1 and "contradict each other" in refused.stderr
+    assert len(json.loads(run(played, "status", "--json").stdout)["processes"]) == 3
+    page = run(played, "attach", "--once")
+    assert page.exit_code == 0 and "contradict" in page.stdout
+
+
+def test_a_spoilt_ledger_takes_nothing_from_status(played: Played) -> None:
+    spoil(played, "supervisor/state")
+    status = json.loads(run(played, "status", "--json").stdout)
+    assert {row["name"] for row in status["processes"]} == {"supervisor", "IO1", "PSM1"}
+
+
+@pytest.mark.parametrize("info", [
+    {"rate_hz": "often"}, {"rate_hz": [1]}, {"kind": "io", "robots": 3}, {"kind": "io", "robots": {"PSM1": 7}},
+    {"kind": "io", "robots": {"PSM1": {"first": 0}}}, {"kind": "io", "robots": {"PSM1": {"first": "x", "count": 1}}},
+    {"kind": "io", "robots": ["PSM1"]}, {"kind": ["arm"]}, {},
+])
+def test_a_header_may_say_anything_of_its_instance(played: Played, info: dict[str, Any]) -> None:
+    played.show_arm()
+    name = segment_name(played.name, "IO1", "state")
+    path = path_of(name)
+    raw = bytearray(path.read_bytes())
+    length = int.from_bytes(raw[32:36], "little")
+    text = json.dumps(info).encode()
+    raw[36:40] = len(text).to_bytes(4, "little")
+    raw[256 + length : 256 + length + len(text)] = text
+    path.write_bytes(raw[: len(raw)])
+    listed = run(played, "list", "--json")
+    assert listed.exit_code == 0, listed.output
+    assert "PSM1/measured_js" in rows(listed) and "IO1/state" in rows(listed)
+    assert run(played, "hz", "--window", "0.05", "--json").exit_code == 0
+    assert run(played, "attach", "--once").exit_code == 0
+
+
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(at=st.integers(0, 1000), data=st.binary(min_size=1, max_size=1000))
+def test_status_survives_a_scribbled_control_page(played: Played, at: int, data: bytes) -> None:
+    pulse = played.pulses["PSM1"]
+    view, first = pulse.segment.view, pulse.segment.header.first
+    good = view[first:].tobytes()
+    end = min(len(view), first + at + len(data))
+    view[first + at : end] = data[: end - first - at]
+    found = {life.name: life for life in lives(played.name)}
+    assert set(found) == {"supervisor", "IO1", "PSM1"}
+    assert all(isinstance(cell, str) for cell in cells(found["PSM1"])) and isinstance(remarks(found["PSM1"]), str)
+    view[first:] = good
+
+
+def test_status_says_that_a_process_is_dead(played: Played) -> None:
+    played.beat()
+    played.pulses["PSM1"].segment.view[64:68] = (2**22 + 1).to_bytes(4, "little")  # no such process
+    status = json.loads(run(played, "status", "--json").stdout)
+    assert next(row["trouble"] for row in status["processes"] if row["name"] == "PSM1") == "dead"
+
+
+def test_the_catalogue_asks_without_disturbing_a_writer(played: Played) -> None:
+    for _ in range(3):
+        assert not any(entry.trouble for entry in catalogue(played.name))
+    played.show_arm()
+    assert played.arm.sequence == 1
