@@ -85,7 +85,8 @@ class Client:
     @property
     def commands(self) -> list[dict[str, Any]]:
         """The owner's command table, as its mailbox describes it."""
-        return list(self._map.segment.header.info.get("commands", []))
+        listed = self._map.segment.header.info.get("commands")
+        return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.

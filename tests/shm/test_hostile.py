@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
+import json
 import os
 import signal
 import tracemalloc
@@ -16,10 +18,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.document import from_json
+from procs.lib.document import System, from_json
 from shm import directory
 from shm.client import Client
 from shm.clock import Conductor, LockstepClock, create_clock
+from shm.layout import LayoutError, schema_from_json
 from shm.mailbox import Mailbox, create_mailbox
 from shm.pulse import Pulse, create_control
 from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
@@ -29,6 +32,7 @@ SYSTEM = f"thostile{os.getpid()}"
 HANG_S = 10
 MOST_BYTES = 64 << 20
 OWNER = "supervisor"
+NAMES = ("magic", "version", "first", "fingerprint", "stride", "depth", "schema", "info", "kind", "size")
 FIELDS = ((8, 4), (12, 4), (16, 8), (24, 4), (28, 4), (32, 4), (36, 4), (40, 8), (56, 8))  # where, bytes
 
 
@@ -143,10 +147,17 @@ KINDS = {kind.name: kind for kind in (
 )}
 
 
+class Templates(dict[str, bytes]):
+    """The bytes of a good segment of each kind."""
+
+    def __repr__(self) -> str:
+        return "templates"  # they are long
+
+
 @pytest.fixture(scope="module")
-def templates() -> Iterator[dict[str, bytes]]:
-    """The bytes of a good segment of each kind; a page for the clock's user stays."""
-    found = {}
+def templates() -> Iterator[Templates]:
+    """Good segments of all kinds; a page for the clock's user stays."""
+    found = Templates()
     for name, kind in KINDS.items():
         kind.make()
         found[name] = path_of(kind.segment).read_bytes()
@@ -203,7 +214,7 @@ def try_out(kind: Kind, raw: bytes, weigh: bool = False) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_unspoilt_one_works(templates: dict[str, bytes], kind: str) -> None:
+def test_an_unspoilt_one_works(templates: Templates, kind: str) -> None:
     try_out(KINDS[kind], templates[kind])
 
 
@@ -214,7 +225,7 @@ SPOILT = st.lists(CHANGES, min_size=1, max_size=6)
 @settings(deadline=None, max_examples=40)
 @given(changes=SPOILT)
 def test_a_spoilt_segment_is_refused_or_harmless(
-    templates: dict[str, bytes], kind: str, changes: list[tuple[str, int, Any]]
+    templates: Templates, kind: str, changes: list[tuple[str, int, Any]]
 ) -> None:
     try_out(KINDS[kind], changed(templates[kind], changes))
 
@@ -224,7 +235,7 @@ def test_a_spoilt_segment_is_refused_or_harmless(
 @settings(deadline=None, max_examples=200)
 @given(changes=SPOILT)
 def test_many_spoilt_segments_are_refused_or_harmless(
-    templates: dict[str, bytes], kind: str, changes: list[tuple[str, int, Any]]
+    templates: Templates, kind: str, changes: list[tuple[str, int, Any]]
 ) -> None:
     try_out(KINDS[kind], changed(templates[kind], changes), weigh=True)
 
@@ -232,7 +243,7 @@ def test_many_spoilt_segments_are_refused_or_harmless(
 @pytest.mark.parametrize("kind", KINDS)
 @settings(deadline=None, max_examples=15)
 @given(raw=st.binary(max_size=9000))
-def test_random_bytes_are_refused(templates: dict[str, bytes], kind: str, raw: bytes) -> None:
+def test_random_bytes_are_refused(templates: Templates, kind: str, raw: bytes) -> None:
     try_out(KINDS[kind], raw)
 
 
@@ -240,7 +251,7 @@ def test_random_bytes_are_refused(templates: dict[str, bytes], kind: str, raw: b
 @settings(deadline=None, max_examples=30)
 @given(rest=st.binary(min_size=1, max_size=4000), data=st.data())
 def test_a_good_header_over_garbage_is_harmless(
-    templates: dict[str, bytes], kind: str, rest: bytes, data: st.DataObject
+    templates: Templates, kind: str, rest: bytes, data: st.DataObject
 ) -> None:
     good = templates[kind]
     first = FIXED.unpack_from(good)[2]
@@ -253,12 +264,79 @@ def test_a_good_header_over_garbage_is_harmless(
 @settings(deadline=None, max_examples=30)
 @given(other=st.sampled_from(sorted(KINDS)), data=st.data())
 def test_one_kind_is_not_taken_for_another(
-    templates: dict[str, bytes], kind: str, other: str, data: st.DataObject
+    templates: Templates, kind: str, other: str, data: st.DataObject
 ) -> None:
     raw = bytearray(templates[other])
     if data.draw(st.booleans(), "with the right kind's name"):
         raw[40:56] = templates[kind][40:56]
     try_out(KINDS[kind], bytes(raw))
+
+
+LEAVES = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8))
+JSON = st.recursive(
+    LEAVES,
+    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=6), inner, max_size=3)),
+    max_leaves=8,
+)
+SIZES = st.one_of(JSON, st.dictionaries(st.sampled_from(["instances", "axes"]), LEAVES, min_size=1))
+INFO = st.fixed_dictionaries({}, optional={"dims": SIZES, "kind": JSON, "commands": JSON, "rate_hz": JSON})
+TEXTS = st.text(max_size=4)
+FIELD = st.fixed_dictionaries({
+    "name": st.one_of(st.sampled_from(["instance", "text", "count", "a"]), TEXTS),
+    "dtype": st.one_of(st.sampled_from(["<f8", "u1", "(3,)<i4", "(2,2)?", "S8", "(0,)<f8", "(instances,)u1"]), TEXTS),
+})
+SCHEMAS = st.one_of(JSON, st.fixed_dictionaries({
+    "topic": st.one_of(st.just("state"), JSON), "fields": st.one_of(st.lists(FIELD, max_size=4), JSON)
+}))
+
+
+def rebuilt(good: bytes, schema: bytes | None, info: bytes | None) -> bytes:
+    """The segment with other texts, everything in the header in agreement with them."""
+    values = dict(zip(NAMES, FIXED.unpack_from(good), strict=True))
+    old = good[256 : 256 + values["schema"]], good[256 + values["schema"] : 256 + values["schema"] + values["info"]]
+    texts = [new if new is not None else was for new, was in zip((schema, info), old, strict=True)]
+    if schema is not None:
+        with contextlib.suppress(LayoutError):
+            made = schema_from_json(schema)
+            values |= {"fingerprint": made.fingerprint, "stride": made.stride}
+    first = -(-(256 + sum(map(len, texts))) // 4096) * 4096
+    size = -(-(first + values["stride"] * values["depth"]) // 4096) * 4096
+    values |= {"schema": len(texts[0]), "info": len(texts[1]), "size": size, "first": first}
+    head = FIXED.pack(*values.values()) + good[FIXED.size : 256] + texts[0] + texts[1]
+    return (head.ljust(first, b"\0") + good[FIXED.unpack_from(good)[2] :]).ljust(size, b"\0")[:size]
+
+
+@pytest.mark.parametrize("kind", ["ring", "writer", "mailbox", "control"])
+@settings(deadline=None, max_examples=40)
+@given(info=st.one_of(INFO, JSON))
+def test_any_constants_are_refused_or_harmless(templates: Templates, kind: str, info: Any) -> None:
+    raw = rebuilt(templates[kind], None, json.dumps(info).encode())
+    try_out(KINDS[kind], raw)
+    if isinstance(info, dict) and kind == "ring":
+        path_of(KINDS[kind].segment).write_bytes(raw)
+        path_of(KINDS[kind].segment).chmod(0o600)
+        with contextlib.closing(directory.reader(SYSTEM, OWNER, "state")) as reader:
+            assert len(reader.info) == len(info)  # it did get as far as that
+        path_of(KINDS[kind].segment).unlink()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=40)
+@given(schema=SCHEMAS)
+def test_any_schema_is_refused_or_harmless(templates: Templates, kind: str, schema: Any) -> None:
+    try_out(KINDS[kind], rebuilt(templates[kind], json.dumps(schema).encode(), None))
+
+
+@settings(deadline=None, max_examples=60)
+@given(content=st.one_of(JSON, st.dictionaries(st.sampled_from([f.name for f in dataclasses.fields(System)]), JSON)))
+def test_any_document_is_refused_or_harmless(templates: Templates, content: Any) -> None:
+    name = segment_name(SYSTEM, OWNER, "document")
+    directory.publish_document(SYSTEM, json.dumps(content).encode())
+    try:
+        with bounded(), contextlib.suppress(ValueError):
+            from_json(directory.document(SYSTEM))
+    finally:
+        unlink(name)
 
 
 def test_the_conductor_keeps_a_time_of_its_own() -> None:
