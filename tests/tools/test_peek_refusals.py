@@ -83,15 +83,22 @@ def test_a_file_with_holes_is_refused(ring: str, peek: Peek) -> None:
     assert refused(peek(ring), "holes")
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
-def test_only_accepted_owners_are_read(ring: str, peek: Peek, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def given_away(ring: str) -> Iterator[str]:
+    """The ring, owned by nobody; ours again behind the test, else it could not be removed."""
     os.chown(path_of(ring), pwd.getpwnam("nobody").pw_uid, -1)
+    yield ring
+    os.chown(path_of(ring), os.getuid(), -1)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
+def test_only_accepted_owners_are_read(given_away: str, peek: Peek, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TROCAR_SERVICE_USER", raising=False)
-    assert refused(peek(ring), "user who is not accepted")
+    assert refused(peek(given_away), "user who is not accepted")
     monkeypatch.setenv("TROCAR_SERVICE_USER", "daemon")
-    assert refused(peek(ring), "user who is not accepted")
+    assert refused(peek(given_away), "user who is not accepted")
     monkeypatch.setenv("TROCAR_SERVICE_USER", "nobody")
-    assert peek(ring).stdout.startswith("6 ")
+    assert peek(given_away).stdout.startswith("6 ")
 
 
 def test_garbage_and_a_mailbox_are_refused(world: Any, ring: str, peek: Peek) -> None:
