@@ -44,11 +44,15 @@ class Climb:
     def step(self, now_ns: int) -> None:
         """Look, and ask for the next thing once."""
         if not self.watch.look():
-            self._check_time(now_ns, "it has not shown its state")
+            self._check_time(now_ns, self.watch.trouble() or "it has not shown its state")
             return
         state, busy = self.watch.state, self.watch.busy
         if self._reached(state, busy):
-            self.over = True
+            trouble = self.watch.trouble()  # the record of a process that died stands for ever
+            if trouble:
+                self._check_time(now_ns, trouble)
+            else:
+                self.over = True
         elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
             self._fail(self.watch.last_error() or "it went to FAULT and did not say why")
         else:

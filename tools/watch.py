@@ -14,6 +14,7 @@ from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.printing import plain
 from tools.systems import instances_of_kind, is_lockstep, unknown
+from tools.topics import writer_gone
 
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
@@ -54,8 +55,13 @@ class Watch:
         return 0.0 if self._simulated else (monotonic_ns() - self.reader.stamp_ns) * 1e-9
 
     def look(self) -> bool:
-        """Read the newest record; False when there is none."""
+        """Read the newest record; False when there is none, or none is whole."""
         return self.reader.newest()
+
+    def trouble(self) -> str:
+        """What is wrong with the arm's record: no process writes it any more, or nobody's writing is in it."""
+        said = (writer_gone(self.reader.gone), self.reader.trouble)
+        return "; ".join(part for part in said if part)
 
     def text(self, field: str) -> str:
         """A text field."""

@@ -87,6 +87,23 @@ def test_a_dead_writer_is_named_by_every_verb(played: Played) -> None:
     assert gone() in " ".join(run(played, "attach", "--once").stdout.split())
 
 
+def test_what_a_dead_arm_last_said_is_not_taken_for_its_state(played: Played) -> None:
+    played.show_arm(state="ENABLED", homed=True)
+    assert run(played, "home", "--timeout", "0.1").exit_code == 0
+    played.arm.close()
+    result = run(played, "home", "--timeout", "0.1", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["problem"] == f"not homed in time; {gone()}"
+
+
+def test_an_arm_whose_record_is_torn_is_not_seen(played: Played) -> None:
+    played.show_arm(state="ENABLED", homed=True)
+    tear(played)
+    result = run(played, "home", "--timeout", "0.1", "--json")
+    assert result.exit_code == 1
+    assert "reads found no whole record" in json.loads(result.stdout)["problem"]
+
+
 def test_a_ring_nobody_wrote_yet_has_no_dead_writer(played: Played) -> None:
     listed = rows(run(played, "list", "--json"))
     assert listed["PSM1/setpoint"]["trouble"] == ""  # the played arm never claims it
