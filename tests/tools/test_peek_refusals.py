@@ -101,6 +101,18 @@ def test_only_accepted_owners_are_read(given_away: str, peek: Peek, monkeypatch:
     assert peek(given_away).stdout.startswith("6 ")
 
 
+def test_what_is_no_file_is_refused(ring: str, tmp_path: Path, peek: Peek) -> None:
+    aside = tmp_path / "aside"
+    aside.write_bytes(path_of(ring).read_bytes())
+    path_of(ring).unlink()
+    path_of(ring).symlink_to(aside)
+    assert refused(peek(ring), "not for us to read")
+    path_of(ring).unlink()
+    os.mkfifo(path_of(ring))
+    assert refused(peek(ring), "too short")
+    path_of(ring).unlink()
+
+
 def test_garbage_and_a_mailbox_are_refused(world: Any, ring: str, peek: Peek) -> None:
     create_mailbox(world.name, "io", "io")
     assert refused(peek(world.name, "io", "mailbox"), "is not a ring")
