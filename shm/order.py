@@ -7,7 +7,8 @@ LATER load of another address, which the ring and the mailbox do not mind. Two d
 
 - A copy is many stores. Those of one `rep movs` may pass each other, but none passes a store before or behind the
   copy. Copies beyond glibc's non-temporal threshold (hundreds of kB, and never below 16 kB) are weakly ordered stores
-  with an sfence behind them: they could pass an EARLIER store, a slot's BUSY mark. Writers of larger records therefore fence (`ordered`).
+  with an sfence behind them: they could pass an EARLIER store, a slot's BUSY mark. Writers of records that large
+  therefore fence (see `ordered`).
 - A word is one move: CPython reads and writes an item of a memoryview of format "Q" as one aligned 8-byte memcpy, which
   compilers turn into one instruction.
 
