@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Iterator
@@ -12,9 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
+from shm import directory
 from shm.clock import monotonic_ns
-from shm.ring import HEAD
-from shm.segment import Segment, path_of, segment_name
+from shm.ring import HEAD, RingWriter
+from shm.segment import Segment, path_of, segment_name, unlink
+from shm.topics import SETPOINT
 from tests.tools.robot import Played, robot
 from tools import cli
 from tools.echo import _said
@@ -23,6 +26,7 @@ from tools.topics import catalogue
 from tools.views import open_topic
 
 APP = cli.build()
+SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
 
 
 @pytest.fixture
@@ -158,6 +162,28 @@ def test_one_spoilt_ring_leaves_the_others_readable(played: Played) -> None:
     assert len(json.loads(run(played, "status", "--json").stdout)["processes"]) == 3
     page = run(played, "attach", "--once")
     assert page.exit_code == 0 and "contradict" in page.stdout
+
+
+@pytest.mark.parametrize("ring", ["PSM1/events", "IO1/state", "IO1/events", "supervisor/state"])
+def test_verbs_that_do_not_need_it_do_without_a_spoilt_ring(played: Played, ring: str) -> None:
+    played.show_arm(state="ENABLED", homed=True)
+    spoil(played, ring)
+    assert run(played, "attach", "--once").exit_code == 0
+    assert run(played, "list").exit_code == 0
+    if ring != "PSM1/events":
+        assert run(played, "home", "--timeout", "0.1").exit_code == 0
+
+
+def test_a_ledger_of_another_version_takes_nothing_from_status(played: Played) -> None:
+    name = segment_name(played.name, "supervisor", "state")
+    played.supervisor.close()
+    unlink(name)
+    directory.create_ring(played.name, "supervisor", SETPOINT_LIKE, {}, {"dims": {"instances": 2}})
+    writer = RingWriter(Segment(name, write=True), "supervisor")
+    writer.publish(1)
+    writer.close()
+    status = json.loads(run(played, "status", "--json").stdout)
+    assert {row["name"] for row in status["processes"]} == {"supervisor", "IO1", "PSM1"}
 
 
 def test_a_spoilt_ledger_takes_nothing_from_status(played: Played) -> None:
