@@ -60,6 +60,7 @@ class Me:
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
         period_ns = round(self.row.period_s * 1e9)
+        self._bell = self.pulse.bell()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
         self._supervisor = Pulse(system, "supervisor")
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
@@ -116,6 +117,7 @@ class Me:
 
         `serve(timeout_ns)` is called while waiting, for processes that also answer sockets.
         """
+        self._bell.ring()  # what this cycle published is out
         deadline = self._pacing.end_of_work(self.clock.now_ns())
         if serve is None:
             self.clock.sleep_until(deadline, self._stopped)

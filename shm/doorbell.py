@@ -2,8 +2,10 @@
 
 Each waiting place has a flag, written by the waiter only, and a counter, written by the ringer only.
 
-Wait:  D1 flag := 1   D2 full fence   D3 is the data there? then flag := 0, done   D4 futex wait on the counter, bounded
-Ring:  E1 data is out E2 full fence   E3 any flag set?                             E4 counter + 1, futex wake
+Wait:  D0 c := counter          D1 flag := 1
+       D2 full fence            D3 is the data there? then flag := 0, done
+       D4 futex wait while the counter is c, bounded; then flag := 0
+Ring:  E1 the data is out       E2 full fence       E3 any flag set?       E4 counter + 1, futex wake
        E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0
 
 Without the fences the store of D1 and the load of D3 (and E1, E3) may pass each other even on x86-64, and a wake-up is
@@ -165,13 +167,13 @@ class Waiter:
 
     def wait(self, ready: Callable[[], bool], timeout_ns: int) -> bool:
         """Sleep until rung or `timeout_ns`; returns `ready()`. May return early without it."""
-        value = self._futex.value
+        value = self._futex.value  # D0: a ring between here and D4 must not be slept through
         self._flag[0] = 1  # D1
         self._fence()  # D2
         try:
             if ready():  # D3
                 return True
-            self._futex.wait(value, timeout_ns)  # D4; a ring since `value` was read makes it return at once
+            self._futex.wait(value, timeout_ns)  # D4
         finally:
             self._flag[0] = 0
         return ready()

@@ -4,7 +4,7 @@ Header, little-endian (W: written by the supervisor at creation, C: by the claim
 
     0    8  W  magic             "TROCAR" 0 1
     8    4  W  header version    2
-    12   4  W  header size       offset of the first slot, a multiple of 4096
+    12   4  W  header size       offset of the first slot: 256 and the texts, in whole pages of 4096
     16   8  W  fingerprint       of the schema
     24   4  W  stride            bytes from slot to slot
     28   4  W  depth             slots

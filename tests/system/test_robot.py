@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from shm import directory
+from shm.pulse import Pulse
 from tests.system.robot import DEMO, Robot
 
 pytestmark = pytest.mark.slow
@@ -61,3 +63,15 @@ def test_the_demo_ends_by_itself_and_was_healthy(robot: Robot) -> None:
     summary = json.loads(said.splitlines()[-1])
     assert summary["state"] == "ENABLED"
     assert robot.left_over() == []
+
+
+def test_whoever_waits_at_a_bell_is_woken_by_the_next_cycle(robot: Robot) -> None:
+    robot.up(DEMO)
+    for instance in ("IO1", "PSM1", "boards"):
+        page = Pulse(robot.name, instance, write=True)
+        place, reader = page.waiter(), directory.reader(robot.name, instance, "state")
+        for _ in range(50):
+            seen = reader.head
+            assert place.wait(lambda: reader.head != seen, 20_000_000_000)  # noqa: B023  # called within the loop
+        reader.close()
+        page.close()

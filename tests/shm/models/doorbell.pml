@@ -117,7 +117,7 @@ begin:
     :: else ->
         DIE;
 #ifndef LOOK_FIRST
-        load(place, COUNTER(place), value);
+        load(place, COUNTER(place), value);     /* D0 */
         DIE;
 #endif
         store(place, FLAG(place), 1);           /* D1 */
