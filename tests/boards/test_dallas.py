@@ -171,6 +171,14 @@ def test_instrument_put_back_is_silent_until_the_next_reset() -> None:
     assert chunk(dallas, 1000 * MS) == MEMORY[:256]
 
 
+def test_family_code_is_the_first_byte_of_the_rom() -> None:
+    for removed, family in ((FAMILY_KNOWN, 0x0B), (FAMILY_KNOWN - READ - 1, 0xFF)):
+        dallas = present(7)
+        dallas.write(2, 0)
+        dallas.remove(removed)
+        assert dallas.status(500 * MS) >> 24 == family
+
+
 def test_instrument_put_back_within_a_byte_does_not_answer_either() -> None:
     dallas = Dallas(7)
     dallas.insert(bytes(MEMORY_BYTES), 0)
