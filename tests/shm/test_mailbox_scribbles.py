@@ -284,6 +284,20 @@ def test_a_place_out_of_step_is_put_right_and_used_again(
     hand.segment.close()
 
 
+def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
+    owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
+    for garbage in (1, 5, 1, 7):
+        hand.words[hand.cursor("taken", 0)] = garbage
+        with contextlib.closing(Client(system, "IO1")) as elsewhere:
+            assert elsewhere._sent == hand.cursor("sent", 1)
+        assert list(owner.drain()) == []
+        with contextlib.closing(Client(system, "IO1")) as here:
+            assert here._sent == hand.cursor("sent", 0)
+    assert owner.resets == 4
+    owner.close()
+    hand.segment.close()
+
+
 @pytest.mark.parametrize("forged", [1, 7, m.COMMANDS_DEPTH])
 def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged: int) -> None:
     owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
