@@ -1,0 +1,278 @@
+"""The real modules of shm/ on simulated memory: stand-ins for a segment and for what the kernel and C do to it.
+
+`Real` reads the source of ring, mailbox, client, doorbell and order, changes it where asked (a seeded mutant, a smaller
+depth; a change that matches nothing is an error) and runs it with the stand-ins in place of Segment, struct, ctypes and
+locks. Every access to shared memory ends in a method of the Actor that runs.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import struct
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from shm.layout import Schema, schema_of
+from shm.segment import Header
+from shm.topics import Field, Topic
+from tests.shm.process import PLAIN, REAL, Actor, Address
+
+FIRST = 4096
+FLAGS_AT, COUNTERS_AT, DATA_AT = FIRST, FIRST + 64, FIRST + 128
+PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
+MODULES = ("order", "ring", "doorbell", "mailbox", "client")
+SMALL = (
+    ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
+    ("mailbox", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
+    ("mailbox", "REPLIES_DEPTH = REPLY.depth", "REPLIES_DEPTH = 2"),
+    ("mailbox", "CLIENTS = 16", "CLIENTS = 1"),
+    ("mailbox", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
+    ("mailbox", "SHORT = 8", "SHORT = 1"),
+    ("mailbox", '"<QB200s"', '"<QB7s"'),
+    ("mailbox", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
+    ("doorbell", "PLACES = 16", "PLACES = 1"),
+    ("doorbell", "UNHEARD = 16", "UNHEARD = 2"),
+)
+Change = tuple[str, str, str]  # module, old text, new text
+
+
+def private(thing: Any) -> tuple[Any, ...]:
+    """The private state of one of our objects, but for views, places and the record, which no method looks at."""
+    return tuple((name, tuple(value) if isinstance(value, list) else value) for name, value in vars(thing).items()
+                 if isinstance(value, PLAIN) or (isinstance(value, list) and all(isinstance(v, int) for v in value)))
+
+
+class Part:
+    """A part of a segment's memory, like a memoryview of it; in cells of `width` bytes."""
+
+    readonly = False
+
+    def __init__(self, me: Actor, name: str, start: int, stop: int, width: int = 8) -> None:
+        assert (stop - start) % width == 0
+        self.me, self.name, self.start, self.width = me, name, start, width
+        self._places: list[Address] = [(name, at) for at in range(start, stop, width)]
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __bytes__(self) -> bytes:
+        return b"".join(v.to_bytes(self.width, "little") for v in self.me.load(*self._places))
+
+    tobytes = __bytes__
+
+    def cast(self, form: str) -> Part:
+        width = {"I": 4, "Q": 8}[form]
+        return Part(self.me, self.name, self.start, self.start + len(self) * self.width, width)
+
+    def release(self) -> None:
+        pass
+
+    def __iter__(self) -> Iterator[int]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, index: int) -> int:
+        return self.me.load(self._places[index])[0]
+
+    def __setitem__(self, index: int | slice, value: Any) -> None:
+        if isinstance(index, slice):
+            assert index == slice(None)
+            self.me.store(*zip(self._places, _cut(bytes(value), self.width), strict=True))
+        else:
+            self.me.store((self._places[index], value))
+
+
+def _cut(data: bytes, width: int) -> list[int]:
+    return [int.from_bytes(data[i : i + width], "little") for i in range(0, len(data), width)]
+
+
+class Whole:
+    """All of a segment's memory: its parts, as bytes where the flags of a bell lie, else as words."""
+
+    readonly = False
+
+    def __init__(self, me: Actor, name: str, flags: range) -> None:
+        self.me, self.name, self._flags = me, name, flags
+
+    def __getitem__(self, part: slice) -> Part:
+        width = 1 if part.start in self._flags else 4 if part.stop - part.start == 4 else 8
+        return Part(self.me, self.name, part.start, part.stop, width)
+
+
+class Words:
+    """The words of a segment."""
+
+    def __init__(self, me: Actor, name: str) -> None:
+        self._me, self._name = me, name
+
+    def __getitem__(self, index: int) -> int:
+        return self._me.load((self._name, 8 * index))[0]
+
+    def __setitem__(self, index: int, value: int) -> None:
+        self._me.store(((self._name, 8 * index), value))
+
+
+class Segment:
+    """Stands for shm.segment.Segment, attached and checked."""
+
+    fd = 0
+
+    def __init__(self, real: Real, name: str, kind: str, schema: Schema, depth: int, flags: range = range(0)) -> None:
+        self._me, self._real, self.name = real.me, real, name
+        info = {"kind": "io"}
+        self.header = Header(kind, schema, info, FIRST, schema.stride, depth, FIRST + depth * schema.stride)
+        self.view = Whole(real.me, name, flags)
+
+    def words(self, copied: int = 0) -> Any:
+        words = Words(self._me, self.name)
+        fenced = self._real.fenced or (self._real.large and copied)
+        return self._real.order.FencedWords(words, self._me.fence) if fenced else words
+
+    def claim(self, name: str) -> None:
+        self._me.claim(("lock", -1))
+
+    def keep(self, part: Part) -> Part:
+        return part
+
+    def at_close(self, callback: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Struct:
+    """A struct.Struct that packs into and unpacks from simulated memory: zeros first, as CPython does, then values."""
+
+    def __init__(self, real: struct.Struct) -> None:
+        self._real, self.size = real, real.size
+        self.pack = real.pack
+
+    def pack_into(self, view: Whole, at: int, *values: Any) -> None:
+        data = self._real.pack(*values)
+        part = view[slice(at, at + self.size)]
+        part[slice(None)] = bytes(self.size)
+        part[slice(None)] = data
+
+    def unpack_from(self, data: Any, at: int = 0) -> tuple[Any, ...]:
+        if isinstance(data, Whole):
+            return self._real.unpack(bytes(data[slice(at, at + self.size)]))
+        return self._real.unpack_from(data, at)
+
+
+class Number(int):
+    """Stands for ctypes.c_uint32: an address is the offset it was made of."""
+
+    @classmethod
+    def from_buffer(cls, view: Whole, offset: int) -> Number:
+        return cls(offset)
+
+
+class Kernel:
+    """Stands for ctypes, os, the futex call and the locks, as doorbell.py uses them."""
+
+    O_RDWR = 2
+    c_uint32 = Number
+    c_void_p = addressof = byref = staticmethod(lambda value: value)
+
+    def __init__(self, real: Real) -> None:
+        self._real = real
+
+    def futex(self, number: int, at: int, what: int, value: int, *rest: Any) -> int:
+        """The counter of the page where the bell is."""
+        place = ("page", int(at))
+        if what == 1:
+            return int(self._real.me.wake(place))
+        self._real.me.sleep(place, int(value))
+        return 0
+
+    def lock(self, description: int, at: int) -> bool:
+        return bool(self._real.me.lock(("lock", at), description))
+
+    def unlock(self, description: int, at: int) -> None:
+        self.close(description)
+
+    def open(self, path: str, flags: int) -> int:
+        return 1
+
+    def close(self, description: int) -> None:
+        self._real.me.unlock(description)
+
+
+class Real:
+    """The modules, changed; `me` is the Actor that runs them now (set it at the start of a program with `on`)."""
+
+    def __init__(self, *changes: Change, fenced: bool = False, large: bool = False) -> None:
+        """`fenced`: words have fences; `large`: those of who copies have, as for records that copies stream."""
+        self.fenced, self.large = fenced, large
+        self.me: Any = None
+        for module, _, _ in changes:
+            assert module in MODULES
+        self.order, self.ring, self.doorbell, self.mailbox, self.client = (self._read(m, changes) for m in MODULES)
+        self._join()
+
+    def on(self, me: Actor) -> Real:
+        """`me` runs from here."""
+        self.me = me
+        return self
+
+    def _read(self, name: str, changes: Iterable[Change]) -> Any:
+        path = Path(str(importlib.import_module(f"shm.{name}").__file__))
+        text = path.read_text()
+        if name == "ring":  # a memoryview copies from real buffers only: have the slot copied first
+            text, count = re.subn(r"\] = ((?:self\._)?slot)\b(?=\s)", r"] = bytes(\1)", text)
+            assert count >= 6, count
+            # Each round of a retry begins anew, whatever the last one found.
+            text, count = re.subn(r"for (\w+) in range\(RETRIES\):\n", r"\g<0>            merge(self, \1)\n", text)
+            assert count >= 2, count
+        for where, old, new in (*SMALL, *changes):
+            if where == name:
+                assert text.count(old) >= 1, f"{path}: there is no {old!r}"
+                text = text.replace(old, new)
+        module = ModuleType(f"shm.{name}")
+        exec(compile(text, f"{REAL}{path.name}", "exec"), module.__dict__)
+        return module
+
+    def _join(self) -> None:
+        """Put the stand-ins in their places."""
+        mailbox, client, doorbell, kernel = self.mailbox, self.client, self.doorbell, Kernel(self)
+        mailbox.Segment = lambda name, write: Segment(self, "mail", "mailbox", mailbox.WHOLE, 1)
+        mailbox.COMMANDS_OF = tuple(map(Struct, mailbox.COMMANDS_OF))
+        mailbox.COMMAND_HEAD, mailbox.REPLY_BODY = Struct(mailbox.COMMAND_HEAD), Struct(mailbox.REPLY_BODY)
+        for name in vars(client):
+            if name in vars(mailbox) and not name.startswith("__"):
+                setattr(client, name, getattr(mailbox, name))
+        client.Places, client.monotonic_ns = doorbell.Places, lambda: 7
+        doorbell.ctypes = doorbell.os = kernel
+        doorbell.SYSCALL, doorbell._lock, doorbell._unlock = kernel.futex, kernel.lock, kernel.unlock
+        self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
+        doorbell.full_fence = lambda: lambda: self.me.fence()
+
+    def writer(self, depth: int) -> Any:
+        """A RingWriter."""
+        return self.ring.RingWriter(Segment(self, "ring", "ring", PAIR, depth), "io")
+
+    def reader(self, depth: int) -> Any:
+        """A RingReader."""
+        return self.ring.RingReader(Segment(self, "ring", "ring", PAIR, depth))
+
+    def owner(self) -> Any:
+        """A Mailbox."""
+        return self.mailbox.Mailbox("s", "IO1", "io")
+
+    def sender(self) -> Any:
+        """A Client."""
+        return self.client.Client("s", "IO1")
+
+    def bell(self) -> Any:
+        """A Bell."""
+        return self.doorbell.Bell(self._page(), FLAGS_AT, COUNTERS_AT)
+
+    def waiter(self) -> Any:
+        """A Waiter at the same bell."""
+        return self.doorbell.Waiter(self._page(), FLAGS_AT, COUNTERS_AT)
+
+    def _page(self) -> Segment:
+        return Segment(self, "page", "control", PAIR, 1, range(FLAGS_AT, FLAGS_AT + self.doorbell.PLACES))

@@ -1,0 +1,235 @@
+"""The mailbox's real code, owner and client, in every interleaving, with deaths of both; and seeded mutants of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from shm.mailbox import CURSOR_BYTES, CURSORS, DIED
+from tests.shm.interleave import Broken, Explorer, Outcome
+from tests.shm.process import Actor, Address, Program
+from tests.shm.simulated import FIRST, Change, Real, private
+
+PLACE_LOCKS = FIRST + 16 + CURSOR_BYTES * CURSORS.index("place")
+SOMEBODY = 50  # holds a lock for ever
+ONE_REPLY: Change = "mailbox", "REPLIES_DEPTH = 2", "REPLIES_DEPTH = 1"
+TWO_PLACES: Change = "mailbox", "CLIENTS = 1", "CLIENTS = 2"
+SAYS = {"refused": "no", "failed": DIED[:6]}
+
+
+def client(real: Real, verbs: str, predecessor: str = "", who: int = 1000, heir: bool = False) -> Program:
+    """Sends and polls; without an heir polls for a last time when all is quiet. Command n has the value `who` + n."""
+
+    def run(me: Actor) -> None:
+        if predecessor:
+            me.after(predecessor)
+        sender = real.on(me).sender()
+        begin, got = sender._seen, 0
+        me.private = lambda: private(sender)
+
+        def poll() -> int:
+            replies = sender.poll()
+            for reply in replies:
+                assert reply.text == (SAYS.get(reply.outcome) or str(reply.id)), f"torn: {reply}"
+                me.note("told", (reply.id, reply.outcome))
+            return len(replies)
+
+        for step, verb in enumerate(verbs.split()):  # step: `merge` sees it
+            n = sender._count + 1
+            if verb == "poll":
+                got += poll()
+            else:
+                me.note("asks", (n, who + n))
+                try:
+                    assert sender.send("power_off", [who + n] * int(verb.removeprefix("send"))) == n
+                    me.note("sent", n)
+                except real.client.MailboxFull:
+                    me.note("full", n)
+            me.merge(step)
+        if heir:
+            return
+        me.quiet()
+        got += poll()
+        assert got + sender.lost == sender._seen - begin, "got + lost is not what was answered"
+        me.note("lost", sender.lost)
+
+    return run
+
+
+def owner(real: Real, rounds: int, predecessor: str = "", refuses: bool = False) -> Program:
+    """Runs what comes in, at last when all is quiet; an heir may refuse what it finds."""
+
+    def run(me: Actor) -> None:
+        if predecessor:
+            me.after(predecessor)
+        box = real.on(me).owner()
+        me.private = lambda: private(box)
+
+        def serve() -> bool:
+            some = False
+            for got in box.drain():
+                some = True
+                (value, *same) = got.values.tolist()
+                assert value % 1000 == got.id and all(v == value for v in same), f"torn: {got.id} {got.values}"
+                me.note("ran", (got.id, int(value)))
+                got.done(str(got.id))
+            return some
+
+        if refuses:
+            box.refuse_waiting("no")
+        for _ in range(rounds):
+            serve()
+            me.merge()
+        me.quiet()
+        while serve():
+            me.merge()
+        assert box.resets == 0, "cursors out of step"
+
+    return run
+
+
+def judge(outcome: Outcome) -> None:
+    """Each command ran once at most, in order, and who sent it was told once what became of it."""
+    asked, ran, told = outcome.all("asks"), outcome.all("ran"), outcome.all("told")
+    assert set(ran) <= set(asked), f"ran {ran}, but asked for were {asked}"
+    numbers = [n for n, _ in ran]
+    assert numbers == sorted(set(numbers)), f"ran {numbers}"
+    known = [n for n, _ in told]
+    assert len(known) == len(set(known)), f"told twice: {told}"
+    for n, what in told:
+        assert n in numbers or what != "done", f"{n} never ran, but was told done"
+        assert n not in numbers or what != "refused", f"{n} ran, but was told refused"
+    sent, lost = outcome.all("sent"), sum(outcome.all("lost"))
+    if outcome.killed in ((), ("client",)):
+        assert set(sent) <= set(numbers), f"sent {sent}, ran {numbers}"
+    if "second" not in outcome.notes:
+        assert len(known) + lost == len(sent) and set(known) <= set(sent), f"sent {sent}, told {told}, lost {lost}"
+
+
+def one_more(real: Real, before: dict[Address, int]) -> dict[Address, int]:
+    """The memory after one more command was sent, answered, and the answer taken."""
+    ends: list[dict[Address, int]] = []
+    programs = {"owner": owner(real, 0), "client": client(real, "send1")}
+    Explorer(programs, lambda outcome: ends.append(outcome.cells), before=before).explore()
+    return ends[0]
+
+
+def mailbox(real: Real, verbs: str, *, rounds: int = 1, refuses: bool = False, second: str = "", kill: str = "",
+            model: str = "tso", place: int = 0, begun: int = 0) -> Explorer:
+    """An owner and a client, and heirs of those who are killed.
+
+    Places before `place` are taken by somebody else; `begun` commands have been answered before.
+    """
+    programs = {"owner": owner(real, rounds)}
+    if "owner" in kill.split():
+        programs["heir"] = owner(real, rounds, "owner", refuses)
+    if "heir" in kill.split():
+        programs["last"] = owner(real, rounds, "heir")
+    programs["client"] = client(real, verbs, heir=bool(second))
+    if second:
+        programs["second"] = client(real, second, "client", 2000)
+    before = {("lock", PLACE_LOCKS + i): SOMEBODY for i in range(place)}
+    for _ in range(begun):
+        before = one_more(real, before)
+    return Explorer(programs, judge, model=model, kill=kill, before=before)
+
+
+@pytest.mark.parametrize(("verbs", "rounds", "changes", "states"), [
+    ("send1 send1", 1, (), 10_000), ("send2 poll", 2, (), 1_000), ("send1 send1 poll", 2, (ONE_REPLY,), 10_000),
+])
+def test_every_command_runs_once_and_is_answered(verbs: str, rounds: int, changes: Any, states: int) -> None:
+    assert mailbox(Real(*changes), verbs, rounds=rounds).explore().states > states
+
+
+def test_a_killed_owner_leaves_nothing_run_twice_or_untold() -> None:
+    assert mailbox(Real(), "send1 poll", kill="owner heir").explore().states > 10_000
+    assert mailbox(Real(), "send1", kill="owner", begun=2).explore().states > 1_000
+
+
+def test_an_heir_that_refuses_tells_so() -> None:
+    assert mailbox(Real(), "send1 poll", kill="owner", refuses=True).explore().states > 5_000
+
+
+def test_a_killed_client_leaves_no_half_command() -> None:
+    assert mailbox(Real(), "send1", kill="client", second="send1").explore().states > 10_000
+
+
+def test_a_backlog_at_another_place_is_served() -> None:
+    assert mailbox(Real(TWO_PLACES), "send1 send1", place=1).explore().states > 10_000
+
+
+@pytest.mark.slow
+def test_each_of_two_clients_gets_its_own() -> None:
+    real = Real(TWO_PLACES)
+    programs = {"owner": owner(real, 1), "client": client(real, "send1"), "other": client(real, "send1", who=2000)}
+    assert Explorer(programs, judge_two).explore().states > 200_000
+
+
+def judge_two(outcome: Outcome) -> None:
+    """Each one's commands ran in its order, and each was told of its own."""
+    ran = [value for _, value in outcome.all("ran")]
+    for who, name in ((1000, "client"), (2000, "other")):
+        sent = [note[1] for note in outcome.notes[name] if note[0] == "sent"]
+        told = [note[1] for note in outcome.notes[name] if note[0] == "told"]
+        assert [v - who for v in ran if who < v < who + 1000] == sent, f"{name} sent {sent}, ran {ran}"
+        assert told == [(n, "done") for n in sent], f"{name} sent {sent} and was told {told}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scenario", "states"), [
+    ({"verbs": "send1 send1", "kill": "client", "second": "send1"}, 100_000),
+    ({"verbs": "send1", "kill": "owner client", "second": "send1"}, 100_000),
+    ({"verbs": "send1 send1", "kill": "owner heir"}, 100_000),
+    ({"verbs": "send1 send1 send1", "kill": "owner"}, 200_000),
+    ({"verbs": "send2 send1 send2 poll", "rounds": 2}, 200_000),
+])
+def test_commands_and_deaths_go_together(scenario: dict[str, Any], states: int) -> None:
+    assert mailbox(Real(), **scenario).explore().states > states
+
+
+TAKEN = "self._taken[place] = self._words[self._taken_at[place]] = n  # N3"
+COPY = "raw = self._heads[place][slot].tobytes()  # N2"
+VALUES = "self._view, at, monotonic_ns(), n, code, count, encoded, *numbers"
+PACK = f"            COMMANDS_OF[count].pack_into({VALUES})  # M2\n"
+SENT = "        self._count = self._words[self._sent] = n  # M3\n"
+A1, A3 = "        words[at >> 3] = 0  # A1\n", "        words[at >> 3] = n  # A3\n"
+A2 = "        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, cut_text(text, REPLY_TEXT))  # A2\n"
+A4 = "        self._answered[place] = words[self._answered_at[place]] = n  # A4\n"
+FULL = "n - self._known > COMMANDS_DEPTH"
+OVERTAKEN = {"verbs": "send1 send1 poll", "rounds": 2}
+MUTANTS: dict[str, tuple[dict[str, Any], tuple[Change, ...]]] = {
+    "sent before the slot": ({"verbs": "send1"}, (("client", PACK, "    " + SENT + PACK), ("client", SENT, ""))),
+    "queue fuller than it is": ({"verbs": "send1 send1 send1"}, (("client", FULL, FULL + " + 1"),)),
+    "taken behind the run": ({"verbs": "send1", "kill": "owner"}, (
+        ("mailbox", TAKEN, "self._taken[place] = n"),
+        ("mailbox", A1, A1 + "        words[self._taken_at[place]] = number\n"))),
+    "taken before the copy": ({"verbs": "send1 send1 send1"}, (("mailbox", COPY, f"{TAKEN}\n        {COPY}"),)),
+    "taken before the long copy": ({"verbs": "send2 send2 send2"}, (
+        ("mailbox", COPY, f"{COPY}\n        {TAKEN}"),)),
+    "answer while its number stands": (OVERTAKEN, (ONE_REPLY, ("mailbox", A1, ""))),
+    "number before the answer": ({"verbs": "send1 poll"}, (("mailbox", A1 + A2 + A3 + A4, A3 + A4 + A2),)),
+    "client does not look at the number": (OVERTAKEN, (
+        ONE_REPLY, ("client", "if self._words[at >> 3] == n:  # B3", "if True:"))),
+    "nobody answers for the dead": ({"verbs": "send1", "kill": "owner"}, (
+        ("mailbox", "            last.setdefault(taken, ACCEPTED)", "            pass"),)),
+    "a torn answer counts": ({"verbs": "send1", "kill": "owner", "begun": 2}, (
+        ("mailbox", "            if self._words[at >> 3] == n:\n", "            if True:\n"),)),
+    "the backlog is forgotten": ({"verbs": "send1 send1"}, (("mailbox", " and not self._backlog", ""),)),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_seeded_mutant_of_the_mailbox_is_caught(name: str) -> None:
+    scenario, changes = MUTANTS[name]
+    with pytest.raises(Broken):
+        mailbox(Real(*changes), **scenario).explore()
+
+
+def test_fenced_words_keep_a_weaker_memory_in_order() -> None:
+    assert mailbox(Real(fenced=True), "send1 poll", model="weak").explore().states > 20_000
+
+
+def test_plain_words_do_not() -> None:
+    with pytest.raises(Broken):
+        mailbox(Real(), "send1 poll", model="pso").explore()
