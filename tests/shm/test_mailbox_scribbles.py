@@ -127,12 +127,14 @@ class OneBadClient(RuleBasedStateMachine):
         self.drain()
 
     def teardown(self) -> None:
-        for _ in range(6):
-            self.drain()
-        assert self.run == self.sent
-        for part in (self.owner, self.bad, *self.good):
-            part.close()
-        unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+        try:
+            for _ in range(6):
+                self.drain()
+            assert self.run == self.sent
+        finally:
+            for part in (self.owner, self.bad, *self.good):
+                part.close()
+            unlink(segment_name(SYSTEM, self.instance, "mailbox"))
 
 
 TestOneBadClient = OneBadClient.TestCase
@@ -207,22 +209,27 @@ class NobodyIsSpared(RuleBasedStateMachine):
     def teardown(self) -> None:
         for client in self.clients:
             client.close()
-        for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
-            self.drain()
-        everybody = self.everybody()
-        assert len(everybody) == m.CLIENTS
-        for client in everybody:
-            client.poll()
-            number = client.send("power_off", (3,), "mine")
-            (got,) = [c for _ in range(5) for c in self.owner.drain()]
-            assert (got.id, got.text, got.values.tolist()) == (number, "mine", [3.0])
-            got.done("fine")
-            reply = client.poll()[-1]  # a cursor put back may show it what its predecessor was told
-            assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
-        for part in (self.owner, *everybody):
-            part.close()
-        self.hand.segment.close()
-        unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+        try:
+            for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
+                self.drain()
+            self.clients = self.everybody()
+            assert len(self.clients) == m.CLIENTS
+            for client in self.clients:
+                self.try_out(client)
+        finally:
+            for part in (self.owner, self.hand.segment, *self.clients):
+                part.close()
+            unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+
+    def try_out(self, client: Client) -> None:
+        """One command there and its answer back."""
+        client.poll()
+        number = client.send("power_off", (3,), "mine")
+        (got,) = [c for _ in range(5) for c in self.owner.drain()]
+        assert (got.id, got.text, got.values.tolist()) == (number, "mine", [3.0])
+        got.done("fine")
+        reply = client.poll()[-1]  # a cursor put back may show it what its predecessor was told
+        assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
 
     def everybody(self) -> list[Client]:
         """A client in every place; one out of step is passed over, and right when the owner has looked."""
