@@ -12,6 +12,7 @@ from procs.lib.document import Arm, Tool, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
+from tools.errors import Problem
 from tools.printing import plain
 from tools.systems import instances_of_kind, is_lockstep, unknown
 from tools.topics import writer_gone
@@ -27,8 +28,11 @@ def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
 
 
 def arm_document(system: str, name: str) -> Arm:
-    """What the configuration says of an arm."""
-    return from_json(directory.document(system)).arm(name)
+    """What the configuration says of an arm; Problem when the system's document does not say it."""
+    try:
+        return from_json(directory.document(system)).arm(name)
+    except (ValueError, KeyError) as error:  # what lies there may come from anywhere
+        raise Problem(f"system {system}: {error.args[0]}") from None
 
 
 def tool_on(system: str, watch: Watch) -> Tool | None:

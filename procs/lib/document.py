@@ -320,7 +320,7 @@ def from_json(data: bytes) -> System:
     """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
     try:
         return typing.cast(System, _decode(System, json.loads(data)))
-    except (TypeError, KeyError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
 
 

@@ -21,9 +21,11 @@ from shm.topics import SETPOINT
 from tests.tools.robot import Played, robot
 from tools import cli
 from tools.echo import _said
+from tools.errors import Problem
 from tools.processes import cells, lives, remarks
 from tools.topics import catalogue
 from tools.views import open_topic
+from tools.watch import arm_document
 
 APP = cli.build()
 SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
@@ -184,6 +186,14 @@ def test_a_ledger_of_another_version_takes_nothing_from_status(played: Played) -
     writer.close()
     status = json.loads(run(played, "status", "--json").stdout)
     assert {row["name"] for row in status["processes"]} == {"supervisor", "IO1", "PSM1"}
+
+
+@pytest.mark.parametrize("text", [b"", b"[]", b'{"name":3}', b'{"arms":[7]}', b"\xff", b'{"colour":1}'])
+def test_a_document_that_is_none_is_a_problem(played: Played, text: bytes) -> None:
+    unlink(segment_name(played.name, "supervisor", "document"))
+    directory.publish_document(played.name, text)
+    with pytest.raises(Problem, match=f"system {played.name}: (the document is not readable: |PSM1: not in this system)"):
+        arm_document(played.name, "PSM1")
 
 
 def test_a_spoilt_ledger_takes_nothing_from_status(played: Played) -> None:
