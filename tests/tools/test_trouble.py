@@ -192,7 +192,8 @@ def test_a_ledger_of_another_version_takes_nothing_from_status(played: Played) -
 def test_a_document_that_is_none_is_a_problem(played: Played, text: bytes) -> None:
     unlink(segment_name(played.name, "supervisor", "document"))
     directory.publish_document(played.name, text)
-    with pytest.raises(Problem, match=f"system {played.name}: (the document is not readable: |PSM1: not in this system)"):
+    said = f"system {played.name}: (the document is not readable: |PSM1: not in this system)"
+    with pytest.raises(Problem, match=said):
         arm_document(played.name, "PSM1")
 
 
