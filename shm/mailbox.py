@@ -33,8 +33,8 @@ place right.
 Memory order: stores M2 → M3, N3 → A1 … A4 and loads N1 → N2, B1 → B2 → B3 in program order (shm/order.py). N3 is stored
 after the loads of N2: a store is never overtaken by, nor overtakes, an earlier load on x86-64.
 
-Nothing here is looked up by name or built by numpy while commands travel: a slot is one `struct` call into the map on
-the way in, one copy of the bytes on the way out; values and text are decoded when somebody asks for them.
+Nothing here is looked up by name while commands travel: a slot is one `struct` call into the map on
+the way in, one copy of the bytes on the way out, with the numbers as a view on it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ COMMAND_HEAD = struct.Struct("<qQHH")
 TEXT_IN_RAW = COMMAND_HEAD.size
 VALUES_IN_RAW = COMMANDS_OF[0].size
 SHORT = 8  # values that come with the first copy
-FLOAT = np.dtype(np.float64)
+FLOAT, NDARRAY = np.dtype(np.float64), np.ndarray
+NO_VALUES = np.frombuffer(b"", np.float64)
 SHAPES = tuple((n,) for n in range(MAX_VALUES + 1))
 REPLY_BODY = struct.Struct("<QB200s")  # id, outcome, text
 REPLY_START = REPLY_SCHEMA.offset("id")
@@ -136,12 +137,14 @@ class MailboxMap:
 class Received:
     """One command on the owner's side; answer it once with accept/refuse, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_place", "_raw", "_values", "command", "id")
+    __slots__ = ("_box", "_place", "_raw", "command", "id", "values")
 
-    def __init__(self, box: Mailbox, place: int, number: int, command: Command, raw: bytes) -> None:
+    def __init__(
+        self, box: Mailbox, place: int, number: int, command: Command, raw: bytes, values: NDArray[np.float64]
+    ) -> None:
+        """`command` is its row of the table; `values` (count,) its numbers, our own copy, read-only."""
         self._box, self._place, self._raw = box, place, raw
-        self.id, self.command = number, command
-        self._values: NDArray[np.float64] | None = None
+        self.id, self.command, self.values = number, command, values
 
     @property
     def name(self) -> str:
@@ -152,14 +155,6 @@ class Received:
     def sent_ns(self) -> int:
         """Real monotonic time when the client sent it."""
         return int(COMMAND_HEAD.unpack_from(self._raw)[0])
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers, as many as were sent; our own copy, read-only."""
-        if self._values is None:
-            count = self._raw[TEXT_IN_RAW - 2]  # at most MAX_VALUES, checked: its lower byte says it all
-            self._values = np.ndarray(SHAPES[count], FLOAT, self._raw, VALUES_IN_RAW)
-        return self._values
 
     @property
     def text(self) -> str:
@@ -314,7 +309,8 @@ class Mailbox:
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
         if number == n and code < len(self._table) and count <= MAX_VALUES:
-            return Received(self, place, n, self._table[code], raw)
+            values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
+            return Received(self, place, n, self._table[code], raw, values)
         wrong = f"command {code} is not in the table"
         if number != n:  # nobody wrote it for this turn: never run what was run before
             wrong = f"the slot of command {n} holds command {number}"
