@@ -118,8 +118,11 @@ class Explorer:
             start = self._enter(start, i, node)
         with _no_collection():
             edges = self._follow(start)
+            explored = Explored(len(edges), _paths(start, edges), sum(not e for e in edges.values()))
+            edges.clear()
+            self._came.clear()
         assert len(self._cells) <= CELLS
-        return Explored(len(edges), _paths(start, edges), sum(not e for e in edges.values()))
+        return explored
 
     def _follow(self, start: State) -> dict[State, list[State]]:
         """All states, and those that follow each."""
@@ -373,6 +376,7 @@ def _paths(start: State, edges: dict[State, list[State]]) -> int:
         else:
             begun.add(state)
             following = [new for new in edges[state] if new not in paths]
-            assert begun.isdisjoint(following), "a process goes round and round"
+            if not begun.isdisjoint(following):
+                raise Broken("a process goes round and round")
             pending += following
     return paths[start]

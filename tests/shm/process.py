@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 REAL = "real "  # names of files the real code comes from begin so
-PLAIN = (int, str, bytes, tuple, type(None))
+PLAIN = (int, float, str, bytes, tuple, type(None))
 BLOCKING = ("lock", "unlock", "claim", "sleep", "wake", "after", "quiet")
 
 Address = tuple[str, int]

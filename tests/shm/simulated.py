@@ -2,7 +2,9 @@
 
 `Real` reads the source of ring, mailbox, client, doorbell and order, changes it where asked (a seeded mutant, a smaller
 depth; a change that matches nothing is an error) and runs it with the stand-ins in place of Segment, struct, ctypes and
-locks. Every access to shared memory ends in a method of the Actor that runs.
+locks. Every access to shared memory ends in a method of the Actor that runs; one that did not would fail, because no
+stand-in is a buffer. Two changes are always made, to ring.py: a slot is loaded into bytes before it is copied, and each
+round of a retry begins with `merge` (what a round does depends on the reader and the round's number alone).
 """
 
 from __future__ import annotations

@@ -107,6 +107,12 @@ def test_nobody_sleeps_while_there_is_something(rounds: int, waiters: int, state
     assert bell(Real(*[TWO_PLACES] * (waiters - 1)), rounds, waiters).explore().states > states
 
 
+def test_merging_leaves_no_schedule_out() -> None:
+    slowly = bell(Real(), 3)
+    slowly.merging = False
+    assert slowly.explore().schedules == bell(Real(), 3).explore().schedules
+
+
 def test_a_dead_waiter_s_flag_is_taken_down_and_no_other() -> None:
     assert dying(Real(TWO_PLACES), 2).explore().states > 10_000
     assert dying(Real(), 3, heir=False).explore().states > 10_000

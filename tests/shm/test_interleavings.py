@@ -13,6 +13,7 @@ from tests.shm.process import Actor, Program
 from tests.shm.simulated import FIRST, PAIR, Change, Real, private
 
 W2, W3, W4 = "self._slot[ALL] = self._source  # W2", "words[self._at] = n  # W3", "words[HEAD] = n  # W4"
+VIOLATION = r"AssertionError|at the end"  # and not a mistake in the mutant's text
 PUBLISH = f"        {W2}\n        {W3}\n        {W4}\n"
 W1 = "words[self._at] = n + NEXT_BUSY  # W1 of the next, when readers have ours: it delays nobody"
 NEWEST = "        self._target[ALL] = bytes(slot)  # R2\n        if self._words[at] == n >= self.sequence and n:  # R3"
@@ -190,53 +191,58 @@ def test_merging_leaves_no_schedule_out() -> None:
     assert every.schedules == merged.schedules and every.states > 1.2 * merged.states
 
 
-MUTANTS: dict[str, tuple[Change, ...]] = {
-    "head before all": (publish(W4, W2, W3),),
-    "head before the number": (publish(W2, W4, W3),),
-    "number before the payload": (publish(W3, W2, W4),),
-    "no busy mark": (("ring", W1, "pass"),),
-    "busy mark behind the payload": (("ring", W1, "pass"), publish(W2, "words[self._at] = n + BUSY", W3, W4)),
-    "newest does not look again": (("ring", "if self._words[at] == n >= self.sequence and n:", "if n:"),),
-    "newest looks before it copies only": (("ring", NEWEST, NEWEST.replace("self._words[at]", "seen").replace(
-        "        self", "        seen = self._words[at]\n        self", 1)),),
-    "newest does not look again at its second try": (("ring", AGAIN, AGAIN.replace("words[at] == n", "True")),),
-    "next does not look again": (("ring", NEXT, NEXT.replace("words[at] == n", "True")),),
-    "next looks at no number": (("ring", "if seen == n:", "if seen:"), ("ring", NEXT, NEXT.replace(
-        "words[at] == n", "True"))),
-    "one too few is counted lost": (("ring", "self.lost += n - self._next", "self.lost += n - self._next - 1"),),
-    "history does not look again": (("ring", "if self._words[at] != n:", "if False:"),),
-    "newest goes back": (("ring", "n = self.sequence  # `next`", "pass  # `next`"),),
+NEWEST_TWICE, NEXT_TWICE = (2, "newest newest"), (3, "next next")  # depth and verbs that catch it
+MUTANTS: dict[str, tuple[tuple[int, str], tuple[Change, ...]]] = {
+    "head before all": (NEWEST_TWICE, (publish(W4, W2, W3),)),
+    "head before the number": (NEWEST_TWICE, (publish(W2, W4, W3),)),
+    "number before the payload": (NEXT_TWICE, (publish(W3, W2, W4),)),
+    "no busy mark": (NEWEST_TWICE, (("ring", W1, "pass"),)),
+    "busy mark behind the payload": (NEWEST_TWICE, (
+        ("ring", W1, "pass"), publish(W2, "words[self._at] = n + BUSY", W3, W4))),
+    "newest does not look again": (NEWEST_TWICE, (("ring", "self._words[at] == n >= self.sequence and n:", "n:"),)),
+    "newest looks before it copies only": (NEWEST_TWICE, (("ring", NEWEST, NEWEST.replace(
+        "self._words[at]", "seen").replace("        self", "        seen = self._words[at]\n        self", 1)),)),
+    "newest does not look again at its second try": (NEWEST_TWICE, (
+        ("ring", AGAIN, AGAIN.replace("words[at] == n", "True")),)),
+    "newest goes back": ((3, "next newest"), (("ring", "n = self.sequence  # `next`", "pass  # `next`"),)),
+    "next does not look again": (NEXT_TWICE, (("ring", NEXT, NEXT.replace("words[at] == n", "True")),)),
+    "next looks at no number": (NEXT_TWICE, (
+        ("ring", "if seen == n:", "if seen:"), ("ring", NEXT, NEXT.replace("words[at] == n", "True")))),
+    "one too few is counted lost": (NEXT_TWICE, (
+        ("ring", "self.lost += n - self._next", "self.lost += n - self._next - 1"),)),
+    "history does not look again": ((2, "last2"), (("ring", "if self._words[at] != n:", "if False:"),)),
 }
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_mutant_of_the_ring_is_caught(name: str) -> None:
-    with pytest.raises(Broken):
-        for depth, verbs in ((2, "newest newest"), (3, "next next"), (2, "last2"), (3, "next newest")):
-            ring(Real(*MUTANTS[name]), depth, 3, verbs).explore()
+    (depth, verbs), changes = MUTANTS[name]
+    with pytest.raises(Broken, match=VIOLATION):
+        ring(Real(*changes), depth, 3, verbs).explore()
 
 
-MUTANT_HEIRS: dict[str, Change] = {
-    "record finished by the dead not taken over": ("ring", "if words[self._places[(n + 1) % self._depth][0]] == n + 1:",
-                                                   "if False:"),
-    "heir marks nothing busy": ("ring", "self._words[self._at] = self.sequence + NEXT_BUSY  # W1", "pass"),
-    "heir does not move the head": ("ring", "            words[HEAD] = n\n", ""),
+MUTANT_HEIRS: dict[str, tuple[int, str, Change]] = {
+    "record finished by the dead not taken over": (1, "next", (
+        "ring", "if words[self._places[(n + 1) % self._depth][0]] == n + 1:", "if False:")),
+    "heir marks nothing busy": (2, "newest", (
+        "ring", "self._words[self._at] = self.sequence + NEXT_BUSY  # W1", "pass")),
+    "heir does not move the head": (2, "newest", ("ring", "            words[HEAD] = n\n", "")),
 }
 
 
 @pytest.mark.parametrize("name", MUTANT_HEIRS)
 def test_a_seeded_mutant_of_recovery_is_caught(name: str) -> None:
-    with pytest.raises(Broken):
-        ring(Real(MUTANT_HEIRS[name]), 2, 1, "next", heir=1, kill="writer").explore()
-        ring(Real(MUTANT_HEIRS[name]), 2, 2, "newest", heir=1, kill="writer").explore()
+    count, verb, change = MUTANT_HEIRS[name]
+    with pytest.raises(Broken, match=VIOLATION):
+        ring(Real(change), 2, count, verb, heir=1, kill="writer").explore()
 
 
 # Memories that keep less order than x86-64: what FencedWords are for.
 
 
-@pytest.mark.parametrize("model", ["streams", "pso", "weak"])
+@pytest.mark.parametrize("model", ["streams", "pso"])
 def test_plain_words_need_an_ordered_memory(model: str) -> None:
-    with pytest.raises(Broken, match=r"torn|read|newest"):
+    with pytest.raises(Broken, match=VIOLATION):
         ring(Real(), 2, 3 if model == "streams" else 2, "newest", model=model).explore()
 
 
@@ -265,6 +271,6 @@ FENCES: dict[str, tuple[str, Change]] = {
 @pytest.mark.parametrize("name", FENCES)
 def test_a_fence_left_out_is_noticed(name: str) -> None:
     model, change = FENCES[name]
-    with pytest.raises(Broken):
+    with pytest.raises(Broken, match=VIOLATION):
         for count, verb in ((2, "newest"), (3, "newest"), (3, "next next")):
             ring(Real(change, fenced=True), 2, count, verb, model=model).explore()
