@@ -39,6 +39,7 @@ from tests.shm.buffers import Buffer, Memory, Storage
 from tests.shm.process import ASLEEP, BLOCKING, Address, Local, Node, Note, Op, Program, run
 
 CELLS = 64
+WAITING = ("fence", "quiet")
 LIMIT = 1_000_000  # states; a mutant may never end
 OWNERS = 100  # the owner of a lock: process, + OWNERS * description
 
@@ -101,7 +102,7 @@ class Explorer:
         self.merging = True
         self._names, self._programs = list(programs), list(programs.values())
         self._check, self._weak = check, model == "weak"
-        self._killable = tuple(name in kill.split() for name in self._names)
+        self._mortal = tuple(self._names.index(name) for name in kill.split())
         self._cells: dict[Address, int] = {place: i for i, place in enumerate(before or {})}
         self._first = (*(before or {}).values(), *[0] * (CELLS - len(self._cells)))
         self._storage = Storage(model, self._cells)
@@ -116,18 +117,20 @@ class Explorer:
         start = State(self._storage.memory(self._first), nothing, locals_, ((),) * count)
         for i, node in enumerate(roots):
             start = self._enter(start, i, node)
+        edges: dict[State, list[State]] = {}
         with _no_collection():
-            edges = self._follow(start)
-            explored = Explored(len(edges), _paths(start, edges), sum(not e for e in edges.values()))
-            edges.clear()
-            self._came.clear()
+            try:
+                self._follow(start, edges)
+                explored = Explored(len(edges), _paths(start, edges), sum(not e for e in edges.values()))
+            finally:
+                edges.clear()
+                self._came.clear()
         assert len(self._cells) <= CELLS
         return explored
 
-    def _follow(self, start: State) -> dict[State, list[State]]:
-        """All states, and those that follow each."""
+    def _follow(self, start: State, edges: dict[State, list[State]]) -> None:
+        """Find all states, and those that follow each."""
         self._came[start] = None
-        edges: dict[State, list[State]] = {}
         level = [start]
         while level:
             following = []
@@ -143,14 +146,13 @@ class Explorer:
                 if not steps:
                     self._judge(state)
             level = following
-        return edges
 
     def _run(self, i: int, history: tuple[Any, ...]) -> Node:
         return run(self._programs[i], self._cells, history, self.merging)
 
     def _enter(self, s: State, i: int, node: Node) -> State:
         """Process `i` has come to `node`; who cannot be killed stores at once what it has to store."""
-        if self._killable[i] or not node.pushes:
+        if i in self._mortal or not node.pushes:
             return State(s.memory, s.buffers, _with(s.actors, i, node.at(0)), s.stale)
         buffers = s.buffers
         if node.groups:
@@ -175,30 +177,31 @@ class Explorer:
     def _steps(self, s: State) -> list[Step]:
         """All that can happen next; or only what one process does for itself, when there is such a thing."""
         for i, local in enumerate(s.actors):
-            op = local.node.op
-            if not local.ready:
-                return [*self._push(s, i), *self._kill(s, i)]
-            if op.kind == "fail":
-                raise Broken(self._story(s, f"{self._names[i]}: {op.argument}"))
-            if op.kind == "merge":
-                return [((i, "", (), ""), self._merge(s, i, op.argument))]
-            if op.kind == "fence" and not s.buffers[i]:
-                return [((i, "fence", (), ""), self._answer(self._fresh(s, i), i, None))]
+            if local.first and (local.kind != "fence" or not local.ready or not s.buffers[i]):
+                return self._first_step(s, i, local)
         found: list[Step] = []
         for i, local in enumerate(s.actors):
-            if s.buffers[i]:
+            if s.buffers[i].groups:
                 found += self._drain(s, i)
-            kind = local.node.op.kind
-            if kind == "load":
+            if local.kind == "load":
                 found += self._load(s, i, local)
-            elif kind not in ("fence", "quiet") and not local.asleep and not s.buffers[i]:
+            elif local.kind not in WAITING and not local.asleep and not s.buffers[i].groups:
                 found += self._call(self._fresh(s, i), i, local.node.op)
         if not found:
-            waiting = [i for i, a in enumerate(s.actors) if a.node.op.kind == "quiet"]
+            waiting = [i for i, a in enumerate(s.actors) if a.kind == "quiet"]
             found = [((i, "goes on", (), ""), self._answer(self._fresh(s, i), i, None)) for i in waiting[:1]]
-        for i in range(len(s.actors)):
+        for i in self._mortal:
             found += self._kill(s, i)
         return found
+
+    def _first_step(self, s: State, i: int, local: Local) -> list[Step]:
+        if not local.ready:
+            return [*self._push(s, i), *self._kill(s, i)]
+        if local.kind == "fail":
+            raise Broken(self._story(s, f"{self._names[i]}: {local.node.op.argument}"))
+        if local.kind == "merge":
+            return [((i, "", (), ""), self._merge(s, i, local.node.op.argument))]
+        return [((i, "fence", (), ""), self._answer(self._fresh(s, i), i, None))]
 
     def _push(self, s: State, i: int) -> Iterator[Step]:
         local = s.actors[i]
@@ -224,7 +227,7 @@ class Explorer:
             olds = dict(stale)
             if i == by:
                 olds.pop(cell, None)
-            elif s.actors[i].node.op.kind != "end":
+            elif s.actors[i].kind != "end":
                 olds[cell] = (*olds.get(cell, ()), s.memory.cells[cell])
             every.append(tuple(sorted(olds.items())))
         return tuple(every)
@@ -234,7 +237,7 @@ class Explorer:
 
     def _kill(self, s: State, i: int) -> Iterator[Step]:
         local = s.actors[i]
-        if not self._killable[i] or (local.ready and local.node.op.kind not in BLOCKING):
+        if i not in self._mortal or (local.ready and local.kind not in BLOCKING):
             return
         key = i, local.notes
         dead = self._merged.get(key) or self._merged.setdefault(key, Node((), (), Op("end", (), "killed"), local.notes))
@@ -287,7 +290,7 @@ class Explorer:
 
     def _gone(self, s: State, i: int) -> bool:
         local = s.actors[i]
-        ended = local.node.op.kind == "end" and local.ready and not s.buffers[i]
+        ended = local.kind == "end" and local.ready and not s.buffers[i]
         return ended and not self._held(s, 1 + i, OWNERS)
 
     def _load(self, s: State, i: int, local: Local) -> Iterator[Step]:
@@ -323,7 +326,7 @@ class Explorer:
     def _judge(self, s: State) -> None:
         actors = dict(zip(self._names, s.actors, strict=True))
         asleep = tuple(n for n, a in actors.items() if a.asleep)
-        stuck = tuple(n for n, a in actors.items() if a.node.op.kind != "end" and not a.asleep)
+        stuck = tuple(n for n, a in actors.items() if a.kind != "end" and not a.asleep)
         killed = tuple(n for n, a in actors.items() if a.node.op.argument == "killed")
         cells = {place: s.memory.cells[cell] for place, cell in self._cells.items()}
         try:

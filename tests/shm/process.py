@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 REAL = "real "  # names of files the real code comes from begin so
 PLAIN = (int, float, str, bytes, tuple, type(None))
+FIRST = ("fail", "merge", "fence")  # operations that others do not notice
 BLOCKING = ("lock", "unlock", "claim", "sleep", "wake", "after", "quiet")
 
 Address = tuple[str, int]
@@ -160,12 +161,14 @@ class Node:
 class Local:
     """Where a process is; one object for each place, compared by identity. `partial`: what of a copy is loaded."""
 
-    __slots__ = ("asleep", "done", "node", "partial", "ready")
+    __slots__ = ("asleep", "done", "first", "kind", "node", "partial", "ready")
 
     def __init__(self, node: Node, done: int, partial: tuple[Any, ...]) -> None:
         self.node, self.done, self.partial = node, done, partial
         self.ready = done == len(node.pushes)  # its operation is what comes next
         self.asleep = partial == ASLEEP
+        self.kind = node.op.kind
+        self.first = not self.ready or self.kind in FIRST
 
     @property
     def notes(self) -> tuple[Any, ...]:

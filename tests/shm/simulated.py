@@ -13,8 +13,9 @@ import importlib
 import re
 import struct
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from shm.layout import Schema, schema_of
@@ -203,6 +204,11 @@ class Kernel:
         self._real.me.unlock(description)
 
 
+@cache
+def _compiled(text: str, name: str) -> CodeType:
+    return compile(text, name, "exec")
+
+
 class Real:
     """The modules, changed; `me` is the Actor that runs them now (set it at the start of a program with `on`)."""
 
@@ -234,7 +240,7 @@ class Real:
                 assert text.count(old) >= 1, f"{path}: there is no {old!r}"
                 text = text.replace(old, new)
         module = ModuleType(f"shm.{name}")
-        exec(compile(text, f"{REAL}{path.name}", "exec"), module.__dict__)
+        exec(_compiled(text, f"{REAL}{path.name}"), module.__dict__)
         return module
 
     def _join(self) -> None:

@@ -108,9 +108,9 @@ def test_nobody_sleeps_while_there_is_something(rounds: int, waiters: int, state
 
 
 def test_merging_leaves_no_schedule_out() -> None:
-    slowly = bell(Real(), 3)
+    slowly = bell(Real(), 2)
     slowly.merging = False
-    assert slowly.explore().schedules == bell(Real(), 3).explore().schedules
+    assert slowly.explore().schedules == bell(Real(), 2).explore().schedules
 
 
 def test_a_dead_waiter_s_flag_is_taken_down_and_no_other() -> None:
