@@ -38,6 +38,7 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 SYSCALL = LIBC.syscall
 SYSCALL.restype = ctypes.c_long
 QUIET = bytes(PLACES)
+UNHURRIED = 4096  # more rings before a place is looked at again whose waiter lives and yet does not listen
 UNHEARD = 16  # rings; a living waiter that is just waking up misses one or two
 
 
@@ -145,8 +146,8 @@ class Bell:
             return
         self._unheard[place] += 1
         if self._unheard[place] >= UNHEARD:  # E5: a waiter cannot come in between, the place is ours meanwhile
-            self._unheard[place] = 0
-            self._places.while_free(place, partial(operator.setitem, self._flags, place, 0))
+            taken_down = self._places.while_free(place, partial(operator.setitem, self._flags, place, 0))
+            self._unheard[place] = 0 if taken_down else -UNHURRIED
 
 
 class Waiter:

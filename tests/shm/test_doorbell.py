@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from shm.doorbell import PLACES, UNHEARD
+from shm.doorbell import PLACES, UNHEARD, Places
 from shm.pulse import Pulse, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
@@ -143,6 +143,18 @@ def test_the_flag_of_a_living_waiter_stays_up_however_often_it_is_rung(world: An
         bell.ring()
     assert flags[0] == 1
     waiter.close()
+
+
+def test_a_flag_left_up_by_the_living_is_looked_into_seldom(
+    world: Any, pulse: Pulse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[int] = []
+    monkeypatch.setattr(Places, "while_free", lambda self, place, act: bool(looked.append(place)))
+    bell, flags = pulse.bell(), pulse.field("flags")
+    flags[:] = 1
+    for _ in range(10 * UNHEARD):
+        bell.ring()
+    assert sorted(looked) == list(range(PLACES))  # once each: it opens a file, which a loop can ill afford
 
 
 def test_waiting_needs_write_access(world: Any, pulse: Pulse) -> None:
