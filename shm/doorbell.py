@@ -6,7 +6,8 @@ Wait:  D0 c := counter          D1 flag := 1
        D2 full fence            D3 is the data there? then flag := 0, done
        D4 futex wait while the counter is c, bounded; then flag := 0
 Ring:  E1 the data is out       E2 full fence       E3 any flag set?       E4 counter + 1, futex wake
-       E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0
+       E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0;
+          if not, the place is looked at again UNHURRIED rings later
 
 Without the fences the store of D1 and the load of D3 (and E1, E3) may pass each other even on x86-64, and a wake-up is
 lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting
