@@ -1,122 +1,134 @@
-"""The quiet registers of one board: what is asked for at start-up and by hand, never in the cycle."""
+"""The quiet side of one board: what is asked for at start-up and by hand, never in the cycle.
+
+Registers and buffers are handed to the devices behind them. None of them has to be called as time goes by: each knows
+from the tick of an access what happened before it. While `outputs.busy_until` lies ahead the digital outputs change by
+themselves, and while `collection.collecting` the buffer wants to know the measured current.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import struct
 
+from procs.boards.collection import Collection
+from procs.boards.dallas import Dallas
+from procs.boards.network import Network
+from procs.boards.outputs import Outputs
+from procs.boards.prom import FpgaProm, QlaProm, SerialOnly
 from procs.lib import registers as reg
 
-ETHERNET_V2 = 0xA01C_0000  # FPGA V2: initialised, UDP seen, link, idle
-IP_UNASSIGNED = 0xFFFF_FFFF
-PROM_ID = 0x0020_2015  # M25P16
-FPGA_SERIAL_AT = 0x1FFF00
-PAGE_BYTES = 256
-QLA_PROM_BYTES = 16384
-PHY_GAP = 1
-
-
-def _serial(kind: str, number: str) -> bytes:
-    return f"{kind} {number or '0000-00'}".encode("ascii")
+_REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
+_MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8
+_CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from Rev 8 on
 
 
 class Board:
-    """Identity, PHY, PROMs and digital outputs of one board."""
+    """Identity, network, PROMs, instrument, digital outputs and data collection of one board."""
 
-    def __init__(self, node: int, firmware: int, serial: str) -> None:
-        """As after power-up; `serial` is the board's number (dddd-dd), shown by FPGA and QLA PROM alike."""
+    def __init__(self, node: int, firmware: int, serial: str, *, fpga: int = 2, board_id: int = 0) -> None:
+        """As after power-up at tick 0; `serial` is the board's number (dddd-dd), shown by FPGA and QLA PROM alike."""
         self.firmware = firmware
-        self.outputs = 0  # register polarity: 1 is a low pin
         self.show_watchdog = 0
-        self._phy = bytearray(16)
-        self._phy[0:4] = bytes((node << 2, reg.GAP_DEFAULT, 0xE2, 0x40))
-        self._phy_response = 0
-        self._ip = IP_UNASSIGNED
-        self._fpga_serial = _serial("FPGA", serial)
-        self._page = bytearray(PAGE_BYTES)
-        self._prom_result = 0
-        self._qla_prom = bytearray(_serial("QLA", serial) + b"\0").ljust(QLA_PROM_BYTES, b"\xff")
-        self._qla_buffer = bytearray(64)
-        self._qla_result = 0
-        self._read: dict[int, Callable[[], int]] = {
-            reg.PHY_RESPONSE: lambda: self._phy_response,
-            reg.HARDWARE_ID: lambda: reg.QLA1,
-            reg.DIGITAL_OUTPUT: lambda: self.outputs,
-            reg.FIRMWARE: lambda: self.firmware,
-            reg.PROM_RESULT: lambda: self._prom_result,
-            reg.IP_ADDRESS: lambda: self._ip,
-            reg.ETHERNET: lambda: ETHERNET_V2,
-            reg.QLA_PROM_RESULT: lambda: self._qla_result,
-        }
-        self._write: dict[int, Callable[[int], None]] = {
-            reg.PHY_REQUEST: self._phy_request,
-            reg.DIGITAL_OUTPUT: self._set_outputs,
-            reg.PROM_COMMAND: self._fpga_prom,
-            reg.IP_ADDRESS: self._set_ip,
-            reg.QLA_PROM_COMMAND: self._qla_prom_command,
-        }
+        self.network = Network(fpga, firmware, board_id, node)
+        self.fpga_prom = SerialOnly(serial) if fpga == 3 else FpgaProm(serial)
+        self.qla_prom = QlaProm(serial)
+        self.dallas = Dallas(firmware)
+        self.collection = Collection(firmware)
+        self.digital = Outputs()
+        self._now = 0
 
-    def read(self, address: int) -> int:
-        """Value of a register; 0 for what is not there."""
-        get = self._read.get(address)
-        return get() if get else 0
+    @property
+    def outputs(self) -> int:
+        """Levels of the digital outputs at the last access, register polarity: 1 is a low pin."""
+        return self.digital.levels(self._now)
 
-    def write(self, address: int, value: int) -> None:
-        """Write a register; nothing happens for what is not there or read-only."""
-        put = self._write.get(address)
-        if put:
-            put(value)
+    def read(self, address: int, tick: int | None = None) -> int:
+        """Value of a register; 0 for what is not there. Without a tick: a second after the last access."""
+        return self._quads(address, 1, self._time(tick))[0]
 
-    def read_block(self, address: int, size: int) -> bytes:
-        """`size` bytes of a buffer, zeros beyond it."""
-        for start, memory in ((reg.FPGA_PROM, self._page), (reg.QLA_PROM_BUFFER, self._qla_buffer)):
-            if start <= address < start + len(memory) // 4:
-                return bytes(memory[(address - start) * 4 :][:size]).ljust(size, b"\0")
-        return b"".join(self.read(address + k).to_bytes(4, "big") for k in range(size // 4))
+    def read_block(self, address: int, size: int, tick: int | None = None) -> bytes:
+        """`size` bytes of a buffer or of registers in a row."""
+        count = size // 4
+        return struct.pack(f">{count}I", *self._quads(address, count, self._time(tick)))
 
-    def write_block(self, address: int, data: bytes) -> None:
+    def write(self, address: int, value: int, tick: int | None = None, relayed: bool = True) -> None:
+        """Write a register; nothing happens for what is not there or read-only. `relayed`: it came over FireWire."""
+        now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
+        if region == _TABLE:
+            self.digital.write_table(offset, [value], now)
+        elif region == _QLA_PROM:
+            self._write_qla_prom(offset, [value], now)
+        elif address == reg.DIGITAL_OUTPUT:
+            self.digital.write(value, now)
+        elif address == reg.PROM_COMMAND:
+            self.fpga_prom.command(value, now)
+        elif address == reg.DALLAS:
+            self.dallas.write(value, now)
+        else:
+            self.network.write(address, value, now, relayed)
+
+    def write_block(self, address: int, data: bytes, tick: int | None = None) -> None:
         """Fill a buffer; what lies outside is ignored."""
-        start = (address - reg.QLA_PROM_BUFFER) * 4
-        if 0 <= start < len(self._qla_buffer):
-            self._qla_buffer[start : start + len(data)] = data[: len(self._qla_buffer) - start]
+        now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
+        quads = list(struct.unpack_from(f">{len(data) // 4}I", data))
+        if region == _TABLE:
+            self.digital.write_table(offset, quads, now)
+        elif region == _FPGA_PROM:
+            self.fpga_prom.write(offset, quads, now)
+        elif region == _QLA_PROM:
+            self._write_qla_prom(offset, quads, now)
 
-    def _phy_request(self, value: int) -> None:
-        if value & reg.PHY_WRITE:
-            self._phy[value >> reg.PHY_REGISTER_SHIFT & 0xF] = value & 0xFF
-        else:
-            self._phy_response = (value & 0xF) << reg.PHY_REGISTER_SHIFT | self._phy[value & 0xF]
+    def _time(self, tick: int | None) -> int:
+        self._now = self._now + reg.CLOCK_HZ if tick is None else max(self._now, tick)
+        return self._now
 
-    def _set_outputs(self, value: int) -> None:
-        mask = value >> 8 & 0xF
-        self.outputs = self.outputs & ~mask | value & mask
+    def _quads(self, address: int, count: int, now: int) -> list[int]:
+        region, offset = address >> _REGION_SHIFT, address & _OFFSET_MASK
+        if region == _FPGA_PROM:
+            return self.fpga_prom.read(offset, count, now)
+        if region == _DALLAS:
+            return self.dallas.read(offset, count, now)
+        if region == _DATA:
+            return self.collection.read(offset, count, now)
+        if region == _TABLE:
+            return self.digital.read_table(offset, count, now)
+        read = {_MAIN: self._register, _QLA_PROM: self._read_qla_prom}.get(region, self._read_network)
+        return [read(at, now) for at in range(address, address + count)]
 
-    def _set_ip(self, value: int) -> None:
-        self._ip = value
+    def _register(self, address: int, now: int) -> int:
+        if address == reg.HARDWARE_ID:
+            return reg.QLA1
+        if address == reg.FIRMWARE:
+            return self.firmware
+        if address == reg.DIGITAL_OUTPUT:
+            return self.digital.read(now)
+        if address == reg.PROM_COMMAND:
+            return self.fpga_prom.status(now)
+        if address == reg.PROM_RESULT:
+            return self.fpga_prom.result(now)
+        if address == reg.DALLAS:
+            return self.dallas.status(now)
+        return self.network.read(address, now)
 
-    def _fpga_prom(self, value: int) -> None:
-        command, address = value >> 24, value & 0xFFFFFF
-        if value == 0x9F or command == 0x9F:
-            self._prom_result = PROM_ID
-        elif command == 0x03:
-            page = bytearray(b"\xff" * PAGE_BYTES)
-            at = FPGA_SERIAL_AT - address
-            if 0 <= at < PAGE_BYTES:
-                text = self._fpga_serial[: PAGE_BYTES - at]
-                page[at : at + len(text)] = text
-            self._page = page
-            self._prom_result = PAGE_BYTES // 4
-        else:
-            self._prom_result = 0
+    def _read_network(self, address: int, now: int) -> int:
+        return self.network.read(address, now) if address >> _REGION_SHIFT in (_ETHERNET, _FIREWIRE) else 0
 
-    def _qla_prom_command(self, value: int) -> None:
-        command, address = value >> 24, value >> 8 & 0xFFFF
-        if command == 0x03:
-            self._qla_result = self._qla_prom[address % QLA_PROM_BYTES]
-        elif command == 0x02:
-            self._qla_prom[address % QLA_PROM_BYTES] = value & 0xFF
-        elif command in (0xFE, 0xFF):
-            count = ((value & 0xF) + 1) * 4
-            place = slice(address % QLA_PROM_BYTES, address % QLA_PROM_BYTES + count)
-            if command == 0xFE:
-                self._qla_buffer[:count] = self._qla_prom[place].ljust(count, b"\xff")
-            else:
-                self._qla_prom[place] = self._qla_buffer[: len(self._qla_prom[place])]
+    def _qla_place(self, offset: int) -> int:
+        """Place in the QLA PROM's address space without the bits that do not count."""
+        return offset & ~_CHANNEL_BITS if self.firmware >= 8 else offset
+
+    def _read_qla_prom(self, address: int, now: int) -> int:
+        place = self._qla_place(address & _OFFSET_MASK) | reg.QLA_PROM_COMMAND
+        if place == reg.QLA_PROM_STATUS:
+            return self.qla_prom.status(now)
+        if place == reg.QLA_PROM_RESULT:
+            return self.qla_prom.result(now)
+        if reg.QLA_PROM_BUFFER <= place < reg.QLA_PROM_BUFFER + 0x100:
+            return self.qla_prom.read(place, 1, now)[0]
+        return 0
+
+    def _write_qla_prom(self, offset: int, quads: list[int], now: int) -> None:
+        place = self._qla_place(offset) | reg.QLA_PROM_COMMAND
+        if reg.QLA_PROM_BUFFER <= place < reg.QLA_PROM_BUFFER + 0x100:
+            self.qla_prom.write(place, quads, now)
+        elif place == reg.QLA_PROM_COMMAND:
+            self.qla_prom.command(quads[0], now)
