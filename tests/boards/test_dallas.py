@@ -6,18 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.boards.dallas import (
-    BIDIRECTIONAL,
-    BUSY,
-    MEMORY_BYTES,
-    PROBING,
-    RESET_NO_ANSWER,
-    RESET_OK,
-    Dallas,
-    instrument_memory,
-)
+from procs.boards.dallas import BIDIRECTIONAL, BUSY, MEMORY_BYTES, PROBING, Dallas, instrument_memory
 
 MS = 49152
+RESET_OK, RESET_NO_ANSWER = 1, 3  # as the tools know them
 MEMORY = bytes(k * 7 + k // 256 & 0xFF for k in range(MEMORY_BYTES))
 PROBE = 1 + 97_280 + 3 * (48_640 + 2) + 76_801
 SLOTS = 7 * 8192

@@ -111,30 +111,25 @@ def test_latch_is_set_taken_back_and_used_up() -> None:
     assert host.chip_status() == 0
 
 
-def test_chip_is_busy_while_it_programs_and_deaf_meanwhile() -> None:
+@pytest.mark.parametrize(("early", "status"), [(1, flash.BUSY | flash.ENABLED), (0, 0)])
+def test_chip_is_busy_while_it_programs(early: int, status: int) -> None:
     prom = FpgaProm("")
     prom.command(flash.WRITE_ENABLE << 24, 0)
     prom.write(0, [flash.PROGRAM << 24, 0x01020304], 1000)
-    assert prom.status(1000 + 100) == 3
-    assert prom.status(1000 + 131) == 0
-    selected = 1000 + 1 + 128 + 1
-    over = selected + round(0.64 * MS)
-    prom.command(flash.READ_STATUS << 24, over - 35)  # deselected one tick before the end
-    assert prom.result(over) == flash.BUSY | flash.ENABLED
-    prom.command(SERIAL, over + 300)
-    assert prom.read(0, 1, over + 9999) == [int.from_bytes(b"FPGA", "big")]
+    assert [prom.status(tick) for tick in (1000, 1001, 1128, 1129, 1130, 1131)] == [1, 3, 3, 5, 6, 0]
+    over = 1131 + round(0.64 * MS)
+    prom.command(flash.READ_STATUS << 24, over - 35 - early)  # 35 ticks until the chip is deselected
+    assert prom.result(over) == status
+
+
+def test_chip_is_deaf_while_it_programs() -> None:
+    prom = FpgaProm("")
     prom.command(flash.WRITE_ENABLE << 24, 10 * MS)
     prom.write(0, [flash.PROGRAM << 24, 0], 11 * MS)
     prom.command(flash.READ << 24, 11 * MS + 500)
     assert prom.read(0, 1, 12 * MS) == [0xFFFF_FFFF]
-
-
-def test_status_is_0_again_when_programming_is_over() -> None:
-    prom = FpgaProm("")
-    prom.command(flash.WRITE_ENABLE << 24, 0)
-    prom.write(0, [flash.PROGRAM << 24, 0x01020304], 1000)
-    prom.command(flash.READ_STATUS << 24, 1130 + round(0.64 * MS) - 34)
-    assert prom.result(99 * MS) == 0
+    prom.command(SERIAL, 13 * MS)
+    assert prom.read(0, 1, 14 * MS) == [int.from_bytes(b"FPGA", "big")]
 
 
 def test_flash_turns_ones_into_zeros_until_erased() -> None:
@@ -202,9 +197,9 @@ def test_protected_sectors_can_not_be_written() -> None:
 
 def test_bulk_erase_empties_all() -> None:
     host = Host(FpgaProm(""))
-    host.ask(flash.WRITE_ENABLE << 24)
-    host.ask(flash.ERASE_ALL << 24)
-    host.tick += 12_000 * MS
+    for command, wait in ((flash.WRITE_ENABLE, 0), (flash.ERASE_ALL, 12_000)):
+        host.ask(command << 24)
+        host.tick += wait * MS
     assert host.chip_status() & flash.BUSY
     host.tick += 2_000 * MS
     assert host.read(0x1FFF00, 4) == b"\xff" * 4
