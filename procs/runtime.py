@@ -112,6 +112,11 @@ class Me:
         if not self.clock.simulated:
             self._pacing.follow(stamp_ns + lead_ns)
 
+    @property
+    def wall_ns(self) -> int:
+        """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
+        return 0 if self.clock.simulated else self.now_ns
+
     def tick(self, serve: Callable[[int], None] | None = None) -> bool:
         """End this cycle, wait for the next one; False when the process must end.
 

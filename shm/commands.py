@@ -13,7 +13,8 @@ from dataclasses import dataclass
 class Command:
     """One command: name (CRTK where there is one), its numbers, its text, one sentence.
 
-    `moves` marks commands after which the robot may move or change power.
+    `moves` marks commands after which the robot may move or change power. Such a command is refused when it comes late,
+    unless its text is among `stops`, with which it only ends something ("*": with any text).
     """
 
     name: str
@@ -21,15 +22,20 @@ class Command:
     text: str
     doc: str
     moves: bool = True
+    stops: tuple[str, ...] = ()
+
+    def may_be_late(self, text: str) -> bool:
+        """Whether it is carried out however long it has waited."""
+        return not self.moves or "*" in self.stops or text in self.stops
 
 
 COMMANDS: dict[str, tuple[Command, ...]] = {
     "io": (
         Command("power_on", "", "robot", "close the safety relay, switch motor power on, enable the amplifiers"),
-        Command("power_off", "open_relays", "robot", "disable the amplifiers, switch motor power off"),
+        Command("power_off", "open_relays", "robot", "disable the amplifiers, switch motor power off", stops=("*",)),
         Command("bias_encoders", "samples", "robot", "set encoders from potentiometers; negative: accept a preset one"),
         Command("pid_enable", "on", "robot", "joint controller on or off"),
-        Command("servo_zero", "", "robot", "zero efforts, joint controller off"),
+        Command("servo_zero", "", "robot", "zero efforts, joint controller off", stops=("*",)),
         Command("enforce_limits", "on", "robot", "clip set-points to the position limits", moves=False),
         Command("tracking_check", "on", "robot", "trip on too large a tracking error", moves=False),
         Command("pot_check", "on", "robot", "compare potentiometers with encoders", moves=False),
@@ -38,7 +44,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("clear_fault", "", "robot", "forget the latched fault", moves=False),
     ),
     "arm": (
-        Command("state_command", "", "enable|disable|home|unhome|pause|resume", "change the operating state"),
+        Command("state_command", "", "enable|disable|home|unhome|pause|resume", "change the operating state",
+                stops=("disable", "pause")),
         Command("servo_jp", "position {n}, velocity {n} or none", "", "follow these joint positions now"),
         Command("servo_jr", "increment {n}", "", "follow the set-point plus these increments"),
         Command("servo_jf", "effort {n}", "", "apply these joint efforts"),
@@ -49,7 +56,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("jaw/servo_jp", "position", "", "follow this jaw angle now"),
         Command("jaw/move_jp", "position", "", "move the jaw to this angle"),
         Command("jaw/servo_jf", "effort", "", "apply this jaw effort"),
-        Command("hold", "", "", "stay at the present set-point"),
+        Command("hold", "", "", "stay at the present set-point", stops=("*",)),
         Command("free", "", "", "zero efforts; gravity compensation stays"),
         Command("trajectory_j/set_ratio", "ratio", "", "speed and acceleration of moves, above 0 up to 1", moves=False),
         Command("trajectory_j/set_ratio_v", "ratio", "", "speed of moves, above 0 up to 1", moves=False),

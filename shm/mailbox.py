@@ -25,6 +25,9 @@ Recovery. An owner that begins:
 A client claims a place with a lock that the kernel frees when it dies. Its successor goes on from the cursors; commands
 past M3 are still run, what the dead one left of M2 is overwritten.
 
+Late. A command that may move the robot and has waited longer than LATE_NS is refused: its owner was held up, and who
+sent it does not expect it any more. What only stops something is carried out however late.
+
 Trust. The owner runs nothing whose slot was not written for its turn (each command carries its number), and nothing
 whose cursor is out of step (sent − taken not in 0 … depth): it takes taken := sent there, runs nothing, and goes on. A
 client passes over a place whose cursors make no sense, after pushing `sent` out of step so that the owner puts the
@@ -41,11 +44,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shm.commands import COMMANDS, Command
+from shm.header import SegmentError
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
@@ -59,6 +64,7 @@ COMMAND_SCHEMA = schema_of(COMMAND)
 REPLY_SCHEMA = schema_of(REPLY)
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
 OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
+LATE_NS = 1_000_000_000
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
 
 # What the rows of the topic table come to; tests compare these with the schemas.
@@ -109,9 +115,23 @@ class MailboxMap:
         except BaseException:
             self.segment.close()
             raise
+        try:
+            self._compare(self.segment.header.info)
+        except BaseException:
+            self.segment.close()
+            raise
         self.first = self.segment.header.first + 16  # behind the slot's own sequence and stamp
         self.words = self.segment.words()
         self.view = self.segment.view
+
+    def _compare(self, info: dict[str, Any]) -> None:
+        """A command travels as its place in the table: refuse another table than ours."""
+        kind, rows = info.get("kind"), info.get("commands")
+        listed = rows if isinstance(rows, list) else []
+        theirs = [row.get("name") if isinstance(row, dict) else None for row in listed]
+        if not isinstance(kind, str) or theirs != [c.name for c in COMMANDS.get(kind, ())]:
+            raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
+                               "same version")
 
     def cursor(self, which: str, place: int) -> int:
         """Index of a cursor in `words`."""
@@ -202,7 +222,7 @@ class Mailbox:
                        for slots in self._slots]
         self._replies = [places.replies(p) for p in range(CLIENTS)]
         self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
-        self._last = self.resets = 0
+        self._last = self.resets = self._now_ns = 0
         for place in range(CLIENTS):
             self._recover(place)
 
@@ -237,14 +257,16 @@ class Mailbox:
             last.setdefault(taken, ACCEPTED)
         return [number for number, outcome in last.items() if outcome == ACCEPTED]
 
-    def drain(self) -> Iterator[Received]:
+    def drain(self, now_ns: int = 0) -> Iterator[Received]:
         """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here.
 
+        `now_ns`: real monotonic time, with which late ones are refused, too; 0: nothing is late (in lock-step).
         Answer (or accept) each before the next is taken: of what was taken, a successor can answer only the last (V2).
         """
         sent = self._sent_bytes.tobytes()
         if sent == self._seen and not self._backlog:  # N1 for all places at once
             return NOTHING
+        self._now_ns = now_ns
         return self._drain(sent)
 
     def refuse_waiting(self, reason: str) -> None:
@@ -303,14 +325,19 @@ class Mailbox:
     def _take(self, place: int, n: int) -> Received | None:
         slot = n % COMMANDS_DEPTH
         raw = self._heads[place][slot].tobytes()  # N2
-        _, number, code, count = COMMAND_HEAD.unpack_from(raw)
+        sent_ns, number, code, count = COMMAND_HEAD.unpack_from(raw)
         if SHORT < count <= MAX_VALUES:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
         if number == n and code < len(self._table) and count <= MAX_VALUES:
             values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
-            return Received(self, place, n, self._table[code], raw, values)
+            received = Received(self, place, n, self._table[code], raw, values)
+            if self._now_ns - sent_ns <= LATE_NS or received.command.may_be_late(received.text):
+                return received
+            waited = (self._now_ns - sent_ns) * 1e-9
+            received.refuse(f"it came {waited:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again")
+            return None
         wrong = f"command {code} is not in the table"
         if number != n:  # nobody wrote it for this turn: never run what was run before
             wrong = f"the slot of command {n} holds command {number}"

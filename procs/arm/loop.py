@@ -115,7 +115,7 @@ def main() -> None:
         me.ready()
         while me.tick():
             io.take()
-            psm.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain())
+            psm.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain(me.wall_ns))
             setpoint.publish(me.now_ns)
             state.publish(me.now_ns)
             me.follow(int(written), BEHIND_IO_NS)

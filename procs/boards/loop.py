@@ -81,7 +81,7 @@ def main() -> None:
         while me.tick(endpoints.serve):
             world.advance(me.now_ns)
             me.follow(world.board_ns, BEHIND_STEP_NS)
-            for command in mailbox.drain():
+            for command in mailbox.drain(me.wall_ns):
                 orders.carry_out(command)
             if world.skipped_steps != skipped:
                 me.events.warning("BOARDS_LATE", f"stopped for {world.skipped_steps - skipped} physics steps; "

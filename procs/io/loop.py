@@ -48,7 +48,7 @@ def main() -> None:
                 mailbox.refuse_waiting(f"{me.name} has just started; ask again")
                 me.ready()
                 while me.tick():
-                    core.cycle(mailbox.drain())
+                    core.cycle(mailbox.drain(me.wall_ns))
                     out.publish(core.stamp_ns)
                     if core.reports.events:
                         _tell(me, core.reports.events)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -340,3 +341,40 @@ def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, cl
     heir.close()
     Mailbox(system, "IO1", "io").close()
     assert client.poll() == []  # once is enough
+
+
+LATE = m.LATE_NS + 1_000_000
+
+
+@pytest.mark.parametrize(("name", "values", "text", "runs"), [
+    ("power_on", (), "PSM1", False), ("pid_enable", (1,), "PSM1", False), ("power_off", (1,), "PSM1", True),
+    ("servo_zero", (), "PSM1", True), ("clear_fault", (), "PSM1", True),
+])
+def test_what_may_move_the_robot_is_refused_when_it_comes_late(
+    box: Mailbox, client: Client, name: str, values: tuple[float, ...], text: str, runs: bool
+) -> None:
+    client.send(name, values, text)
+    got = [c.name for c in box.drain(time.monotonic_ns() + LATE)]
+    assert got == ([name] if runs else [])
+    assert runs or ["refused" in r.outcome and "late" in r.text for r in client.poll()] == [True]
+
+
+def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Client) -> None:
+    client.send("power_on", (), "PSM1")
+    assert [c.name for c in box.drain(time.monotonic_ns())] == ["power_on"]
+    client.send("power_on", (), "PSM1")
+    assert [c.name for c in box.drain()] == ["power_on"]
+
+
+@pytest.mark.parametrize(("text", "late"), [("home", False), ("enable", False), ("disable", True), ("pause", True)])
+def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
+    row = next(c for c in COMMANDS["arm"] if c.name == "state_command")
+    assert row.may_be_late(text) == late
+
+
+def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = COMMANDS["io"]
+    monkeypatch.setitem(COMMANDS, "io", (rows[0], m.Command("new", "", "", "one more"), *rows[1:]))
+    for end in (lambda: Client(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
+        with pytest.raises(SegmentError, match="its commands are not those of this program"):
+            end()
