@@ -44,6 +44,7 @@ from shm.segment import HEAD_AT, Segment, SegmentError
 RETRIES = 16
 BUSY = 1 << 59  # no sequence gets there; and CPython is quicker with integers below 2**60
 NEXT_BUSY = BUSY + 1
+LAST_STAMP = 1 << 62  # ns; 146 years after boot
 HEAD = HEAD_AT // 8
 EPOCH_WORD = 8  # pid below, epoch above
 ALL = slice(None)
@@ -125,6 +126,8 @@ class RingWriter:
         at, slot = self._places[n % self._depth]
         if n and words[at] == n:
             self._source[ALL] = slot
+            if not 0 <= self._stamp[1] <= LAST_STAMP:
+                self._stamp[1] = 0  # events count on from it
         return n
 
     def field(self, name: str) -> NDArray[Any]:

@@ -62,7 +62,7 @@ class Readings:
     def update(self, now_ns: int, stamp_ns: int, epoch: int, joints: Joints) -> None:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
-        self.fresh = stamp_ns > 0 and now_ns - stamp_ns <= SILENT_NS
+        self.fresh = stamp_ns > 0 and -SILENT_NS <= now_ns - stamp_ns <= SILENT_NS
         self.has_power = bool(self.powered.item() and self.amps_on.item())
         fault = int(self.fault.item())
         self.problem = 0 if fault in HARMLESS else fault

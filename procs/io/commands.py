@@ -18,6 +18,7 @@ from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 
 MOST_SAMPLES: Final = 100_000
+MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
 
 class Command(Protocol):
@@ -111,6 +112,8 @@ class Commands:
         return self._robots.names.index(name)
 
     def _power_on(self, robot: int, command: Command) -> None:
+        if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:
+            raise Refused("power-on is under way and asked for often enough")
         if not self._record.power_wanted[robot]:
             self._record.fault[robot] = 0
         self._power.on(robot, self._now_ns)

@@ -137,6 +137,8 @@ class Follow:
         for follower in self._followers:
             source = follower.source
             stamp_ns = source.stamp_ns if source.newest() else 0  # what is not whole was never there
+            if stamp_ns < 0:
+                stamp_ns = 0  # no clock of ours says that
             age_ns = now_ns - stamp_ns
             robot = follower.robot
             record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1

@@ -195,7 +195,7 @@ class FakeSource:
         self.position, self.velocity, self.effort, self.feed_forward = (np.zeros(8) for _ in range(4))
 
     def newest(self) -> bool:
-        return self.stamp_ns > 0
+        return self.stamp_ns != 0
 
 
 class FakeCommand:

@@ -2,6 +2,7 @@ import dataclasses
 
 import pytest
 
+from procs.io import commands
 from procs.lib import registers
 from tests.io.stand import Stand, actuator, robot, with_actuators
 
@@ -257,3 +258,14 @@ def test_an_unknown_robot_is_refused() -> None:
     answer = Stand().ask("power_on", robot="PSM9").answers[0]
     assert answer[0] == "refused"
     assert "PSM1" in answer[1]
+
+
+def test_power_asked_for_again_and_again_is_refused_in_the_end() -> None:
+    stand = Stand()
+    stand.port.has_supply = False
+    asked = [stand.ask("power_on") for _ in range(commands.MOST_POWERING + 1)]
+    assert {c.outcome for c in asked[:-1]} == {"accepted"}
+    assert asked[-1].outcome == "refused"
+    stand.ask("power_off")
+    stand.run(1)
+    assert {c.outcome for c in asked[:-1]} == {"failed"}

@@ -104,6 +104,19 @@ def test_a_silent_arm_is_held_after_30_ms() -> None:
     assert stand.codes == []
 
 
+@pytest.mark.parametrize("stamp", [-(2**63), -1])
+def test_a_set_point_from_before_time_began_is_none(stamp: int) -> None:
+    stand = Stand()
+    stand.control()
+    stand.send(1, position=0.1)
+    stand.run(2)
+    stand.arms_alive = False
+    stand.arms[0].stamp_ns = stamp
+    stand.run(2)
+    assert stand.record.setpoint_age_ns[0] == -1
+    assert (stand.record.setpoint_position == 0.1).all()
+
+
 def test_an_arm_that_asks_for_nothing_is_not_silent() -> None:
     stand = Stand()
     stand.control()

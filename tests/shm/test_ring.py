@@ -389,3 +389,11 @@ def test_no_record_is_torn_at_full_speed(world: Any) -> None:
     assert written > 1000
     assert all(good > 0 for good, _, _ in counts), counts
     assert all((bad, backwards) == (0, 0) for _, bad, backwards in counts), counts
+
+
+@pytest.mark.parametrize("stamp", [-(2**63), -1, 2**63 - 1])
+def test_a_successor_takes_over_no_absurd_stamp(ring: Ring, stamp: int) -> None:
+    writer = ring.writer()
+    writer.publish(stamp)
+    writer.close()
+    assert ring.writer().stamp_ns == 0
