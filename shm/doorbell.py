@@ -16,6 +16,7 @@ the wall clock disturbs nobody.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import errno
 import fcntl
@@ -39,7 +40,7 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 SYSCALL = LIBC.syscall
 SYSCALL.restype = ctypes.c_long
 QUIET = bytes(PLACES)
-UNHURRIED = 4096  # more rings before a place is looked at again whose waiter lives and yet does not listen
+UNHURRIED = 1024  # more rings before a place is looked at again whose waiter lives and yet does not listen
 UNHEARD = 16  # rings; a living waiter that is just waking up misses one or two
 
 
@@ -97,13 +98,22 @@ class Places:
         raise SegmentError(f"{self._segment.name}: all {self._count} places are taken")
 
     def while_free(self, place: int, act: Callable[[], object]) -> bool:
-        """Call `act` if nobody has the place, and let nobody take it meanwhile; returns whether it was called."""
-        ours = os.open(f"/proc/self/fd/{self._segment.fd}", os.O_RDWR)  # a lock does not exclude its own description
+        """Call `act` if nobody has the place, and let nobody take it meanwhile; returns whether it was called.
+
+        Not called either when the system has no descriptor or lock to spare.
+        """
         try:
-            free = _lock(ours, self._first + place)
-            if free:
-                act()
-            return free
+            # opened anew, because a lock does not exclude its own description
+            ours = os.open(f"/proc/self/fd/{self._segment.fd}", os.O_RDWR)
+        except OSError:
+            return False
+        try:
+            with contextlib.suppress(OSError):
+                free = _lock(ours, self._first + place)
+                if free:
+                    act()
+                return free
+            return False
         finally:
             os.close(ours)
 
@@ -137,18 +147,16 @@ class Bell:
         self._fence()  # E2
         if self._flags.tobytes() == QUIET:  # E3
             return
+        deaf = -1
         for place, flag in enumerate(self._flags):
-            if flag:
-                self._wake(place)
-
-    def _wake(self, place: int) -> None:
-        if self._futexes[place].wake():  # E4
-            self._unheard[place] = 0
-            return
-        self._unheard[place] += 1
-        if self._unheard[place] >= UNHEARD:  # E5: a waiter cannot come in between, the place is ours meanwhile
-            taken_down = self._places.while_free(place, partial(operator.setitem, self._flags, place, 0))
-            self._unheard[place] = 0 if taken_down else -UNHURRIED
+            if not flag:
+                continue
+            self._unheard[place] = 0 if self._futexes[place].wake() else self._unheard[place] + 1  # E4
+            if self._unheard[place] >= UNHEARD:
+                deaf = place
+        if deaf >= 0:  # E5, one a ring: it opens a file. No waiter can come in between, the place is ours meanwhile
+            taken_down = self._places.while_free(deaf, partial(operator.setitem, self._flags, deaf, 0))
+            self._unheard[deaf] = 0 if taken_down else -UNHURRIED
 
 
 class Waiter:

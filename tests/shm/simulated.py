@@ -38,7 +38,7 @@ SMALL = (
     ("mailbox", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
     ("doorbell", "PLACES = 16", "PLACES = 1"),
     ("doorbell", "UNHEARD = 16", "UNHEARD = 2"),
-    ("doorbell", "UNHURRIED = 4096", "UNHURRIED = 1"),
+    ("doorbell", "UNHURRIED = 1024", "UNHURRIED = 1"),
 )
 Change = tuple[str, str, str]  # module, old text, new text
 

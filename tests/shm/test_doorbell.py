@@ -255,3 +255,15 @@ def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: Pulse, how: str) 
         assert (operation, value) == (0, 0)  # FUTEX_WAIT: its time-out is relative; no FUTEX_CLOCK_REALTIME, shared
         assert timespec(child, timeout_at) == (60, 0)
     world.kill(child)
+
+
+def test_a_ringer_without_descriptors_rings_on(pulse: Pulse, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*arguments: object) -> int:
+        raise OSError(24, "Too many open files")
+
+    bell, flags = pulse.bell(), pulse.field("flags")
+    flags[0] = 1
+    monkeypatch.setattr(os, "open", none_left)
+    for _ in range(2 * UNHEARD):
+        bell.ring()
+    assert flags[0] == 1

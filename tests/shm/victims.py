@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from shm.directory import create_ring
-from shm.doorbell import PLACES, UNHEARD
+from shm.doorbell import PLACES, UNHEARD, UNHURRIED
 from shm.pulse import Pulse, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
@@ -175,7 +175,7 @@ class ReaderVictim:
             self.figures[figure] += self._notes[at]
         self.figures["flags_left_up"] += int(self._flags.sum())
         self.figures["records"] = n = self._author.publish()
-        for _ in range(UNHEARD):
+        for _ in range(UNHURRIED + UNHEARD):
             self._bell.ring()
         holds(not self._flags.any(), f"a flag of the dead is still up: {self._flags}")
         fresh = Witness(RingReader(Segment(self._name)), Lives())
