@@ -48,7 +48,7 @@ from shm.order import Words, ordered
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 FOLDER = Path("/dev/shm")
-CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 10, 0.002
+CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
     "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
@@ -205,6 +205,21 @@ def unlink(name: str) -> None:
         return
     except (OSError, posix_ipc.Error) as error:
         raise SegmentError(f"{name}: cannot be removed{_whose(name)}: {_reason(error)}") from None
+
+
+def held(name: str) -> bool:
+    """Whether somebody holds the claim on whatever lies under this name, of this version or another."""
+    try:
+        fd = os.open(FOLDER / name[1:], os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
 
 
 class Segment:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import grp
@@ -27,6 +26,7 @@ from shm.segment import (
     create,
     foreign_owner,
     free_bytes,
+    held,
     names_of,
     segment_name,
     size_of,
@@ -115,9 +115,14 @@ def _orphans(name: str) -> list[str]:
     found = []
     for system, instance, what in names_of(name):
         if what == "control":
-            with contextlib.suppress(SegmentError), Segment(segment_name(system, instance, what)) as segment:
-                if segment.claimed():
-                    found.append(f"{instance} (pid {segment.identity().pid})")
+            page = segment_name(system, instance, what)
+            try:
+                with Segment(page) as segment:
+                    if segment.claimed():
+                        found.append(f"{instance} (pid {segment.identity().pid})")
+            except SegmentError:  # nothing of ours, or of another version, whose processes live as well as ours
+                if held(page):
+                    found.append(f"{instance} (of another version; see fuser -v /dev/shm{page})")
     return found
 
 

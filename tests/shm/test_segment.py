@@ -21,6 +21,7 @@ from shm.segment import (
     SegmentError,
     SegmentFull,
     create,
+    held,
     names_of,
     segment_name,
     size_of,
@@ -339,3 +340,11 @@ def test_what_may_not_be_removed_is_an_error(ring: str, monkeypatch: pytest.Monk
 def test_names_of_lists_one_system_only(world: Any, ring: str) -> None:
     assert names_of(world.name) == [(world.name, "PSM1", "setpoint")]
     assert (world.name, "PSM1", "setpoint") in names_of()
+
+
+def test_a_claim_is_seen_on_a_segment_of_another_version(ring: str) -> None:
+    with Segment(ring, write=True) as segment:
+        segment.claim("PSM1")
+        segment.view[8:12] = (1).to_bytes(4, "little")
+        assert held(ring)
+    assert not held(ring) and not held("/trocar~no~such~thing")

@@ -71,6 +71,19 @@ def test_memory_of_processes_that_still_run_is_not_cleared(world: Any, monkeypat
     assert memory.clear_left_over(world.name) == 1
 
 
+def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
+    create_control(world.name, "IO1")
+    orphan = Pulse(world.name, "IO1", write=True)
+    orphan.segment.claim("IO1")
+    orphan.segment.view[8:12] = (1).to_bytes(4, "little")  # the header's version
+    with pytest.raises(SegmentError, match=r"still run: IO1 \(of another version"):
+        memory.clear_left_over(world.name)
+    assert names_of(world.name)
+    orphan.close()
+    assert memory.clear_left_over(world.name) == 1
+
+
 def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Supervisor) -> None:
     child = supervisor.children[0]
     child.kill_at_ns = 1
