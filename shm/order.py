@@ -30,13 +30,15 @@ import threading
 from collections.abc import Callable
 from typing import Protocol
 
+from shm.header import SegmentError
+
 SEQUENTIALLY_CONSISTENT = 5  # memory_order_seq_cst of <stdatomic.h>
 LIBRARIES = ("libatomic.so.1", "libatomic.so")
 ORDERED = ("x86_64", "AMD64")
 PLAIN_COPY = 0x4000  # no threshold of glibc is below 0x4040
 
 
-class OrderError(Exception):
+class OrderError(SegmentError):
     """This processor may reorder our loads and stores, and nothing here can stop it."""
 
 
