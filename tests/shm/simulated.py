@@ -18,6 +18,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from shm.commands import COMMANDS
 from shm.layout import Schema, schema_of
 from shm.segment import Header
 from shm.topics import Field, Topic
@@ -125,7 +126,7 @@ class Segment:
 
     def __init__(self, real: Real, name: str, kind: str, schema: Schema, depth: int, flags: range = range(0)) -> None:
         self._me, self._real, self.name = real.me, real, name
-        info = {"kind": "io"}
+        info = {"kind": "io", "commands": [{"name": row.name} for row in COMMANDS["io"]]}
         self.header = Header(kind, schema, info, FIRST, schema.stride, depth, FIRST + depth * schema.stride)
         self.view = Whole(real.me, name, flags)
 
