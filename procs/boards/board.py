@@ -70,6 +70,8 @@ class Board:
         """Fill a buffer; what lies outside is ignored."""
         now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
         quads = list(struct.unpack_from(f">{len(data) // 4}I", data))
+        if not quads:
+            return
         if region == _TABLE:
             self.digital.write_table(offset, quads, now)
         elif region == _FPGA_PROM:
