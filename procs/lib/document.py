@@ -68,6 +68,21 @@ class Tolerance:
 
 
 @dataclass(frozen=True, slots=True)
+class Brake:
+    """A brake on a motor channel of a board: its current releases it. Currents in A."""
+
+    board_id: int
+    axis_id: int
+    current_to_bits: Linear
+    bits_to_current: Linear
+    maximum_current: float
+    release_current: float
+    release_s: float  # for how long the release current is held
+    released_current: float
+    engaged_current: float
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
     """One robot of an IO file."""
 
@@ -79,6 +94,7 @@ class Robot:
     tolerances: tuple[Tolerance, ...] = ()
     only_io: bool = False
     joint_to_actuator_position: Matrix | None = None
+    brakes: tuple[Brake, ...] = ()
     source: str = ""
 
 
@@ -95,6 +111,14 @@ class DigitalInput:
     skip_first_run: bool = False
     debounce_s: float = 0.0
     debounce_click_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentReader:
+    """A `dallas_chips` entry: the board that reads the memory of the instrument on an arm."""
+
+    name: str
+    board_id: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +170,7 @@ class Io:
     arm_lost_s: float = 3.0  # then an error is raised, still holding
     arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
     spin_us: float = 0.0
+    instrument_readers: tuple[InstrumentReader, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,23 +255,51 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True)
+class Quirks:
+    """Oddities of the real firmware that emulated boards have unless switched off."""
+
+    direction_lag: bool = True  # the first edge after a reversal counts in the old direction
+    sticky_overflow: bool = True  # a preload does not clear a counter's overflow bit
+    repeated_amp_bits: bool = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
+    longest_pwm_holds: bool = True  # a PWM count of 65535 is held for ever, as 0 is
+    playing_hides_table: bool = True  # a table being played reads as the entry that is on
+
+
+@dataclass(frozen=True, slots=True)
 class Controller:
     """One emulated controller board; the node on the FireWire bus is its place in the bus's list."""
 
     board_id: int
-    hardware: str = "QLA1"
+    hardware: str = "QLA1"  # QLA1, DQLA or dRA1
     firmware: int = 8
     fpga: str = "V2"
     serial: str = ""
+    qla: str = "1.4"  # of a QLA1 or DQLA; from 1.5 on with I/O expander: voltage mode, safety line
+    quirks: Quirks = Quirks()
 
 
 @dataclass(frozen=True, slots=True)
 class Bus:
-    """One emulated bus: the UDP endpoint that answers for all its controllers."""
+    """One emulated bus: the UDP endpoint (or, Ethernet-only, the endpoints) of its controllers."""
 
     io: str
-    address: str  # 127.x.y.z, port 1394
+    address: str  # 127.x.y.z, port 1394; 0.0.0.0: every address of the machine
     controllers: tuple[Controller, ...]
+    network: str = "bridge"  # bridge: FireWire behind the first board; ethernet: an address for every board (Rev 9)
+    testboard: bool = False  # the boards are wired to the loop-back board of the original test programs
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """How an emulated robot differs from its files: what a controller does not know of a real one."""
+
+    robot: str
+    friction: float = 1.0  # factor on the friction of every joint
+    inertia: float = 1.0  # factor on the motors' inertia
+    mass: float = 1.0  # factor on the masses of the links
+    payload: float = 0.0  # kg at the tip
+    backlash: tuple[float, ...] = ()  # play between actuator and joint, rad or m, by actuator
+    pot_offset: tuple[float, ...] = ()  # error of the potentiometers, rad or m, by actuator
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +311,7 @@ class Emulation:
     seed: int = 1
     pot_noise_v: float = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
+    likenesses: tuple[Likeness, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
