@@ -20,6 +20,7 @@ Quads = npt.NDArray[np.uint32]
 
 EDGES = 6  # five quarter periods lie between six edges
 TICKS_MAX = reg.VELOCITY_TICKS_MASK
+PINS_SHOWN = 4  # axes whose lines are in the digital input register
 LONG_AGO = -(1 << 40)  # tick of edges that never were: older than any counter can tell
 _DIRECTION = 16  # above the four bits of an edge's type
 
@@ -97,13 +98,20 @@ def _flag_table() -> Ints:
 
 
 class Encoders:
-    """The encoder inputs of `axes` axes; every array is flat over the axes."""
+    """The encoder inputs of `boards` boards with `width` axes each.
 
-    def __init__(self, axes: int) -> None:
+    Every array is flat over the slots, width · board + axis. `preload` and `pins` are for reading: `pins` (boards,) holds
+    bits 27:20 of the digital input register, lines A and B of the first four axes.
+    """
+
+    def __init__(self, boards: int, width: int = PINS_SHOWN) -> None:
         """All at rest, counters at mid-range, no edge yet."""
-        n = axes
+        if boards < 1 or width < PINS_SHOWN:
+            raise ValueError(f"{boards} boards with {width} axes; allowed: at least one, with at least {PINS_SHOWN}")
+        self.width = width
+        n = boards * width
         self.preload = np.full(n, reg.ENCODER_ZERO, dtype=np.int64)
-        self.pins: Quads = np.zeros(n // 4, dtype=np.uint32)  # (boards,) bits of the digital input register
+        self.pins: Quads = np.zeros(boards, dtype=np.uint32)
         self.start = 0  # tick the motion counts from
         self._span = 0.0  # ticks the motion is good for
         self._x0, self._v = np.zeros(n), np.zeros(n)
@@ -135,7 +143,8 @@ class Encoders:
         self._three, self._none, self._lap_shift = (np.full(n, k, dtype=np.int64) for k in (3, 0, 24))
         self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
         self._stretch, self._thrice = np.repeat(np.arange(4), EDGES), np.zeros(3, dtype=np.intp)
-        self._place = 1 << np.arange(4, dtype=np.int64)
+        self._place = np.zeros(self.width, dtype=np.int64)
+        self._place[:PINS_SHOWN] = 1 << np.arange(PINS_SHOWN)
         # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0
         self._pairs = np.array((0, 0, 4, _NOW - _QUEUE, 4, 1, 5, 0)) + _QUEUE
         self._spent = np.repeat([4, 1, 1, 0], n).reshape(4, n)
@@ -145,7 +154,7 @@ class Encoders:
     def _scratch(self, n: int) -> None:
         self._x, self._moved, self._sign, self._x_half = (np.zeros(n) for _ in range(4))
         self._key, self._count, self._word, self._phase = (np.zeros(n, dtype=np.int64) for _ in range(4))
-        self._word_by_board = self._word.reshape(-1, 4)
+        self._word_by_board = self._word.reshape(-1, self.width)
         self._rows = np.zeros((EDGES + 1, n), dtype=np.int64)
         self._where, self._lifted = self._rows[:EDGES], self._rows[EDGES]
         self._motion = np.zeros((4, n))  # rates in the direction of motion, and v²/4
@@ -156,11 +165,11 @@ class Encoders:
         self._first, self._tau = np.zeros((EDGES, n), dtype=np.int64), np.zeros(n)
         self._pair_ticks = np.zeros((8, n), dtype=np.int64)
         self._spans, self._before = self._pair_ticks[:4], self._pair_ticks[4:]
-        self._spans_by_board = self._spans.reshape(4, -1, 4).transpose(1, 0, 2)
+        self._spans_by_board = self._spans.reshape(4, -1, self.width).transpose(1, 0, 2)
         self._over = np.zeros((4, n), dtype=np.bool_)
         self._flags = np.zeros((6, n), dtype=np.int64)
-        self._input_pins = self._flags[5].reshape(-1, 4)
-        self._inputs = np.zeros(n // 4, dtype=np.int64)
+        self._input_pins = self._flags[5].reshape(-1, self.width)
+        self._inputs = np.zeros(n // self.width, dtype=np.int64)
         self._turned = np.zeros(n, dtype=np.bool_)
         self._when, self._peak, self._end, self._bound = (np.zeros(n) for _ in range(4))
 
@@ -301,7 +310,7 @@ class Encoders:
     def words(self, tick: int, position: Quads, velocity: Quads) -> None:
         """Write the encoder quadlets of every axis as seen at `tick` (observe first).
 
-        `position` is (boards, 4), `velocity` (boards, 4, 4): period, quarter 1, quarter 5 and running, each per axis.
+        `position` is (boards, width), `velocity` (boards, 4, width): period, quarter 1, quarter 5 and running.
         """
         pool, spans = self._pool, self._spans
         pool[_NOW].fill(tick)

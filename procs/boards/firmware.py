@@ -57,7 +57,7 @@ class Firmware:
         self.layout = blocks.layout_of(8)
         self.lines = lines or Lines.of(self.count)
         self.power = Power(self.ids, self.lines.on)
-        self.encoders = Encoders(4 * self.count)
+        self.encoders = Encoders(self.count)
         self.boards = tuple(Board(node, controllers[node].firmware, controllers[node].serial) for node in order)
         self.generation = 1
         self.now = 0  # tick of the newest datagram or step

@@ -18,7 +18,7 @@ class Bench:
     """Four axes; axis 0 moves as asked, sample by sample, over any number of steps."""
 
     def __init__(self, x: float = 0.25) -> None:
-        self.encoders = Encoders(4)
+        self.encoders = Encoders(1)
         self.x = np.array([x, 0.5, 0.5, 0.5])
         self.encoders.place(self.x)
         self.tick = 0
@@ -206,3 +206,24 @@ def test_at_rest_only_the_running_counter_goes_on() -> None:
     assert second[4] - first[4] == 3000
     bench.encoders.jump(0, 5)
     assert bench.words(bench.tick)[0] & reg.ENCODER_MASK == (first[0] & reg.ENCODER_MASK) + 5
+
+
+@pytest.mark.parametrize("width", [4, 7, 8, 10])
+def test_boards_of_any_width_keep_their_axes_apart(width: int) -> None:
+    encoders, slots = Encoders(3, width), np.arange(3 * width)
+    x = slots + 0.5
+    encoders.place(x)
+    encoders.observe(0)
+    encoders.follow(0, STEP, x, 10.0 * slots / STEP, np.zeros(3 * width))  # slot k moves 10 · k counts
+    position = np.zeros((3, width), dtype=np.uint32)
+    velocity = np.zeros((3, 4, width), dtype=np.uint32)
+    encoders.observe(STEP)
+    encoders.words(STEP, position, velocity)
+    assert (position & reg.ENCODER_MASK).ravel().tolist() == (reg.ENCODER_ZERO + 10 * slots).tolist()
+    assert (velocity[:, 0] & reg.VELOCITY_DIRECTION).ravel().astype(bool).all()
+    lines = position >> 28 & 3  # A, B
+    for board in range(3):
+        shown = int(encoders.pins[board])
+        assert [shown >> reg.INPUT_ENCODER_A_SHIFT + k & 1 for k in range(4)] == (lines[board, :4] & 1).tolist()
+        assert [shown >> reg.INPUT_ENCODER_B_SHIFT + k & 1 for k in range(4)] == (lines[board, :4] >> 1).tolist()
+        assert shown & ~(0xFF << 20) == 0
