@@ -100,8 +100,8 @@ def _flag_table() -> Ints:
 class Encoders:
     """The encoder inputs of `boards` boards with `width` axes each.
 
-    Every array is flat over the slots, width · board + axis. `preload` and `pins` are for reading: `pins` (boards,) holds
-    bits 27:20 of the digital input register, lines A and B of the first four axes.
+    Every array is flat over the slots, width · board + axis. `preload` and `pins` are for reading: `pins` (boards,)
+    holds bits 27:20 of the digital input register, lines A and B of the first four axes.
     """
 
     def __init__(self, boards: int, width: int = PINS_SHOWN) -> None:

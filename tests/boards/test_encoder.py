@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procs.boards.encoder import Encoders
+from procs.boards.encoder import Encoders, Floats
 from procs.lib import registers as reg
 
 STEP = 49152  # ticks of a millisecond
@@ -211,10 +211,10 @@ def test_at_rest_only_the_running_counter_goes_on() -> None:
 @pytest.mark.parametrize("width", [4, 7, 8, 10])
 def test_boards_of_any_width_keep_their_axes_apart(width: int) -> None:
     encoders, slots = Encoders(3, width), np.arange(3 * width)
-    x = slots + 0.5
+    x: Floats = slots + np.full(3 * width, 0.5)
     encoders.place(x)
     encoders.observe(0)
-    encoders.follow(0, STEP, x, 10.0 * slots / STEP, np.zeros(3 * width))  # slot k moves 10 · k counts
+    encoders.follow(0, STEP, x, 10.0 / STEP * (x - 0.5), np.zeros(3 * width))  # slot k moves 10 · k counts
     position = np.zeros((3, width), dtype=np.uint32)
     velocity = np.zeros((3, 4, width), dtype=np.uint32)
     encoders.observe(STEP)
