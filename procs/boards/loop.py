@@ -10,6 +10,7 @@ import numpy.typing as npt
 from procs import runtime
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
+from procs.boards.incidents import Incidents
 from procs.boards.orders import Orders
 from procs.boards.plant import Plant
 from shm.ring import RingWriter
@@ -71,7 +72,7 @@ def main() -> None:
         world = Emulation(me.document, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        orders = Orders(me.document, world, plant)
+        orders = Orders(me.document, Incidents(world, plant), plant)
         mailbox = me.mailbox()
         endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated)
         stack.callback(endpoints.close)

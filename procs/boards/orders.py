@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.emulation import Emulation
+from procs.boards.incidents import Incidents
 from procs.boards.plant import Plant
 from procs.lib.document import System, Tool
 from shm.mailbox import Received
@@ -18,16 +18,16 @@ Values = npt.NDArray[np.float64]
 class Orders:
     """Carries out commands at once."""
 
-    def __init__(self, system: System, world: Emulation, plant: Plant) -> None:
+    def __init__(self, system: System, incidents: Incidents, plant: Plant) -> None:
         """`plant` is the world's own."""
-        self._system, self._world, self._plant = system, world, plant
+        self._system, self._plant = system, plant
         self._table: dict[str, Callable[[Values, str], None]] = {
-            "press": lambda v, text: world.press(text, bool(_number(v, 0))),
-            "amp_fault": lambda v, text: world.fail_amplifier(text, int(_number(v, 0)), bool(_number(v, 1))),
-            "power_loss": lambda v, text: world.lose_supply(text, bool(_number(v, 0))),
-            "encoder_jump": lambda v, text: world.jump_encoder(text, int(_number(v, 0)), int(_number(v, 1))),
-            "lose_replies": lambda v, text: setattr(world, "lose", max(0, int(_number(v, 0)))),
-            "push": self._push,
+            "press": lambda v, text: incidents.press(text, bool(_number(v, 0))),
+            "amp_fault": lambda v, text: incidents.fail_amplifier(text, int(_number(v, 0)), bool(_number(v, 1))),
+            "power_loss": lambda v, text: incidents.lose_supply(text, bool(_number(v, 0))),
+            "encoder_jump": lambda v, text: incidents.jump_encoder(text, int(_number(v, 0)), int(_number(v, 1))),
+            "lose_replies": lambda v, text: incidents.lose_replies(max(0, int(_number(v, 0)))),
+            "push": lambda v, text: incidents.push(text, v.copy()),
             "insert_instrument": self._insert,
             "remove_instrument": lambda v, text: plant.remove_tool(text),
         }
@@ -44,14 +44,6 @@ class Orders:
             command.refuse(str(error.args[0] if error.args else error))
             return
         command.done()
-
-    def _push(self, values: Values, robot: str) -> None:
-        cut = self._world.wiring.robots.get(robot)
-        if cut is None:
-            raise KeyError(f"{robot}: no such robot; there are {', '.join(self._world.wiring.robots)}")
-        if len(values) != cut.stop - cut.start or not np.isfinite(values).all():
-            raise ValueError(f"{robot}: {len(values)} efforts; allowed: {cut.stop - cut.start} finite numbers")
-        self._plant.push(robot, values.copy())
 
     def _insert(self, values: Values, text: str) -> None:
         arm, _, name = text.partition(" ")

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import socket
 
-import numpy as np
 import pytest
 
 from procs.boards.emulation import MOST_STEPS, Emulation, ns_of, ticks_of
@@ -14,72 +13,9 @@ from procs.boards.endpoints import Endpoints
 from procs.boards.wiring import Wiring
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
-from procs.lib.document import (
-    Actuator,
-    Bus,
-    Controller,
-    DigitalInput,
-    Encoder,
-    Io,
-    Linear,
-    Potentiometer,
-    Robot,
-    System,
-)
+from procs.lib.document import Bus, Controller, Linear
 from procs.lib.document import Emulation as EmulationRow
-
-MS = 1_000_000
-START = 77_000_000_123
-
-
-class Rails:
-    """Every actuator runs at a speed of its own; currents are only noted."""
-
-    def __init__(self, axes: int) -> None:
-        self.position = np.linspace(-0.3, 0.4, axes)
-        self.velocity = np.zeros(axes)
-        self.pot_position = self.position.copy()
-        self.acceleration = np.zeros(axes)
-        self.currents: list[np.ndarray] = []
-
-    def step_current(self, current: np.ndarray) -> None:
-        self.currents.append(current.copy())
-        self.velocity += self.acceleration * 1e-3
-        self.position += self.velocity * 1e-3
-        self.pot_position[:] = self.position
-
-
-def _actuator(board: int, axis: int, sign: float) -> Actuator:
-    return Actuator(
-        board, axis, "REVOLUTE", 10.0, Linear(sign * 5242.88, 32768.0 + 10 * axis),
-        Linear(sign / 5242.88, -sign * 6.25), 1.0, Encoder(Linear(sign * 2.1e-5, 0.01), -1.0, 1.0, "FIRMWARE"),
-        Potentiometer(Linear(6.866455e-5, 0.0), Linear(sign * 0.5, -sign * 1.1)))
-
-
-def _io(name: str, robot: str, actuators: tuple[Actuator, ...], *inputs: DigitalInput) -> Io:
-    return Io(name, "udp:127.1.2.16", "broadcast-query-read-write", 1 / 1500, 0.03, False,
-              (Robot(robot, "1", "QLA1", actuators),), (), inputs)
-
-
-def _system(noise: float = 0.0, address: str = "127.91.7.16") -> System:
-    clutch = DigitalInput("clutch", 9, 4, True, True, True)
-    limit = DigitalInput("limit", 3, 0, False, True, True)
-    ios = (_io("IO1", "PSM1", tuple(_actuator(b, k, s) for b, k, s in
-                                    ((9, 0, 1), (9, 1, -1), (9, 3, 1), (3, 0, -1), (3, 2, 1))), clutch, limit),
-           _io("IO2", "ECM", tuple(_actuator(9, k, 1.0) for k in range(2))))
-    buses = (Bus("IO1", address, (Controller(9), Controller(3))), Bus("IO2", "127.91.7.32", (Controller(9),)))
-    return System("t", "", "lockstep", ios, (), EmulationRow(1e-3, buses, pot_noise_v=noise), ())
-
-
-def _block(world: Emulation, bus: int, node: int, now: int) -> np.ndarray:
-    reply = world.answer(bus, wire.block_read(node, 0, 128, 1, 1), now)
-    response = wire.decode_response(reply or b"")
-    assert isinstance(response, wire.Response)
-    return np.frombuffer(response.data, ">u4").astype(np.int64)
-
-
-def _write(world: Emulation, bus: int, node: int, address: int, value: int, now: int) -> None:
-    assert world.answer(bus, wire.quadlet_write(node, address, value, 1, 1), now) is None
+from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 
 def test_ticks_and_nanoseconds_give_each_other_back() -> None:
@@ -88,25 +24,25 @@ def test_ticks_and_nanoseconds_give_each_other_back() -> None:
 
 
 def test_host_conversions_recover_the_positions() -> None:
-    system, rails = _system(), Rails(7)
+    system, rails = two_buses(), Rails(7)
     world = Emulation(system, rails, START)
     actuator = system.ios[0].robots[0].actuators[1]  # board 9 (node 0), axis 1, negative scales
     assert actuator.encoder is not None and actuator.potentiometer is not None
     pot = actuator.potentiometer
-    block = _block(world, 0, 0, START + 1000)
+    block = real_time(world, 0, 0, START + 1000)
     volts = (block[blocks.ADC][1] >> 16) * pot.bits_to_voltage.scale
     position = volts * pot.voltage_to_position.scale + pot.voltage_to_position.offset
     assert position == pytest.approx(rails.position[1], abs=4e-5)
     assert block[blocks.POSITION][1] & reg.ENCODER_MASK == reg.ENCODER_ZERO
     scale = actuator.encoder.bits_to_position
     counts = math.floor((rails.position[1] - scale.offset) / scale.scale)
-    _write(world, 0, 0, reg.axis_register(1, reg.ENCODER_PRELOAD), counts + reg.ENCODER_ZERO, START + 2000)
+    write(world, 0, 0, reg.axis_register(1, reg.ENCODER_PRELOAD), counts + reg.ENCODER_ZERO, START + 2000)
     rails.velocity[:] = 0.5
     at = START
     for k in range(40):
         at = START + k * MS
         world.advance(at)
-    block = _block(world, 0, 0, at + MS // 2)
+    block = real_time(world, 0, 0, at + MS // 2)
     counts = (int(block[blocks.POSITION][1]) & reg.ENCODER_MASK) - reg.ENCODER_ZERO
     expected = world.position[1] + 0.5 * 0.5e-3
     assert counts * scale.scale + scale.offset == pytest.approx(expected, abs=abs(scale.scale))
@@ -118,25 +54,25 @@ def test_host_conversions_recover_the_positions() -> None:
 
 def test_commanded_current_flows_only_through_amplifiers_that_are_on() -> None:
     rails = Rails(7)
-    world = Emulation(_system(), rails, START)
+    world = Emulation(two_buses(), rails, START)
     now = START
-    _write(world, 0, 1, reg.WATCHDOG, 0, now)
-    _write(world, 0, 1, reg.axis_register(2, reg.DAC), 0x8000_0000 | round(0.2 * 5242.88 + 32788), now)
-    _write(world, 0, 1, reg.STATUS, 0x000C0F0F, now)
+    write(world, 0, 1, reg.WATCHDOG, 0, now)
+    write(world, 0, 1, reg.axis_register(2, reg.DAC), 0x8000_0000 | round(0.2 * 5242.88 + 32788), now)
+    write(world, 0, 1, reg.STATUS, 0x000C0F0F, now)
     world.advance(now + 59 * MS)
     assert not rails.currents[-1].any()
     world.advance(now + 65 * MS)
     assert rails.currents[-1] == pytest.approx([0, 0, 0, rails.currents[-1][3], 0.2, 0, 0], abs=2e-4)
-    block = _block(world, 0, 1, now + 66 * MS)
+    block = real_time(world, 0, 1, now + 66 * MS)
     assert (block[blocks.ADC][2] & 0xFFFF) / 5242.88 - 6.25 == pytest.approx(0.2, abs=2e-4)
     world.advance(now + 66 * MS)
-    _write(world, 0, 1, reg.STATUS, reg.CONTROL_AMPS_OFF, now + 66 * MS)
+    write(world, 0, 1, reg.STATUS, reg.CONTROL_AMPS_OFF, now + 66 * MS)
     world.advance(now + 68 * MS)
     assert not rails.currents[-1].any()
 
 
 def test_current_far_from_its_command_trips_the_boards_check() -> None:
-    system = _system()
+    system = two_buses()
     first, *others = system.ios[0].robots[0].actuators  # board 9, axis 0: measures half as much again
     wrong = dataclasses.replace(first, bits_to_current=Linear(1 / 5242.88 / 1.5, -6.25 / 1.5))
     robot = dataclasses.replace(system.ios[0].robots[0], actuators=(wrong, *others))
@@ -144,12 +80,12 @@ def test_current_far_from_its_command_trips_the_boards_check() -> None:
     rails = Rails(7)
     world = Emulation(dataclasses.replace(system, ios=(io, system.ios[1])), rails, START)
     power = world.buses[0].power
-    _write(world, 0, 0, reg.WATCHDOG, 0, START)
-    _write(world, 0, 0, reg.STATUS, 0x000C0F0F, START)
+    write(world, 0, 0, reg.WATCHDOG, 0, START)
+    write(world, 0, 0, reg.STATUS, 0x000C0F0F, START)
     world.advance(START + 70 * MS)
     for amps in (1.5, 0.0, 1.5):  # the pause starts the 50 ms anew
         at = world.board_ns
-        _write(world, 0, 0, reg.axis_register(0, reg.DAC), 0x8000_0000 | round(amps * 5242.88 + 32768), at)
+        write(world, 0, 0, reg.axis_register(0, reg.DAC), 0x8000_0000 | round(amps * 5242.88 + 32768), at)
         world.advance(at + 49 * MS)
         assert not power.safety.any()
     world.advance(at + 60 * MS)
@@ -160,10 +96,10 @@ def test_current_far_from_its_command_trips_the_boards_check() -> None:
 def test_watchdog_expires_by_arrival_times_whenever_polled() -> None:
     cut = []
     for stride in (1, 5, 90):
-        world = Emulation(_system(), Rails(7), START)
-        _write(world, 0, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
+        world = Emulation(two_buses(), Rails(7), START)
+        write(world, 0, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
         for k in range(1, 20):
-            _write(world, 0, wire.BROADCAST, reg.DIGITAL_OUTPUT, 0, START + k * 4 * MS)
+            write(world, 0, wire.BROADCAST, reg.DIGITAL_OUTPUT, 0, START + k * 4 * MS)
         for k in range(0, 200, stride):
             world.advance(START + (76 + k) * MS)
         power = world.buses[0].power
@@ -172,45 +108,8 @@ def test_watchdog_expires_by_arrival_times_whenever_polled() -> None:
     assert cut[0][0] == cut[0][1] == ticks_of(76 * MS) + 0x1680 * 256 + 1
 
 
-def test_buttons_have_their_released_level_until_pressed() -> None:
-    world = Emulation(_system(), Rails(7), START)
-
-    def level(node: int, bit: int) -> int:
-        return int(_block(world, 0, node, START + 1)[blocks.DIGITAL_INPUT]) >> bit & 1
-
-    assert (level(0, 4), level(1, 0), level(0, 5)) == (0, 1, 1)
-    world.press("clutch", True)
-    world.press("limit", True)
-    assert (level(0, 4), level(1, 0)) == (1, 0)
-    world.press("clutch", False)
-    assert level(0, 4) == 0
-    with pytest.raises(KeyError, match="clutch, limit"):
-        world.press("camera", True)
-
-
-def test_faults_reach_the_robot_they_are_meant_for() -> None:
-    world = Emulation(_system(), Rails(7), START)
-    _write(world, 0, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
-    _write(world, 1, wire.BROADCAST, reg.STATUS, 0x000C0F0F, START + 500)
-    for bus in (0, 1):
-        for node in (0, 1)[: 2 - bus]:
-            _write(world, bus, node, reg.WATCHDOG, 0, START + 600)
-    world.advance(START + 70 * MS)
-    now = START + 70 * MS + 1
-    world.fail_amplifier("PSM1", 4, True)  # board 3, axis 2
-    assert _block(world, 0, 1, now)[blocks.STATUS] & 0xF00 == 0xB00
-    world.lose_supply("PSM1", True)
-    assert [int(_block(world, 0, node, now)[blocks.STATUS]) & 0x8F00 for node in (0, 1)] == [0x8000, 0x8000]
-    assert _block(world, 1, 0, now)[blocks.STATUS] & 0x8F00 == 0x0F00
-    before = int(_block(world, 1, 0, now)[blocks.POSITION][1])
-    world.jump_encoder("ECM", 1, 250)
-    assert int(_block(world, 1, 0, now)[blocks.POSITION][1]) - before == 250
-    with pytest.raises(KeyError, match="allowed: 0 to 1"):
-        world.jump_encoder("ECM", 2, 1)
-
-
 def test_lost_replies_are_executed_and_not_sent() -> None:
-    world = Emulation(_system(), Rails(7), START)
+    world = Emulation(two_buses(), Rails(7), START)
     world.lose = 2
     answers = [world.answer(0, wire.quadlet_read(0, 0, 1, 1), START + k) for k in range(3)]
     assert [answer is None for answer in answers] == [True, True, False]
@@ -218,7 +117,7 @@ def test_lost_replies_are_executed_and_not_sent() -> None:
 
 def test_after_a_long_stop_the_robots_have_stood_still() -> None:
     rails = Rails(7)
-    world = Emulation(_system(), rails, START)
+    world = Emulation(two_buses(), rails, START)
     rails.velocity[:] = 0.1
     world.advance(START + 10 * MS)
     steps = len(rails.currents)
@@ -231,16 +130,16 @@ def test_after_a_long_stop_the_robots_have_stood_still() -> None:
 def test_potentiometer_noise_follows_the_seed() -> None:
     words = []
     for _ in range(2):
-        world = Emulation(_system(noise=0.01), Rails(7), START)
+        world = Emulation(two_buses(noise=0.01), Rails(7), START)
         world.advance(START + 5 * MS)
-        words.append(_block(world, 0, 0, START + 5 * MS)[blocks.ADC].tolist())
-    quiet = Emulation(_system(), Rails(7), START)
+        words.append(real_time(world, 0, 0, START + 5 * MS)[blocks.ADC].tolist())
+    quiet = Emulation(two_buses(), Rails(7), START)
     quiet.advance(START + 5 * MS)
-    assert words[0] == words[1] != _block(quiet, 0, 0, START + 5 * MS)[blocks.ADC].tolist()
+    assert words[0] == words[1] != real_time(quiet, 0, 0, START + 5 * MS)[blocks.ADC].tolist()
 
 
 def test_robots_on_boards_that_are_not_there_are_refused() -> None:
-    system = _system()
+    system = two_buses()
     assert system.emulation is not None
     with pytest.raises(ValueError, match="PSM1: board 3 is not on the emulated bus of IO1; it has 9"):
         Wiring(system, EmulationRow(1e-3, (Bus("IO1", "127.0.0.1", (Controller(9),)),)))
