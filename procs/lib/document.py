@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import types
-import typing
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
+
+from procs.lib.decoding import decode
 
 Matrix = tuple[tuple[float, ...], ...]
 T = TypeVar("T")
@@ -273,7 +273,8 @@ class Controller:
     hardware: str = "QLA1"  # QLA1, DQLA or dRA1
     firmware: int = 8
     fpga: str = "V2"
-    serial: str = ""
+    serial: str = ""  # dddd-dd, in the PROMs of the boards; empty: none was ever written
+    robot_serial: str = ""  # of the Si arm around a dRA1
     qla: str = "1.4"  # of a QLA1 or DQLA; from 1.5 on with I/O expander: voltage mode, safety line
     quirks: Quirks = Quirks()
 
@@ -304,7 +305,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Emulation:
-    """Everything the `boards` process stands in for."""
+    """Everything the `boards` process stands in for; `System.emulated` gives the robots on it."""
 
     period_s: float
     buses: tuple[Bus, ...]
@@ -312,6 +313,9 @@ class Emulation:
     pot_noise_v: float = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     likenesses: tuple[Likeness, ...] = ()
+    # Where the IO files have more on these buses than the system's own processes drive: all there is.
+    ios: tuple[Io, ...] = ()
+    arms: tuple[Arm, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,6 +361,12 @@ class System:
         """The process row `name`; KeyError when there is none."""
         return _named(self.processes, name)
 
+    def emulated(self) -> System:
+        """The system as its emulated boards see it: every robot and input on them, driven by a process or not."""
+        if self.emulation is None or not self.emulation.ios:
+            return self
+        return dataclasses.replace(self, ios=self.emulation.ios, arms=self.emulation.arms)
+
 
 def _named(rows: tuple[T, ...], name: str) -> T:
     for row in rows:
@@ -373,23 +383,6 @@ def to_json(system: System) -> bytes:
 def from_json(data: bytes) -> System:
     """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
     try:
-        return typing.cast(System, _decode(System, json.loads(data)))
+        return decode(System, json.loads(data))
     except (ValueError, TypeError, KeyError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
-
-
-def _decode(kind: Any, value: Any) -> Any:
-    if dataclasses.is_dataclass(kind):
-        hints = typing.get_type_hints(kind)
-        return kind(**{key: _decode(hints[key], item) for key, item in value.items()})  # type: ignore[operator]  # a dataclass type is callable
-    origin = typing.get_origin(kind)
-    arguments = typing.get_args(kind)
-    if origin in (types.UnionType, typing.Union):
-        if value is None:
-            return None
-        return _decode(next(a for a in arguments if a is not types.NoneType), value)
-    if origin is tuple:
-        if len(arguments) == 2 and arguments[1] is Ellipsis:
-            return tuple(_decode(arguments[0], item) for item in value)
-        return tuple(_decode(a, item) for a, item in zip(arguments, value, strict=True))
-    return kind(value)
