@@ -11,6 +11,7 @@ import struct
 
 from procs.boards.collection import Collection
 from procs.boards.dallas import Dallas
+from procs.boards.models import Model
 from procs.boards.network import Network
 from procs.boards.outputs import Outputs
 from procs.boards.prom import FpgaProm, QlaProm, SerialOnly
@@ -24,17 +25,32 @@ _CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from 
 class Board:
     """Identity, network, PROMs, instrument, digital outputs and data collection of one board."""
 
-    def __init__(self, node: int, firmware: int, serial: str, *, fpga: int = 2, board_id: int = 0) -> None:
-        """As after power-up at tick 0; `serial` is the board's number (dddd-dd), shown by FPGA and QLA PROM alike."""
-        self.firmware = firmware
-        self.show_watchdog = 0
-        self.network = Network(fpga, firmware, board_id, node)
-        self.fpga_prom = SerialOnly(serial) if fpga == 3 else FpgaProm(serial)
-        self.qla_prom = QlaProm(serial)
-        self.dallas = Dallas(firmware)
-        self.collection = Collection(firmware)
-        self.digital = Outputs()
+    def __init__(self, model: Model) -> None:
+        """As after power-up at tick 0; the serial number (dddd-dd) is shown by FPGA and QLA PROM alike."""
+        self.model, self.firmware = model, model.firmware
+        self.fpga_prom = SerialOnly(model.serial) if model.fpga == 3 else FpgaProm(model.serial)
+        self.qla_prom = QlaProm(model.serial)
+        self.dallas = Dallas(self.firmware)
         self._now = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        model = self.model
+        self.show_watchdog = 0
+        self.network = Network(model.fpga, model.firmware, model.board_id, model.node)
+        self.collection = Collection(model.firmware)
+        self.digital = Outputs(max(model.hardware.outputs, 1), longest_holds=model.quirks.longest_pwm_holds,
+                               playing_hides_table=model.quirks.playing_hides_table)
+        self._scratch = 0x2000  # Rev 7
+
+    def power_up(self, tick: int) -> None:
+        """The FPGA is configured anew: the memories and an instrument stay."""
+        self._time(tick)
+        instrument = self.dallas.memory
+        self.dallas = Dallas(self.firmware)
+        if instrument is not None:
+            self.dallas.insert(instrument, tick)
+        self._begin()
 
     @property
     def outputs(self) -> int:
@@ -63,6 +79,8 @@ class Board:
             self.fpga_prom.command(value, now)
         elif address == reg.DALLAS:
             self.dallas.write(value, now)
+        elif address == reg.GIT_DESCRIPTION:
+            self._scratch = value
         else:
             self.network.write(address, value, now, relayed)
 
@@ -98,9 +116,11 @@ class Board:
 
     def _register(self, address: int, now: int) -> int:
         if address == reg.HARDWARE_ID:
-            return reg.QLA1
+            return self.model.hardware.identity
         if address == reg.FIRMWARE:
             return self.firmware
+        if address == reg.GIT_DESCRIPTION:
+            return self._scratch if self.firmware == 7 else 0  # 0: a release
         if address == reg.DIGITAL_OUTPUT:
             return self.digital.read(now)
         if address == reg.PROM_COMMAND:

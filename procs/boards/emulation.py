@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.firmware import Firmware
+from procs.boards.bus import GROUP, Bus
 from procs.boards.lines import Lines
 from procs.boards.power import CURRENT_EXCESS
 from procs.boards.wiring import Wiring
@@ -57,13 +57,14 @@ class Emulation:
         if system.emulation is None:
             raise ValueError(f"{system.name}: no emulated boards in this system")
         self.wiring = wiring = Wiring(system, system.emulation)
-        self.lines = Lines.of(len(wiring.rows))
+        self.lines = Lines.of(len(wiring.rows), wiring.width)
         self.lines.inputs[:] = wiring.released()
-        self.buses: list[Firmware] = []
+        self.buses: list[Bus] = []
         self._firsts: list[int] = []  # first row of each bus
-        for bus in system.emulation.buses:
-            self._firsts.append(sum(fw.count for fw in self.buses))
-            self.buses.append(Firmware(bus.controllers, self.lines.part(self._firsts[-1], len(bus.controllers))))
+        for described in system.emulation.buses:
+            self._firsts.append(sum(made.count for made in self.buses))
+            part = self.lines.part(self._firsts[-1], len(described.controllers))
+            self.buses.append(Bus(described.controllers, part, network=described.network))
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.lose = 0  # replies to leave out
@@ -79,8 +80,8 @@ class Emulation:
         self._dac, self._on, self._adc = (a.reshape(-1) for a in (self.lines.dac, self.lines.on, self.lines.adc))
         self._at_slots(len(self._dac))
         self._cut = tuple(self._cuts())
-        for firmware, cut in self._cut:
-            firmware.encoders.place(self._now[0, cut])
+        for bus, cut in self._cut:
+            bus.encoders.place(self._now[0, cut])
         self._step()
 
     def _at_slots(self, count: int) -> None:
@@ -124,18 +125,22 @@ class Emulation:
         np.multiply(now, self._counts[0], now)
         np.add(now, self._counts[1], now)
 
-    def _cuts(self) -> list[tuple[Firmware, slice]]:
-        return [(bus, slice(4 * first, 4 * (first + bus.count)))
+    def _cuts(self) -> list[tuple[Bus, slice]]:
+        width = self.wiring.width
+        return [(bus, slice(width * first, width * (first + bus.count)))
                 for bus, first in zip(self.buses, self._firsts, strict=True)]
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
-    def answer(self, bus: int, data: wire.Buffer, receive_ns: int) -> wire.Buffer | None:
-        """The reply of a bus to a datagram that arrived at `receive_ns`; None when there is none."""
+    def answer(self, bus: int, data: wire.Buffer, receive_ns: int, to: int = GROUP) -> wire.Buffer | None:
+        """The reply of a bus to a datagram that arrived at `receive_ns`; None when there is none.
+
+        `to` is the board whose own address it was sent to; GROUP: the bus's.
+        """
         tick = ticks_of(receive_ns - self.epoch_ns)
         if tick >= self._next:
             self._until(tick)
-        reply = self.buses[bus].answer(data, tick)
+        reply = self.buses[bus].answer(data, tick, to)
         if reply is not None and self.lose > 0:
             self.lose -= 1
             return None

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.emulation import Emulation
-from procs.boards.firmware import Firmware
+from procs.boards.bus import Bus
 from procs.boards.plant import Plant
 
 
@@ -63,7 +63,7 @@ class Incidents:
             raise KeyError(f"{robot}: no such robot; there are {', '.join(self._wiring.robots)}")
         return len(self._wiring.slots[cut])
 
-    def _place(self, robot: str, axis: int) -> tuple[Firmware, int, int]:
+    def _place(self, robot: str, axis: int) -> tuple[Bus, int, int]:
         """Where an actuator hangs: bus, row and axis there."""
         count = self._actuators(robot)
         if not 0 <= axis < count:

@@ -14,7 +14,7 @@ INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Boards write `dac` and `on`, the world writes `adc` and `inputs`; (boards, 4) and (boards,)."""
+    """Boards write `dac` and `on`, the world writes `adc` and `inputs`; (boards, width) and (boards,)."""
 
     dac: npt.NDArray[np.uint32]  # commanded motor current, offset binary
     on: npt.NDArray[np.bool_]  # amplifier output stage is on
@@ -22,10 +22,11 @@ class Lines:
     inputs: npt.NDArray[np.uint32]  # negative limits 11:8, positive limits 7:4, home 3:0
 
     @classmethod
-    def of(cls, boards: int) -> Lines:
-        """Lines of so many boards, nothing connected."""
-        return cls(np.full((boards, 4), reg.CURRENT_ZERO, dtype=np.uint32), np.zeros((boards, 4), dtype=np.bool_),
-                   np.full((boards, 4), reg.CURRENT_ZERO, dtype=np.uint32),
+    def of(cls, boards: int, width: int = reg.AXES) -> Lines:
+        """Lines of so many boards with `width` axes, nothing connected."""
+        shape = (boards, width)
+        return cls(np.full(shape, reg.CURRENT_ZERO, dtype=np.uint32), np.zeros(shape, dtype=np.bool_),
+                   np.full(shape, reg.CURRENT_ZERO, dtype=np.uint32),
                    np.full(boards, INPUTS_OPEN, dtype=np.uint32))
 
     def part(self, first: int, count: int) -> Lines:

@@ -23,6 +23,10 @@ class FirewirePhy:
         # node; gap count; extended register set, two ports; 400 Mbit/s; link active
         self._values[:5] = bytes((node << 2, reg.GAP_DEFAULT, 0xE2, 0x40, 0x80))
 
+    def bus_reset(self, node: int) -> None:
+        """A bus reset gave it this node number."""
+        self._values[0] = node << 2
+
     def request(self, value: int) -> None:
         """Write of 0x01: read a register (answered in `response`) or write one."""
         self.requested = value & 0xFFFF

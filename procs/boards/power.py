@@ -34,7 +34,7 @@ class Power:
     def __init__(self, ids: npt.ArrayLike, on: Flags) -> None:
         """Everything off as after power-up at tick 0; `on` (boards, 4) is where the amplifier feedback is kept."""
         self.ids = np.asarray(ids, dtype=np.int64)
-        n = len(self.ids)
+        n, width = on.shape
         self.on = on
         self.on[...] = False
         self.wanted = np.zeros(n, dtype=np.bool_)
@@ -46,18 +46,19 @@ class Power:
         self.refreshed = np.zeros(n, dtype=np.int64)  # tick of the last register write
         self.watchdog_tick = np.full(n, -1, dtype=np.int64)  # when it last fired, -1: never
         self.cut_tick = np.full(n, -1, dtype=np.int64)  # when amplifiers last went off, -1: never
-        self.enabled = np.zeros((n, 4), dtype=np.bool_)
-        self.safety = np.zeros((n, 4), dtype=np.bool_)
-        self.amp_fault = np.zeros((n, 4), dtype=np.bool_)
+        self.enabled = np.zeros((n, width), dtype=np.bool_)
+        self.safety = np.zeros((n, width), dtype=np.bool_)
+        self.amp_fault = np.zeros((n, width), dtype=np.bool_)
         self.status: Quads = np.zeros(n, dtype=np.uint32)
-        self.motor_flags: Quads = np.zeros((n, 4), dtype=np.uint32)  # motor status without the last command
+        self.motor_flags: Quads = np.zeros((n, width), dtype=np.uint32)  # motor status without the last command
         self.changes = 0  # counts changes of `status` and `motor_flags`
         self.next_event = 0  # nothing happens by itself before this tick
         self._relay_at = np.full(n, NEVER, dtype=np.int64)
         self._good_at = np.full(n, NEVER, dtype=np.int64)
-        self._over_since = np.full((n, 4), NEVER, dtype=np.int64)
-        self._trip_at = np.full((n, 4), NEVER, dtype=np.int64)
-        self._bits = 1 << np.arange(4, dtype=np.int64)
+        self._over_since = np.full((n, width), NEVER, dtype=np.int64)
+        self._trip_at = np.full((n, width), NEVER, dtype=np.int64)
+        self._bits = 1 << np.arange(width, dtype=np.int64)
+        self._shifts = np.arange(width, dtype=np.uint32)
         self._event(0)
 
     # -- time ----------------------------------------------------------------------------------------------------------
@@ -156,8 +157,9 @@ class Power:
         relay = np.where((words & reg.CONTROL_RELAY_MASK) != 0, (words >> 16 & 1) != 0, self.relay)
         self._relay_at[relay != self.relay] = tick + RELAY_TRAVEL
         self.relay = relay
-        bits = np.asarray(words)[:, None] >> np.arange(4, dtype=np.uint32)
-        self._enable((bits >> 8 & 1) != 0, (bits & 1) != 0)
+        bits = np.asarray(words)[:, None] >> self._shifts
+        first = self._shifts < reg.AXES  # no hardware has more of them in its control word
+        self._enable(((bits >> 8 & 1) != 0) & first, (bits & 1) != 0)
         self._settle(tick)
 
     def _switch_power(self, mask: Flags, value: Flags, tick: int) -> None:
@@ -177,6 +179,14 @@ class Power:
         self._over_since[row] = self._trip_at[row] = NEVER
         self.watchdog_counts[row] = reg.WATCHDOG_POWER_UP
         self.refreshed[row] = tick
+        self._settle(tick)
+
+    def cut(self, row: int, tick: int) -> None:
+        """Board `row` is without power: nothing is on."""
+        self.wanted[row] = self.relay[row] = False
+        self.enabled[row] = False
+        self._relay_at[row] = tick + RELAY_TRAVEL
+        self._good_at[row] = NEVER
         self._settle(tick)
 
     # -- what happens to the boards ------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 The host turns bits into SI values with the numbers of the site's files; here the same numbers turn SI values into the
 bits that the host must see. Boards are rows: bus after bus, ascending board id within a bus; an actuator's slot is
-4 · row + axis.
+width · row + axis, the width being what the largest controller of the system needs.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.lines import INPUTS_OPEN
+from procs.boards.models import models_of, width_of
 from procs.lib.document import Actuator, Emulation, Linear, System
 
 Floats = npt.NDArray[np.float64]
@@ -63,6 +64,7 @@ class Wiring:
     def __init__(self, system: System, emulation: Emulation) -> None:
         """ValueError when a robot or an input names a board that its bus does not have."""
         self.rows = rows_of(emulation)
+        self.width = width = max(width_of(models_of(bus.controllers)) for bus in emulation.buses)
         actuators: list[Actuator] = []
         slots: list[int] = []
         self.robots: dict[str, slice] = {}
@@ -70,7 +72,7 @@ class Wiring:
             for robot in io.robots:
                 self.robots[robot.name] = slice(len(slots), len(slots) + len(robot.actuators))
                 actuators += robot.actuators
-                slots += [4 * self._row(io.name, a.board_id, robot.name) + a.axis_id for a in robot.actuators]
+                slots += [width * self._row(io.name, a.board_id, robot.name) + a.axis_id for a in robot.actuators]
         self.slots: Ints = np.array(slots, dtype=np.intp)
         none = Linear()
         pots = [(a.potentiometer.bits_to_voltage, a.potentiometer.voltage_to_position) if a.potentiometer
@@ -103,4 +105,4 @@ class Wiring:
 
     def boards_of(self, robot: str) -> list[int]:
         """Rows of the boards a robot hangs on."""
-        return sorted({int(slot) // 4 for slot in self.slots[self.robots[robot]]})
+        return sorted({int(slot) // self.width for slot in self.slots[self.robots[robot]]})

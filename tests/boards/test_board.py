@@ -10,10 +10,17 @@ from hypothesis import strategies as st
 
 from procs.boards.board import Board
 from procs.boards.dallas import instrument_memory
+from procs.boards.models import Model
 from procs.boards.outputs import PLAY
 from procs.lib import registers as reg
+from procs.lib.document import Controller
 
 MS = 49152
+
+
+def made(node: int, firmware: int, serial: str, *, fpga: int = 2, board_id: int = 0) -> Board:
+    """A QLA1 controller."""
+    return Board(Model.of(node, Controller(board_id, "QLA1", firmware, f"V{fpga}", serial)))
 
 
 def quads(board: Board, address: int, count: int, tick: int) -> list[int]:
@@ -25,7 +32,7 @@ def fill(board: Board, address: int, *values: int, tick: int = 0) -> None:
 
 
 def test_identity_and_network_are_told() -> None:
-    board = Board(3, 9, "", fpga=3, board_id=7)
+    board = made(3, 9, "", fpga=3, board_id=7)
     assert (board.read(reg.HARDWARE_ID, 0), board.read(reg.FIRMWARE, 0)) == (reg.QLA1, 9)
     assert reg.fpga_of(board.read(reg.ETHERNET, 0)) == 3
     board.write(reg.IP_ADDRESS, 0x0100_007F, 0)
@@ -39,7 +46,7 @@ def test_identity_and_network_are_told() -> None:
 
 
 def test_relayed_writes_alone_reach_the_chip_of_v2() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     board.write(reg.ETHERNET, 0x01C0_0000, 0, relayed=False)
     assert board.read(reg.ETHERNET, 0) == 0xA01C_0000
     board.write(reg.ETHERNET, 0x01C0_0000, 0)
@@ -48,7 +55,7 @@ def test_relayed_writes_alone_reach_the_chip_of_v2() -> None:
 
 @pytest.mark.parametrize("fpga", [2, 3])
 def test_fpga_prom_is_at_its_registers_and_buffer(fpga: int) -> None:
-    board = Board(0, 8, "1234-56", fpga=fpga)
+    board = made(0, 8, "1234-56", fpga=fpga)
     board.write(reg.PROM_COMMAND, 0x031F_FF00, 0)
     assert bool(board.read(reg.PROM_COMMAND, 1000)) == (fpga == 2)
     assert board.read(reg.PROM_COMMAND, MS) == 0
@@ -58,7 +65,7 @@ def test_fpga_prom_is_at_its_registers_and_buffer(fpga: int) -> None:
 
 
 def test_page_is_programmed_by_a_block_write() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     board.write(reg.PROM_COMMAND, 0x0600_0000, 0)
     fill(board, reg.FPGA_PROM, 0x0200_0100, 0x0102_0304, tick=MS)
     board.write(reg.PROM_COMMAND, 0x0300_0100, 2 * MS)
@@ -68,7 +75,7 @@ def test_page_is_programmed_by_a_block_write() -> None:
 @pytest.mark.parametrize(("firmware", "channel", "heard"), [
     (8, 0, True), (8, 0x10, True), (7, 0, True), (7, 0x10, False)])
 def test_qla_prom_looks_at_channel_bits_on_rev_7_only(firmware: int, channel: int, heard: bool) -> None:
-    board = Board(0, firmware, "4711-08")
+    board = made(0, firmware, "4711-08")
     board.write(reg.QLA_PROM_COMMAND | channel, 0xFE00_0002, 0)
     assert (board.read(0x3001 | channel, 100), board.read(0x3002 | channel, 100)) == (2 if heard else 0, 0)
     assert board.read(0x3100 | channel, MS) == (int.from_bytes(b"QLA ", "big") if heard else 0)
@@ -79,7 +86,7 @@ def test_qla_prom_looks_at_channel_bits_on_rev_7_only(firmware: int, channel: in
 
 
 def test_qla_prom_buffer_is_filled_by_blocks_and_quadlets() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     fill(board, reg.QLA_PROM_BUFFER, 0x4142_4344, 0x4546_4748)
     board.write(reg.QLA_PROM_BUFFER + 1, 0x6162_6364, 0)
     board.write(reg.QLA_PROM_COMMAND, 0x0600_0000, 0)
@@ -91,7 +98,7 @@ def test_qla_prom_buffer_is_filled_by_blocks_and_quadlets() -> None:
 
 
 def test_instrument_is_read_through_its_register_and_buffer() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     memory = instrument_memory("PROGRASP_FORCEPS", 420093, 1)
     board.dallas.insert(memory, 0)
     board.write(reg.DALLAS, 0x0080_0002, 0)
@@ -101,7 +108,7 @@ def test_instrument_is_read_through_its_register_and_buffer() -> None:
 
 
 def test_digital_outputs_and_their_table_are_in_place() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     board.write(reg.DIGITAL_OUTPUT, 0x0F05, 0)
     assert (board.read(reg.DIGITAL_OUTPUT, 0), board.outputs) == (5, 5)
     fill(board, reg.WAVEFORM, 1 << 31 | 99 << 8 | 0xA, 1, 2)
@@ -114,14 +121,14 @@ def test_digital_outputs_and_their_table_are_in_place() -> None:
 
 
 def test_collected_data_and_their_status_are_in_place() -> None:
-    board = Board(0, 8, "")
+    board = made(0, 8, "")
     board.collection.command(2, reg.DAC_COLLECT | 0x1234, 5)
     assert quads(board, reg.DATA_BUFFER, 2, 6) == [5 << 16 | 0x1234, 0]
     assert board.read(reg.DATA_BUFFER_STATUS, 6) == 0x8800
 
 
 def test_without_a_tick_every_access_is_a_second_later() -> None:
-    board = Board(0, 8, "1234-56")
+    board = made(0, 8, "1234-56")
     board.write(reg.PROM_COMMAND, 0x031F_FF00)
     assert board.read(reg.PROM_COMMAND) == 0
     assert board.read_block(reg.FPGA_PROM, 4) == b"FPGA"
@@ -137,7 +144,7 @@ ADDRESSES = st.one_of(st.integers(0, 0xF), st.builds(lambda region, offset: regi
 @given(st.sampled_from(((7, 2), (8, 2), (8, 3), (9, 2), (9, 3))), st.lists(st.tuples(
     ADDRESSES, st.integers(0, 0xFFFF_FFFF), st.integers(0, 30), st.integers(0, 99 * MS)), max_size=30))
 def test_any_access_is_answered(kind: tuple[int, int], accesses: list[tuple[int, int, int, int]]) -> None:
-    board, tick = Board(62, kind[0], "", fpga=kind[1], board_id=15), 0
+    board, tick = made(62, kind[0], "", fpga=kind[1], board_id=15), 0
     for address, value, size, wait in accesses:
         tick += wait
         board.write(address, value, tick)

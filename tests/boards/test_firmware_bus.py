@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.firmware import Firmware
+from procs.boards.bus import Bus
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller
@@ -21,7 +21,7 @@ class Host:
     """Speaks to a bus on a clock that moves only when told."""
 
     def __init__(self, *ids: int, serial: str = "1234-56") -> None:
-        self.bus = Firmware(tuple(Controller(board, serial=serial) for board in ids))
+        self.bus = Bus(tuple(Controller(board, serial=serial) for board in ids))
         self.tick = 0
 
     def ask(self, request: bytes) -> wire.Response | None:
@@ -122,12 +122,15 @@ def test_unknown_addresses_read_zero_and_swallow_writes() -> None:
 def test_serial_numbers_lie_in_both_proms() -> None:
     host = Host(4, serial="4711-08")
     host.write(0, reg.PROM_COMMAND, 0x031FFF00)
+    assert host.read(0, reg.PROM_COMMAND)
+    host.tick += MS
     assert host.read(0, reg.PROM_COMMAND) == 0
     assert host.read(0, reg.PROM_RESULT) == 64
     assert host.block(0, reg.FPGA_PROM, 64).astype(">u4").tobytes().startswith(b"FPGA 4711-08\xff")
     text = b""
     for at in range(12):
         host.write(0, reg.QLA_PROM_COMMAND, 0x03000000 | at << 8)
+        host.tick += MS
         text += bytes([host.read(0, reg.QLA_PROM_RESULT) or 0])
     assert text == b"QLA 4711-08\0"
 
@@ -253,6 +256,9 @@ def test_reboot_gives_the_bus_a_new_generation() -> None:
     host.write(0, reg.axis_register(0, reg.DAC), 0x80009000)
     before = host.bus.generation
     host.write(0, reg.STATUS, reg.CONTROL_REBOOT)
+    assert host.read(1, reg.HARDWARE_ID) is None, "the hub is away, and all behind it"
+    host.tick += 1001 * MS
+    host.bus.step(host.tick)
     assert host.bus.generation == before + 1
     assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8000
 
@@ -264,7 +270,7 @@ def test_impossible_sets_of_boards_are_refused(ids: tuple[int, ...]) -> None:
 
 
 def test_captured_rev_8_requests_are_answered_in_kind(data: Callable[[str], Path]) -> None:
-    bus = Firmware((Controller(0), Controller(1)))
+    bus = Bus((Controller(0), Controller(1)))
     bus.generation = 3
     for name in ("d_r8_p0", "d_r8_p1", "d_r8_p2"):
         rows = [json.loads(line) for line in (data("golden/wire") / f"{name}.jsonl").read_text().splitlines()]

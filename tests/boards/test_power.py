@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procs.boards import bus as wired
 from procs.boards import power
-from procs.boards.firmware import Firmware
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller
@@ -19,7 +19,7 @@ class Bus:
     """Two boards, ids 0 and 1, and the tick of the next datagram."""
 
     def __init__(self, *, watchdog: int | None = 0) -> None:
-        self.bus = Firmware((Controller(0), Controller(1)))
+        self.bus = wired.Bus((Controller(0), Controller(1)))
         self.tick = 0
         if watchdog is not None:
             for node in (0, 1):

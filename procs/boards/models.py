@@ -1,0 +1,110 @@
+"""THE TABLE of controllers: what each kind of hardware has, and what follows from it and the firmware for the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.lib import blocks
+from procs.lib import registers as reg
+from procs.lib.document import Controller, Quirks
+
+HEAD, BLOCK = 0, 1  # columns of a canonical row: the hub header, then the real-time block
+SCALARS: Final = 4  # time stamp, status, digital inputs, temperatures
+KINDS: Final = 7  # ADC, position, period, quarter 1, quarter 5, running, motor status: `width` columns each
+_OF_MOTORS = (0, 6)  # kinds there are of every motor; the others are of every encoder
+
+
+@dataclass(frozen=True, slots=True)
+class Hardware:
+    """One kind of controller."""
+
+    name: str
+    identity: int  # register 0x04
+    motors: int
+    encoders: int
+    outputs: int
+    firmwares: tuple[int, ...]
+    fpgas: tuple[int, ...]
+
+
+HARDWARE: Final = {
+    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, (7, 8, 9), (2, 3)),
+    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, (8, 9), (3,)),
+    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, (8, 9), (3,)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One controller as it is built and configured; `node` is its place on the FireWire bus."""
+
+    board_id: int
+    node: int
+    hardware: Hardware
+    firmware: int
+    fpga: int
+    serial: str
+    expander: bool  # QLA from 1.5 on with Rev 8: voltage mode, safety line
+    quirks: Quirks
+
+    @classmethod
+    def of(cls, node: int, controller: Controller) -> Model:
+        """The model a controller of the document names; ValueError for one there never was."""
+        c, hardware = controller, HARDWARE.get(controller.hardware)
+        where = f"board {c.board_id}"
+        if hardware is None:
+            raise ValueError(f"{where}: hardware {c.hardware}; allowed: {', '.join(HARDWARE)}")
+        fpga = int(c.fpga.removeprefix("V"))
+        if c.firmware not in hardware.firmwares or fpga not in hardware.fpgas:
+            raise ValueError(f"{where}: {c.hardware} with firmware {c.firmware} on FPGA {c.fpga}; allowed: firmware "
+                             f"{', '.join(map(str, hardware.firmwares))}, FPGA "
+                             f"{', '.join(f'V{version}' for version in hardware.fpgas)}")
+        if not 0 <= c.board_id <= 15:
+            raise ValueError(f"{where}; allowed: 0 to 15")
+        expander = hardware.name != "dRA1" and c.firmware >= 8 and float(c.qla) >= 1.5
+        return cls(c.board_id, node, hardware, c.firmware, fpga, c.serial, expander, c.quirks)
+
+    @property
+    def layout(self) -> blocks.Layout:
+        """Header fields of the firmware."""
+        return blocks.layout_of(self.firmware)
+
+    @property
+    def read_quads(self) -> int:
+        """Quadlets of a real-time block."""
+        return blocks.read_quads(self.firmware, self.hardware.motors, self.hardware.encoders)
+
+    @property
+    def write_quads(self) -> int:
+        """Quadlets of this board's part of a real-time write."""
+        return self.hardware.motors + (1 if self.firmware == 7 else 2)
+
+    def columns(self, width: int) -> npt.NDArray[np.intp]:
+        """Where the quadlets of a hub block (header first) lie in a canonical row for `width` axes."""
+        places = list(range(BLOCK + SCALARS))
+        for kind in range(KINDS):
+            if kind == KINDS - 1 and self.firmware == 7:
+                continue
+            count = self.hardware.motors if kind in _OF_MOTORS else self.hardware.encoders
+            first = BLOCK + SCALARS + kind * width
+            places += range(first, first + count)
+        return np.array(places, dtype=np.intp)
+
+
+def models_of(controllers: tuple[Controller, ...]) -> tuple[Model, ...]:
+    """Models by ascending board id; ValueError for none, two with one id, or one there never was."""
+    ids = [c.board_id for c in controllers]
+    if not ids or len(set(ids)) != len(ids):
+        raise ValueError(f"boards {sorted(ids)}; allowed: at least one, each with its own id from 0 to 15")
+    models = [Model.of(node, controller) for node, controller in enumerate(controllers)]
+    return tuple(sorted(models, key=lambda model: model.board_id))
+
+
+def width_of(models: Sequence[Model]) -> int:
+    """Columns for axes that arrays over these boards need."""
+    return max(max(model.hardware.motors, model.hardware.encoders) for model in models)
