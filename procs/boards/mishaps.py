@@ -1,0 +1,137 @@
+"""What happens to single datagrams on their way: requests that get lost, replies that are lost, late, doubled or wrong.
+
+It lies between the boards, which have answered, and the sockets. Chance comes from a seed and from a generator for each
+bus, so that what happens to a bus does not depend on the others; time is what the caller says it is.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from procs.lib.wire import DROPPED, TRAILER_BYTES, Buffer
+
+NEVER = 1 << 62
+LOST, LATE, DUPLICATED, DROPPED_REPLY, WRONG_LABEL = KINDS = ("lost", "late", "duplicated", "dropped", "wrong_label")
+_LABEL_SHIFT, _LABEL_MASK = 10, 0x3F  # transaction label in the first quadlet
+_QUAD = struct.Struct(">I")
+
+Leaving = list[tuple[Buffer, object]]
+
+
+@dataclass(slots=True)
+class Mishap:
+    """One kind on one bus: the next `count` replies, and from then on each with probability `rate`."""
+
+    count: int = 0
+    rate: float = 0.0
+    delay_ns: int = 0  # of late ones
+
+    def strikes(self, chance: Callable[[], float]) -> bool:
+        """Whether this reply is hit."""
+        if self.count > 0:
+            self.count -= 1
+            return True
+        return self.rate > 0.0 and chance() < self.rate
+
+
+class Mishaps:
+    """Of all buses. While `active` is False nothing needs to be asked."""
+
+    def __init__(self, buses: int, seed: int = 1) -> None:
+        """All goes well."""
+        self.active = False
+        self.next_ns = NEVER  # when a late reply is due
+        self._kinds = [{kind: Mishap() for kind in KINDS} for _ in range(buses)]
+        self._loss = [0.0] * buses  # of datagrams, either way
+        self._chance = [random.Random(f"{seed}/{bus}").random for bus in range(buses)]
+        self._kept: list[tuple[int, int, int, bytes, object]] = []  # due, order, bus, reply, sender
+        self._order = 0
+
+    # -- datagrams -----------------------------------------------------------------------------------------------------
+
+    def arrives(self, bus: int) -> bool:
+        """Whether a request reaches the boards."""
+        loss = self._loss[bus]
+        return not (loss > 0.0 and self._chance[bus]() < loss)
+
+    def leave(self, bus: int, reply: Buffer, sender: object, now_ns: int) -> Leaving:
+        """What is sent now for a reply; a late one comes out of `due`, as a copy."""
+        chance, kinds = self._chance[bus], self._kinds[bus]
+        hit = kinds[LOST].strikes(chance) or (self._loss[bus] > 0.0 and chance() < self._loss[bus])
+        if not hit:
+            if kinds[DROPPED_REPLY].strikes(chance):
+                reply = _dropped(reply)
+            elif kinds[WRONG_LABEL].strikes(chance):
+                reply = _relabelled(reply)
+        copies = 0 if hit else 2 if kinds[DUPLICATED].strikes(chance) else 1
+        late = kinds[LATE]
+        if copies and late.strikes(chance):
+            for _ in range(copies):
+                heapq.heappush(self._kept, (now_ns + late.delay_ns, self._order, bus, bytes(reply), sender))
+                self._order += 1
+            copies = 0
+        self._look()
+        return [(reply, sender)] * copies
+
+    def due(self, now_ns: int) -> list[tuple[int, bytes, object]]:
+        """Late replies (bus, reply, sender) whose time has come, in the order they are due."""
+        leaving = []
+        while self._kept and self._kept[0][0] <= now_ns:
+            _, _, bus, reply, sender = heapq.heappop(self._kept)
+            leaving.append((bus, reply, sender))
+        self._look()
+        return leaving
+
+    def _look(self) -> None:
+        self.next_ns = self._kept[0][0] if self._kept else NEVER
+        self.active = bool(self._kept) or any(self._loss) or any(
+            mishap.count or mishap.rate for kinds in self._kinds for mishap in kinds.values())
+
+    # -- what is to happen ---------------------------------------------------------------------------------------------
+
+    def strike(self, kind: str, count: int, buses: range, delay_ns: int = 0) -> None:
+        """Let it happen to the next `count` replies of each of these buses; 0: to none."""
+        for bus in buses:
+            mishap = self._kinds[bus][kind]
+            mishap.count, mishap.delay_ns = count, delay_ns
+        self._look()
+
+    def strike_often(self, kind: str, rate: float, buses: range, delay_ns: int = 0) -> None:
+        """Let it happen to every reply with this probability, until changed."""
+        for bus in buses:
+            mishap = self._kinds[bus][kind]
+            mishap.rate, mishap.delay_ns = rate, delay_ns
+        self._look()
+
+    def lose_packets(self, rate: float, buses: range) -> None:
+        """Lose requests and replies with this probability, until changed."""
+        for bus in buses:
+            self._loss[bus] = rate
+        self._look()
+
+    def end(self) -> None:
+        """All goes well again; what is kept still leaves when it is due."""
+        for kind in KINDS:
+            self.strike(kind, 0, range(len(self._kinds)))
+            self.strike_often(kind, 0.0, range(len(self._kinds)))
+        self.lose_packets(0.0, range(len(self._loss)))
+
+
+def _dropped(reply: Buffer) -> bytes:
+    """What a board sends for a request it dropped: its trailer, which says so."""
+    trailer = bytearray(reply[-TRAILER_BYTES:])
+    trailer[0] |= DROPPED
+    return bytes(trailer)
+
+
+def _relabelled(reply: Buffer) -> bytes:
+    """The same with the next transaction label; the trailer alone has none."""
+    if len(reply) <= TRAILER_BYTES:
+        return bytes(reply)
+    first = _QUAD.unpack_from(reply)[0]
+    label = (first >> _LABEL_SHIFT) + 1 & _LABEL_MASK
+    return _QUAD.pack(first & ~(_LABEL_MASK << _LABEL_SHIFT) | label << _LABEL_SHIFT) + bytes(reply[_QUAD.size :])

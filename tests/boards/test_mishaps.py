@@ -1,0 +1,182 @@
+"""Requests and replies that go astray between the boards and a host."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.boards.emulation import Emulation
+from procs.boards.mishaps import KINDS, NEVER, Mishaps
+from procs.lib import registers as reg
+from procs.lib import wire
+from tests.boards.rails import MS, START, Rails, two_buses
+
+BOTH = range(2)
+
+
+class Host:
+    """Asks the boards of two buses for their status and takes what comes, label by label."""
+
+    def __init__(self, seed: int = 1) -> None:
+        self.world = Emulation(two_buses(), Rails(7), START)
+        self.mishaps = Mishaps(2, seed)
+        self.now, self.label = START, 0
+
+    def ask(self, bus: int = 0) -> list[bytes]:
+        """What arrives at once."""
+        self.now += MS // 10
+        self.label = self.label + 1 & 63
+        if not self.mishaps.arrives(bus):
+            return []
+        reply = self.world.answer(bus, wire.quadlet_read(0, reg.STATUS, self.label, 1), self.now)
+        assert reply is not None
+        return [bytes(data) for data, _ in self.mishaps.leave(bus, reply, "host", self.now)]
+
+    def good(self, replies: list[bytes]) -> bool:
+        """One reply, with the label of the question."""
+        if len(replies) != 1:
+            return False
+        response = wire.decode_response(replies[0])
+        return isinstance(response, wire.Response) and response.tl == self.label
+
+
+def test_nothing_happens_until_it_is_asked_for() -> None:
+    host = Host()
+    assert not host.mishaps.active
+    assert all(host.good(host.ask(bus)) for bus in BOTH)
+    assert (host.mishaps.active, host.mishaps.next_ns) == (False, NEVER)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_the_next_replies_of_that_bus_are_hit(kind: str) -> None:
+    host = Host()
+    host.mishaps.strike(kind, 2, range(1), 5 * MS)
+    assert host.mishaps.active
+    assert [host.good(host.ask(bus)) for bus in (1, 0, 0, 0)] == [True, False, False, True]
+    host.mishaps.due(host.now + 5 * MS)
+    assert not host.mishaps.active
+
+
+def test_a_lost_reply_was_executed() -> None:
+    host = Host()
+    host.mishaps.strike("lost", 1, BOTH)
+    packets = host.world.buses[0].packets
+    assert host.ask() == []
+    assert host.world.buses[0].packets == packets + 1
+
+
+def test_a_duplicated_reply_comes_twice() -> None:
+    host = Host()
+    host.mishaps.strike("duplicated", 1, BOTH)
+    first, second = host.ask()
+    assert first == second
+    assert host.good([first])
+
+
+def test_a_dropped_request_is_answered_with_eight_bytes() -> None:
+    host = Host()
+    host.mishaps.strike("dropped", 1, BOTH)
+    (reply,) = host.ask()
+    assert len(reply) == 8
+    dropped = wire.decode_response(reply)
+    assert isinstance(dropped, wire.Dropped)
+    assert dropped.trailer.flags & wire.DROPPED
+    assert dropped.trailer.generation == 1
+
+
+def test_a_wrong_label_is_the_next_one() -> None:
+    host = Host()
+    for label in (8, 63):
+        host.label = label - 1
+        whole = host.ask()[0]
+        host.label -= 1
+        host.mishaps.strike("wrong_label", 1, BOTH)
+        wrong = wire.decode_response(host.ask()[0])
+        assert isinstance(wrong, wire.Response)
+        assert wrong.tl == (label + 1) % 64
+        assert wire.decode_response(whole) != wrong
+        assert wrong.data == wire.decode_response(whole).data  # type: ignore[union-attr]  # not a dropped one
+
+
+def test_a_late_reply_comes_when_it_is_due() -> None:
+    host = Host()
+    host.mishaps.strike("late", 1, BOTH, 7 * MS)
+    assert host.ask(1) == []
+    first = host.now + 7 * MS
+    assert (host.ask(0), len(host.ask(0))) == ([], 1)
+    assert host.mishaps.next_ns == first
+    assert host.mishaps.due(first - 1) == []
+    ((bus, reply, sender),) = host.mishaps.due(first)
+    assert (bus, sender) == (1, "host")
+    assert isinstance(wire.decode_response(reply), wire.Response)
+    assert host.mishaps.next_ns == first + MS // 10
+    assert [bus for bus, _, _ in host.mishaps.due(first + 100 * MS)] == [0]
+    assert (host.mishaps.next_ns, host.mishaps.active) == (NEVER, False)
+
+
+def test_a_late_reply_keeps_what_it_said() -> None:
+    mishaps, buffer = Mishaps(1), bytearray(range(32))
+    mishaps.strike("late", 1, range(1), MS)
+    mishaps.leave(0, memoryview(buffer), "host", 0)
+    buffer[:] = bytes(32)
+    assert mishaps.due(MS) == [(0, bytes(range(32)), "host")]
+
+
+def test_several_mishaps_may_come_together() -> None:
+    host = Host()
+    for kind in ("late", "duplicated", "wrong_label"):
+        host.mishaps.strike(kind, 1, BOTH, 3 * MS)
+    assert host.ask() == []
+    replies = [reply for _, reply, _ in host.mishaps.due(host.now + 3 * MS)]
+    assert len(replies) == 2
+    assert not host.good(replies[:1])
+    host.mishaps.strike("lost", 1, BOTH)
+    host.mishaps.strike("duplicated", 1, BOTH)
+    assert (len(host.ask()), len(host.ask())) == (0, 2)  # what is lost uses nothing else up
+
+
+def test_rates_hold_until_changed() -> None:
+    host = Host()
+    host.mishaps.strike_often("lost", 0.25, range(1))
+    lost = sum(not host.ask(0) for _ in range(2000))
+    assert 420 <= lost <= 580
+    assert all(host.ask(1) for _ in range(100))
+    host.mishaps.strike_often("lost", 1.0, range(1))
+    assert not any(host.ask(0) for _ in range(100))
+    host.mishaps.strike_often("lost", 0.0, range(1))
+    assert all(host.ask(0) for _ in range(100))
+    assert not host.mishaps.active
+
+
+def test_lost_packets_are_requests_as_well_as_replies() -> None:
+    host = Host()
+    host.mishaps.lose_packets(0.2, BOTH)
+    packets = host.world.buses[0].packets
+    answered = sum(bool(host.ask()) for _ in range(2000))
+    executed = host.world.buses[0].packets - packets
+    assert 1540 <= executed <= 1660
+    assert 1210 <= answered <= 1350
+
+
+def test_chance_follows_the_seed_and_not_the_other_bus() -> None:
+    def lost(seed: int, others: int) -> list[bool]:
+        host = Host(seed)
+        host.mishaps.lose_packets(0.3, BOTH)
+        got = []
+        for _ in range(64):
+            for _ in range(others):
+                host.ask(1)
+            got.append(bool(host.ask(0)))
+        return got
+
+    assert lost(1, 0) == lost(1, 2) != lost(2, 0)
+
+
+def test_everything_can_be_ended_at_once() -> None:
+    host = Host()
+    for kind in KINDS:
+        host.mishaps.strike(kind, 5, BOTH)
+        host.mishaps.strike_often(kind, 0.5, BOTH)
+    host.mishaps.lose_packets(0.5, BOTH)
+    host.mishaps.end()
+    assert not host.mishaps.active
+    assert all(host.good(host.ask()) for _ in range(20))
