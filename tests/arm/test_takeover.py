@@ -79,8 +79,12 @@ def test_powering_goes_on_to_enabled() -> None:
     rig.run(0.1)
     rig.state_command("enable")
     rig.run(0.05)
+    assert rig.arm.state == "POWERING" and not rig.io.flag("powered")
     restart(rig, 0.1)
+    assert not rig.io.flag("powered")
     rig.until(lambda: rig.arm.state == "ENABLED", 3.0)
+    assert rig.io.flag("powered") and rig.io.flag("amps_on") and not rig.reports.of("error")
+    assert rig.io.sent == [("power_on", ())], "asked for once, by the first process"
 
 
 def test_homing_of_another_bias_is_not_taken_over() -> None:
