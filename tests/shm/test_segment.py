@@ -23,6 +23,7 @@ from shm.segment import (
     create,
     held,
     names_of,
+    path_of,
     segment_name,
     size_of,
     start_time,
@@ -41,19 +42,6 @@ sys.stdin.read()
 """
 
 
-@pytest.fixture
-def ring(world: Any) -> Any:
-    """Name of a fresh segment."""
-    name = segment_name(world.name, "PSM1", "setpoint")
-    create(name, "ring", SCHEMA, 8, {"kind": "arm"})
-    yield name
-    unlink(name)
-
-
-def file_of(name: str) -> Path:
-    return FOLDER / name[1:]
-
-
 def test_a_new_segment_says_what_it_is(ring: str) -> None:
     with Segment(ring) as segment:
         header = segment.header
@@ -65,7 +53,7 @@ def test_a_new_segment_says_what_it_is(ring: str) -> None:
 def test_its_size_is_what_create_said_and_allocated(world: Any) -> None:
     name = segment_name(world.name, "PSM1", "setpoint")
     size = create(name, "ring", SCHEMA, 100)
-    status = file_of(name).stat()
+    status = path_of(name).stat()
     unlink(name)
     assert status.st_size == size >= 100 * SCHEMA.stride
     assert status.st_blocks * 512 >= size  # really there: no SIGBUS later
@@ -113,7 +101,7 @@ def test_the_mode_does_not_depend_on_the_umask(world: Any, mode: int, umask: int
         create(name, "ring", SCHEMA, 2, mode=mode)
     finally:
         os.umask(before)
-    found = stat.S_IMODE(file_of(name).stat().st_mode)
+    found = stat.S_IMODE(path_of(name).stat().st_mode)
     unlink(name)
     assert found == mode
 
@@ -122,7 +110,7 @@ def test_a_group_gets_the_segment(world: Any) -> None:
     as_root()
     name = segment_name(world.name, "PSM1", "setpoint")
     create(name, "ring", SCHEMA, 2, mode=0o660, group=4343)
-    status = file_of(name).stat()
+    status = path_of(name).stat()
     Segment(name, write=True).close()
     unlink(name)
     assert (status.st_gid, stat.S_IMODE(status.st_mode)) == (4343, 0o660)
@@ -224,7 +212,7 @@ def refused(name: str, match: str) -> None:
 def test_a_file_cut_short_after_the_check_is_refused(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def look_then_cut(fd: int, name: str) -> Any:
         header = checked(fd, name)
-        os.truncate(file_of(name), 4096)
+        os.truncate(path_of(name), 4096)
         return header
 
     from shm import segment as module
@@ -246,7 +234,7 @@ def other_kinds(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("kind", ["directory", "link", "dangling link", "pipe", "socket"])
 def test_what_is_no_file_is_refused_at_once(world: Any, kind: str) -> None:
     name = segment_name(world.name, "PSM1", "setpoint")
-    other_kinds(file_of(name))[kind]()
+    other_kinds(path_of(name))[kind]()
     signal.alarm(10)  # ends the run, if opening a pipe should wait
     try:
         refused(name, "is no segment but")
@@ -255,20 +243,20 @@ def test_what_is_no_file_is_refused_at_once(world: Any, kind: str) -> None:
             create(name, "ring", SCHEMA, 2)
     finally:
         signal.alarm(0)
-        (file_of(name).rmdir if kind == "directory" else file_of(name).unlink)()
+        (path_of(name).rmdir if kind == "directory" else path_of(name).unlink)()
 
 
 def test_what_anybody_may_write_is_refused(ring: str) -> None:
     for mode in (0o602, 0o666, 0o777):
-        file_of(ring).chmod(mode)
+        path_of(ring).chmod(mode)
         refused(ring, rf"anybody may write it \(mode {mode:o}\); allowed are 600 and 660")
-    file_of(ring).chmod(0o660)
+    path_of(ring).chmod(0o660)
     Segment(ring).close()
 
 
 def test_another_owner_is_refused_in_plain_words(ring: str) -> None:
     as_root()
-    os.chown(file_of(ring), 4242, -1)
+    os.chown(path_of(ring), 4242, -1)
     refused(ring, "belongs to user 4242; accepted are root and whom TROCAR_SERVICE_USER names")
     with pytest.raises(SegmentError, match="exists already and belongs to user 4242"):
         create(ring, "ring", SCHEMA, 8)
@@ -277,13 +265,13 @@ def test_another_owner_is_refused_in_plain_words(ring: str) -> None:
 def test_the_service_user_is_accepted(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
     as_root()
     name, uid = "daemon", pwd.getpwnam("daemon").pw_uid
-    os.chown(file_of(ring), uid, -1)
+    os.chown(path_of(ring), uid, -1)
     refused(ring, f"belongs to user {name}; accepted are root and")
     monkeypatch.setenv(SERVICE_USER, name)
     Segment(ring).close()
-    os.chown(file_of(ring), 4242, -1)
+    os.chown(path_of(ring), 4242, -1)
     refused(ring, f"belongs to user 4242; accepted are root, {name}")
-    os.chown(file_of(ring), 0, -1)
+    os.chown(path_of(ring), 0, -1)
     Segment(ring).close()
 
 
@@ -304,7 +292,7 @@ def test_what_others_have_put_there_is_not_listed(world: Any, ring: str) -> None
     try:
         assert names_of(world.name) == [(world.name, "PSM1", "setpoint")]
         if os.getuid() == 0:
-            os.chown(file_of(ring), 4242, -1)
+            os.chown(path_of(ring), 4242, -1)
             assert names_of(world.name) == [] and (world.name, "PSM1", "setpoint") not in names_of()
     finally:
         for path in odd:

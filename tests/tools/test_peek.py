@@ -19,22 +19,12 @@ from shm.ring import RingWriter
 from shm.segment import Segment, path_of, segment_name
 from shm.topics import Field, Topic
 from tests.system.robot import DEMO, Robot
-from tests.tools.peeking import NUMBER, SOURCE, STRICT, Peek, build, fields_of, number_ring, read_back, refused, running
+from tests.tools.peeking import NUMBER, SOURCE, Peek, build, fields_of, number_ring, read_back, refused, running
 
 pytestmark = pytest.mark.slow
 
 SCALARS = ("?", "u1", "i1", "<u2", "<u4", "<u8", "<i2", "<i4", "<i8", "<f2", "<f4", "<f8", "S1", "S7", "S64")
 LINES = 150
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("peek"), *STRICT)
-
-
-@pytest.fixture
-def peek(program: Path) -> Peek:
-    return running(program)
 
 
 @pytest.fixture

@@ -17,12 +17,12 @@ from shm.layout import schema_of
 from shm.mailbox import create_mailbox
 from shm.ring import BUSY, HEAD, attach
 from shm.segment import FIXED, HEAD_AT, TEXT_AT, Segment, SegmentError, path_of
-from tests.tools.peeking import NUMBER, STRICT, Peek, build, number_ring, refused, running
+from tests.shm.headers import rewrite
+from tests.tools.peeking import NUMBER, Peek, build, number_ring, refused
 
 pytestmark = pytest.mark.slow
 
 SANITIZED = ("-std=c11", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-FIELDS = ("magic", "version", "first", "fingerprint", "stride", "depth", "schema", "info", "kind", "size")
 SCHEMA = schema_of(NUMBER)
 HEADERS = [
     ({"magic": b"TROCAR\0\2"}, "not a Trocar segment"), ({"magic": bytes(8)}, "not a Trocar segment"),
@@ -38,28 +38,10 @@ HEADERS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("peek"), *STRICT)
-
-
-@pytest.fixture
-def peek(program: Path) -> Peek:
-    return running(program)
-
-
 @pytest.fixture
 def ring(world: Any) -> Iterator[str]:
     yield number_ring(world.name)
     world.remove()
-
-
-def rewrite(name: str, **changes: Any) -> None:
-    """Change fields of the fixed header."""
-    with path_of(name).open("r+b") as file:
-        values = dict(zip(FIELDS, FIXED.unpack(file.read(FIXED.size)), strict=True))
-        file.seek(0)
-        file.write(FIXED.pack(*{**values, **changes}.values()))
 
 
 @pytest.mark.parametrize(("changes", "why"), HEADERS, ids=str)
