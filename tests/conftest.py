@@ -24,6 +24,15 @@ COUNTER = itertools.count()
 PATIENCE_S = 30.0
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave soaks out unless `-m` speaks of them: `-m "not slow"` takes the place of the settings' `not soak`."""
+    if "soak" in config.option.markexpr:
+        return
+    soaks = [item for item in items if item.get_closest_marker("soak")]
+    items[:] = [item for item in items if item not in soaks]
+    config.hook.pytest_deselected(items=soaks)
+
+
 @pytest.fixture(scope="session")
 def data() -> Callable[[str], Path]:
     """`data("golden/wire")` is the path of test data; the test is skipped where they are absent."""
