@@ -22,7 +22,7 @@ def end(*_):
     sys.exit(0)
 signal.signal(signal.SIGTERM, end)
 print("up", flush=True)
-time.sleep(60)
+signal.pause()
 """
 
 

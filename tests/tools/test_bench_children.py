@@ -15,10 +15,10 @@ from tools.errors import Problem
 
 READY = "print('{}', flush=True)\n"
 ANSWERS = READY + "import sys\nfor line in sys.stdin: print('{\"%s\": {\"p50\": 1}}' % sys.argv[1], flush=True)"
-STUBBORN = (READY + "import subprocess, sys, time\n"
-            "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1000)'])\n"
+STUBBORN = (READY + "import signal, subprocess, sys\n"
+            "child = subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])\n"
             "open(sys.argv[1], 'w').write(str(child.pid))\n"
-            "print('{}', flush=True)\ntime.sleep(1000)")
+            "print('{}', flush=True)\nsignal.pause()")
 
 
 def python(code: str, *arguments: str) -> list[str]:
