@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.emulation import Emulation
 from procs.boards.bus import Bus
+from procs.boards.emulation import Emulation
 from procs.boards.plant import Plant
 
 
@@ -17,8 +17,8 @@ class Incidents:
         """`plant` is the world's own."""
         self._world, self._plant, self._wiring = world, plant, world.wiring
         self._width = world.lines.dac.shape[1]  # slots of a row
-        counts = [bus.count for bus in world.buses]
-        self._bus_of_row = [(bus, row) for bus, count in zip(world.buses, counts, strict=True) for row in range(count)]
+        self._bus_of_row = [(bus, row) for bus in world.buses for row in range(bus.count)]
+        self._names = tuple(dict.fromkeys(io for io, _ in world.wiring.rows))  # rows lie bus after bus
 
     def press(self, name: str, pressed: bool) -> None:
         """Press or release a button."""
@@ -46,6 +46,22 @@ class Incidents:
         for row in self._wiring.boards_of(robot):
             bus, local = self._bus_of_row[row]
             bus.power.lose_supply(local, lost, bus.now)
+
+    def stop(self, pressed: bool, bus: str = "") -> None:
+        """Press or release the emergency stop: it opens the safety chain of a bus, or of all."""
+        for number in self.buses(bus):
+            stopped = self._world.buses[number]
+            for row in range(stopped.count):
+                stopped.power.open_chain(row, pressed, stopped.now)
+
+    def buses(self, name: str) -> range:
+        """Number of the bus of an io; all of them when it is not named."""
+        if not name:
+            return range(len(self._names))
+        if name not in self._names:
+            raise KeyError(f"{name}: no such bus; there are {', '.join(self._names)}")
+        number = self._names.index(name)
+        return range(number, number + 1)
 
     def jump_encoder(self, robot: str, axis: int, counts: int) -> None:
         """Make the counter of an actuator wrong by `counts`."""

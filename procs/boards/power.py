@@ -41,6 +41,7 @@ class Power:
         self.relay = np.zeros(n, dtype=np.bool_)
         self.relay_feedback = np.zeros(n, dtype=np.bool_)
         self.supply_lost = np.zeros(n, dtype=np.bool_)
+        self.chain_open = np.zeros(n, dtype=np.bool_)  # the safety chain: an emergency stop is pressed
         self.watchdog = np.zeros(n, dtype=np.bool_)
         self.watchdog_counts = np.full(n, reg.WATCHDOG_POWER_UP, dtype=np.int64)
         self.refreshed = np.zeros(n, dtype=np.int64)  # tick of the last register write
@@ -104,8 +105,9 @@ class Power:
         feedback = (self.on * self._bits).sum(axis=1)
         status = (reg.AXES << reg.STATUS_AXES_SHIFT) | (self.ids << reg.STATUS_BOARD_SHIFT)
         status |= reg.STATUS_DOUT_CONFIGURED | reg.STATUS_DOUT_BIDIRECTIONAL
+        closed = self.relay_feedback & ~self.chain_open
         for flag, bit in ((self.watchdog, reg.STATUS_WATCHDOG), (good, reg.STATUS_MV_GOOD),
-                          (self.wanted, reg.STATUS_POWER), (self.relay_feedback, reg.STATUS_RELAY_FEEDBACK),
+                          (self.wanted, reg.STATUS_POWER), (closed, reg.STATUS_RELAY_FEEDBACK),
                           (self.relay, reg.STATUS_RELAY), (self.supply_lost, reg.STATUS_MV_FAULT)):
             status |= flag * bit
         status |= feedback << reg.STATUS_AMP_ON_SHIFT
@@ -166,7 +168,7 @@ class Power:
         asked = mask & value
         self.watchdog &= ~asked
         self.safety[asked] = False
-        self._good_at[asked & ~self.wanted & ~self.supply_lost] = tick + SUPPLY_RAMP
+        self._good_at[asked & ~self.wanted & ~self.supply_lost & ~self.chain_open] = tick + SUPPLY_RAMP
         self._good_at[mask & ~value] = NEVER
         self.wanted = np.where(mask, value, self.wanted)
 
@@ -194,7 +196,19 @@ class Power:
     def lose_supply(self, row: int, lost: bool, tick: int) -> None:
         """Take the motor supply of a board away, or give it back."""
         self.supply_lost[row] = lost
-        self._good_at[row] = tick + SUPPLY_RAMP if self.wanted[row] and not lost else NEVER
+        self._feed(row, tick)
+
+    def open_chain(self, row: int, opened: bool, tick: int) -> None:
+        """Open the safety chain of a board, or close it: motor supply and relay feedback come and go with it."""
+        self.chain_open[row] = opened
+        self._feed(row, tick)
+
+    def _feed(self, row: int, tick: int) -> None:
+        """The motor supply of a board goes, or ramps up again, with what stands in its way."""
+        if not self.wanted[row] or self.supply_lost[row] or self.chain_open[row]:
+            self._good_at[row] = NEVER
+        elif self._good_at[row] == NEVER:
+            self._good_at[row] = tick + SUPPLY_RAMP
         self._settle(tick)
 
     def fail_amplifier(self, row: int, axis: int, failed: bool, tick: int) -> None:

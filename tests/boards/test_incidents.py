@@ -55,6 +55,38 @@ def test_faults_reach_the_robot_they_are_meant_for() -> None:
         incidents.jump_encoder("ECM", 2, 1)
 
 
+def test_an_emergency_stop_takes_the_supply_and_not_the_boards() -> None:
+    world, incidents = _world()
+    for node in (0, 1):
+        write(world, 0, node, reg.STATUS, 0x000F0F0F, START + 500)
+        write(world, 0, node, reg.WATCHDOG, 0, START + 600)
+    world.advance(START + 70 * MS)
+
+    def status(at: int) -> list[int]:
+        return [int(real_time(world, 0, node, START + at * MS)[blocks.STATUS]) & 0x000F_8F00 for node in (0, 1)]
+
+    assert status(71) == [0x000F_0F00] * 2
+    incidents.stop(True)
+    assert status(72) == [0x0005_0000] * 2  # supply and relay feedback are gone, what was commanded is not
+    incidents.lose_supply("PSM1", True)
+    incidents.stop(False)
+    assert status(80) == [0x0007_8000] * 2  # the supply stays away for another reason
+    incidents.stop(True)
+    incidents.lose_supply("PSM1", False)
+    incidents.stop(False)
+    assert status(99) == [0x0007_0000] * 2  # it ramps up
+    assert status(101) == [0x000F_0000] * 2
+    assert status(141) == [0x000F_0F00] * 2  # amplifiers were only held off
+
+
+def test_what_was_not_lost_does_not_ramp_up_again() -> None:
+    world, incidents = _world()
+    write(world, 0, 0, reg.STATUS, 0x000C0000, START + 500)
+    world.advance(START + 25 * MS)
+    incidents.lose_supply("PSM1", False)
+    assert real_time(world, 0, 0, START + 26 * MS)[blocks.STATUS] & reg.STATUS_MV_GOOD
+
+
 def test_efforts_from_outside_must_fit_the_robot() -> None:
     _, incidents = _world()
     for robot, efforts, reason in (("PSM1", [1.0, 2.0], "2 efforts; allowed: 5 finite"),
