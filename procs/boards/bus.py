@@ -130,6 +130,11 @@ class Bus:
                     self.firmware.power_up(row, self.now)
             self.reset()
 
+    def board_at(self, address: bytes) -> int | None:
+        """Id of the board that was given an IP address (four bytes); None: none was."""
+        ip = int.from_bytes(address, "little")  # the register has the last octet on top
+        return next((board.model.board_id for board in self.boards if board.network.ip == ip), None)
+
     # -- datagrams -----------------------------------------------------------------------------------------------------
 
     def answer(self, data: wire.Buffer, tick: int, to: int = GROUP) -> wire.Buffer | None:

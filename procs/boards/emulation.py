@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from procs.boards.bus import GROUP, Bus
 from procs.boards.lines import Lines
+from procs.boards.mishaps import Mishaps
 from procs.boards.power import CURRENT_EXCESS
 from procs.boards.wiring import Wiring
 from procs.lib import registers as reg
@@ -68,6 +69,7 @@ class Emulation:
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.lose = 0  # replies to leave out
+        self.mishaps = Mishaps(len(self.buses), system.emulation.seed)
         self._world = world
         self.on_step: Callable[[], None] = _nothing  # called when a step has begun
         self._span = round(system.emulation.period_s * reg.CLOCK_HZ)
@@ -145,6 +147,10 @@ class Emulation:
             self.lose -= 1
             return None
         return reply
+
+    def board_at(self, bus: int, address: bytes) -> int | None:
+        """Id of the board that was given an IP address (four bytes); None: none was."""
+        return self.buses[bus].board_at(address)
 
     def advance(self, now_ns: int) -> None:
         """Let all time up to `now_ns` pass."""

@@ -1,4 +1,10 @@
-"""The UDP sockets of the emulated buses: datagrams with the kernel's receive time in, replies out."""
+"""The UDP sockets of the emulated buses: datagrams with the kernel's receive time in, replies out.
+
+A bridge has one address. Ethernet-only, every board has its own, the bus's plus its board id, and all hear multicast;
+so that several systems may run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A
+bus at 0.0.0.0 takes what comes to any address of the machine, as the only controllers on a network would: boards then
+have the addresses that the host gives them.
+"""
 
 from __future__ import annotations
 
@@ -8,59 +14,124 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from ipaddress import IPv4Address
+from operator import itemgetter
+from typing import Final, cast
 
+from procs.boards.bus import GROUP
+from procs.boards.mishaps import Mishaps
 from procs.lib.document import Bus
 from procs.lib.wire import UDP_PORT, Buffer
 
-SO_RCVBUFFORCE, SO_TIMESTAMPNS = 33, 35  # Linux; the socket module has no names for them
+SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
+MULTICAST: Final = "224.0.0.100"
+ANY: Final = "0.0.0.0"
+BLOCK: Final = 16  # addresses of an Ethernet-only bus
 _STAMP = struct.Struct("@qq")
-_ANCILLARY = socket.CMSG_SPACE(_STAMP.size)
+_PACKET_INFO = struct.Struct("@i4s4s")  # interface, local address, destination
+_MEMBERSHIP = struct.Struct("@4s4si")
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_PACKET_INFO.size)
+_STAMP_OF = itemgetter(2)
 _OFFSET_AGE_NS = 1_000_000
 _OFFSET_SPAN_NS = 20_000
 
-Answer = Callable[[int, Buffer, int], Buffer | None]
+Answer = Callable[[int, Buffer, int, int], Buffer | None]
+Addressee = Callable[[int, bytes], int | None]
+Sender = tuple[str, int]
+Arrival = tuple[int, int, int, Sender, int]  # number of the door, size, receive time, sender, to whom
+
+
+@dataclass(slots=True)
+class Door:
+    """A socket of a bus, and for which of its boards it is."""
+
+    sock: socket.socket
+    bus: int
+    to: int  # board id or GROUP
+    replies: socket.socket  # where replies leave
+    only_from: tuple[int, int] | None = None  # senders it hears, as numbers
+    any_address: bool = False
 
 
 class Endpoints:
-    """One socket per bus, bound to the bus's own address."""
+    """All sockets of the buses."""
 
-    def __init__(self, buses: tuple[Bus, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool) -> None:
-        """OSError when an address is taken. Receive times are the kernel's; in lock-step they are `now_ns()`."""
+    def __init__(self, buses: tuple[Bus, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
+                 mishaps: Mishaps | None = None, addressee: Addressee = lambda bus, address: None) -> None:
+        """OSError when an address is taken. Receive times are the kernel's; in lock-step they are `now_ns()`.
+
+        `addressee` tells which board of a bus at 0.0.0.0 has an address (four bytes); None: none.
+        """
         self._answer, self._now_ns, self._simulated = answer, now_ns, simulated
-        self._sockets: list[socket.socket] = []
+        self._mishaps, self._addressee = mishaps or Mishaps(len(buses)), addressee
+        self._doors: list[Door] = []
         try:
-            for bus in buses:
-                self._sockets.append(_open(bus.address))
+            for number, bus in enumerate(buses):
+                self._open(number, bus)
         except BaseException:
             self.close()
             raise
-        self._numbers = {sock.fileno(): number for number, sock in enumerate(self._sockets)}
+        self._numbers = {door.sock.fileno(): number for number, door in enumerate(self._doors)}
         self._files = list(self._numbers)
-        self._buffers = [bytearray(DATAGRAM_BYTES) for _ in self._sockets]
+        self._buffers = [bytearray(DATAGRAM_BYTES) for _ in self._doors]
         self._views = [memoryview(buffer) for buffer in self._buffers]
         self._offset, self._offset_until = 0, 0
 
+    def _open(self, number: int, bus: Bus) -> None:
+        if bus.network != "ethernet" or bus.address == ANY:
+            sock = _bound(bus.address)
+            self._doors.append(Door(sock, number, GROUP, sock, any_address=bus.address == ANY))
+            if bus.address == ANY:
+                sock.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
+                with contextlib.suppress(OSError):  # a machine without multicast: a bridge does without
+                    _join(sock, "127.0.0.1")
+            return
+        base = int(IPv4Address(bus.address))
+        for controller in bus.controllers:
+            sock = _bound(str(IPv4Address(base + controller.board_id)))
+            self._doors.append(Door(sock, number, controller.board_id, sock))
+        group = _bound(MULTICAST, shared=True)
+        self._doors.append(Door(group, number, GROUP, self._doors[-len(bus.controllers)].sock, (base, base + BLOCK)))
+        _join(group, bus.address)
+
     def serve(self, timeout_ns: int) -> None:
         """Wait at most so long for datagrams; answer one of every socket that has one, in the order they arrived."""
+        if self._mishaps.active:
+            timeout_ns = min(timeout_ns, self._mishaps.next_ns - self._now_ns())
         ready = select.select(self._files, (), (), max(timeout_ns, 0) * 1e-9)[0]
         if len(ready) == 1:
             self._reply(*self._receive(self._numbers[ready[0]]))
         elif ready:
-            arrived = sorted((self._receive(self._numbers[file]) for file in ready), key=lambda item: item[2])
-            for number, size, stamp, sender in arrived:
-                self._reply(number, size, stamp, sender)
+            arrived = [self._receive(self._numbers[file]) for file in ready]
+            for arrival in sorted(arrived, key=_STAMP_OF):
+                self._reply(*arrival)
+        if self._mishaps.active:
+            for _, reply, sender in self._mishaps.due(self._now_ns()):
+                self._send_to(reply, sender)
 
-    def _receive(self, number: int) -> tuple[int, int, int, object]:
-        size, ancillary, _, sender = self._sockets[number].recvmsg_into((self._buffers[number],), _ANCILLARY)
-        now = self._now_ns()
-        if self._simulated or not ancillary:
-            return number, size, now, sender
-        seconds, nanoseconds = _STAMP.unpack_from(ancillary[0][2])
-        if now >= self._offset_until:
-            self._compare_clocks(now)
-        return number, size, min(seconds * 1_000_000_000 + nanoseconds - self._offset, now), sender
+    def _receive(self, number: int) -> Arrival:
+        door = self._doors[number]
+        size, ancillary, _, sender = door.sock.recvmsg_into((self._buffers[number],), _ANCILLARY)
+        now, stamp, to = self._now_ns(), 0, door.to
+        for _, kind, data in ancillary:
+            if kind == SO_TIMESTAMPNS and not self._simulated:
+                seconds, nanoseconds = _STAMP.unpack_from(data)
+                stamp = seconds * 1_000_000_000 + nanoseconds
+            elif kind == IP_PKTINFO and door.any_address:
+                to = self._board_at(door.bus, _PACKET_INFO.unpack_from(data)[2])
+        if stamp:
+            if now >= self._offset_until:
+                self._compare_clocks(now)
+            now = min(stamp - self._offset, now)
+        return number, size, now, sender, to
+
+    def _board_at(self, bus: int, address: bytes) -> int:
+        """Who is meant; GROUP for multicast, broadcast and addresses that no board was given."""
+        found = self._addressee(bus, address)
+        return GROUP if found is None else found
 
     def _compare_clocks(self, now: int) -> None:
         """Between the two clocks, taken anew every millisecond: the wall clock may be set at any time."""
@@ -71,22 +142,45 @@ class Endpoints:
         if after - before < _OFFSET_SPAN_NS or abs(before - between - self._offset) > _OFFSET_AGE_NS:
             self._offset = (before + after) // 2 - between  # else we were held up, and the old one is better
 
-    def _reply(self, number: int, size: int, stamp_ns: int, sender: object) -> None:
-        reply = self._answer(number, self._views[number][:size], stamp_ns)
-        if reply is not None:
-            with contextlib.suppress(OSError):  # who asked is gone, or its buffer is full: as on a cable, it is lost
-                self._sockets[number].sendto(reply, sender)  # type: ignore[call-overload]  # an address as received
+    def _reply(self, number: int, size: int, stamp_ns: int, sender: Sender, to: int) -> None:
+        door, mishaps = self._doors[number], self._mishaps
+        if door.only_from is not None and not _heard(sender[0], door.only_from):
+            return
+        if mishaps.active and not mishaps.arrives(door.bus):
+            return
+        reply = self._answer(door.bus, self._views[number][:size], stamp_ns, to)
+        if reply is None:
+            return
+        if not mishaps.active:
+            self._send(door.replies, reply, sender)
+            return
+        for leaving, receiver in mishaps.leave(door.bus, reply, (door.replies, sender), self._now_ns()):
+            self._send_to(leaving, receiver)
+
+    def _send_to(self, reply: Buffer, receiver: object) -> None:
+        sock, sender = cast(tuple[socket.socket, Sender], receiver)  # as `_reply` gave it to the mishaps
+        self._send(sock, reply, sender)
+
+    def _send(self, sock: socket.socket, reply: Buffer, sender: Sender) -> None:
+        with contextlib.suppress(OSError):  # who asked is gone, or its buffer is full: as on a cable, it is lost
+            sock.sendto(reply, sender)
 
     def close(self) -> None:
         """Close the sockets."""
-        for sock in self._sockets:
-            sock.close()
+        for door in self._doors:
+            door.sock.close()
 
 
-def _open(address: str) -> socket.socket:
+def _heard(sender: str, block: tuple[int, int]) -> bool:
+    return block[0] <= int(IPv4Address(sender)) < block[1]
+
+
+def _bound(address: str, *, shared: bool = False) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        if shared:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BYTES)
         except PermissionError:
@@ -96,3 +190,10 @@ def _open(address: str) -> socket.socket:
         sock.close()
         raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {error.strerror}") from error
     return sock
+
+
+def _join(sock: socket.socket, interface: str) -> None:
+    """Hear the controllers' multicast group on the loopback interface."""
+    index = socket.if_nametoindex("lo")
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
+                    _MEMBERSHIP.pack(socket.inet_aton(MULTICAST), socket.inet_aton(interface), index))

@@ -31,7 +31,7 @@ class Firmware:
     def __init__(self, models: tuple[Model, ...], lines: Lines) -> None:
         """Boards as after power-up at tick 0."""
         self.models, self.lines = models, lines
-        self.count, self.width = lines.dac.shape
+        self.count, self.width = len(models), int(lines.dac.shape[1])
         self.ids = tuple(model.board_id for model in models)
         self.boards = tuple(Board(model) for model in models)
         self.power = Power(self.ids, lines.on)

@@ -43,7 +43,7 @@ class Hub:
         self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
         self._whole = sum(self._bits)
         self._time_mask = min(model.layout.time_mask for model in models)
-        self._timing_mask = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
+        self._timing_mask: int = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
         self._sizes = np.array([(model.read_quads + 1) << 24 if model.firmware > 7 else 0 for model in models],
                                dtype=np.uint32)
         self._has_long = any(model.firmware == 7 for model in models)

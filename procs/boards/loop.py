@@ -74,7 +74,8 @@ def main() -> None:
         world.on_step = publisher.publish
         orders = Orders(me.document, Incidents(world, plant), plant)
         mailbox = me.mailbox()
-        endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated)
+        endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
+                              world.board_at)
         stack.callback(endpoints.close)
         publisher.publish()
         skipped = 0

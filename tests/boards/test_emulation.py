@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import socket
 
 import pytest
 
 from procs.boards.emulation import MOST_STEPS, Emulation, ns_of, ticks_of
-from procs.boards.endpoints import Endpoints
 from procs.boards.wiring import Wiring
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
@@ -143,44 +141,3 @@ def test_robots_on_boards_that_are_not_there_are_refused() -> None:
     assert system.emulation is not None
     with pytest.raises(ValueError, match="PSM1: board 3 is not on the emulated bus of IO1; it has 9"):
         Wiring(system, EmulationRow(1e-3, (Bus("IO1", "127.0.0.1", (Controller(9),)),)))
-
-
-def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
-    import time
-
-    stamps: list[int] = []
-
-    def answer(bus: int, data: wire.Buffer, receive_ns: int) -> wire.Buffer | None:
-        stamps.append(receive_ns)
-        return bytes([bus]) + bytes(data)
-
-    buses = (Bus("a", "127.91.8.16", (Controller(0),)), Bus("b", "127.91.8.32", (Controller(0),)))
-    endpoints = Endpoints(buses, answer, time.monotonic_ns, simulated=False)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
-        host.settimeout(5.0)
-        try:
-            before = time.monotonic_ns()
-            host.sendto(b"first", ("127.91.8.32", wire.UDP_PORT))
-            host.sendto(b"second", ("127.91.8.16", wire.UDP_PORT))
-            sent = time.monotonic_ns()
-            while len(stamps) < 2:
-                endpoints.serve(10 * MS)
-            assert [host.recv(100), host.recv(100)] == [b"\x01first", b"\x00second"]
-            slack = 200_000  # the offset between the two clocks is read, not known
-            assert before - slack <= stamps[0] <= stamps[1] <= sent + slack
-            with pytest.raises(OSError, match=r"127\.91\.8\.16"):
-                Endpoints(buses, answer, time.monotonic_ns, simulated=False)
-        finally:
-            endpoints.close()
-
-
-def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
-    stamps: list[int] = []
-    endpoints = Endpoints((Bus("a", "127.91.9.16", (Controller(0),)),),
-                          lambda bus, data, at: stamps.append(at), lambda: 4711, simulated=True)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
-        host.sendto(b"x", ("127.91.9.16", wire.UDP_PORT))
-        while not stamps:
-            endpoints.serve(10 * MS)
-        endpoints.close()
-    assert stamps == [4711]

@@ -1,0 +1,110 @@
+"""Sockets of the emulated buses: whose datagram it is, when it came, and where the reply goes."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from procs.boards.bus import GROUP
+from procs.boards.endpoints import MULTICAST, Endpoints
+from procs.lib import wire
+from procs.lib.document import Bus, Controller
+
+MS = 1_000_000
+Heard = list[tuple[int, int, bytes]]
+
+
+@contextlib.contextmanager
+def served(bus: Bus, heard: Heard) -> Iterator[Endpoints]:
+    """Endpoints of one bus that repeat what they hear."""
+
+    def answer(number: int, data: wire.Buffer, receive_ns: int, to: int) -> wire.Buffer:
+        heard.append((number, to, bytes(data)))
+        return bytes(data)
+
+    endpoints = Endpoints((bus,), answer, time.monotonic_ns, False,
+                          addressee=lambda number, address: 5 if address == bytes((127, 0, 0, 6)) else None)
+    try:
+        yield endpoints
+    finally:
+        endpoints.close()
+
+
+def host_at(address: str) -> socket.socket:
+    host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    host.settimeout(5.0)
+    host.bind((address, 0))
+    host.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+    return host
+
+
+def serve_until(endpoints: Endpoints, heard: Heard, count: int) -> None:
+    deadline = time.monotonic() + 5.0
+    while len(heard) < count and time.monotonic() < deadline:
+        endpoints.serve(10 * MS)
+
+
+ETHERNET = Bus("a", "127.91.8.64", (Controller(0, firmware=9, fpga="V3"), Controller(5, firmware=9, fpga="V3")),
+               network="ethernet")
+
+
+def test_ethernet_only_boards_have_an_address_each_and_answer_from_it() -> None:
+    heard: Heard = []
+    with served(ETHERNET, heard) as endpoints, host_at("127.91.8.64") as host:
+        host.sendto(b"five", ("127.91.8.69", wire.UDP_PORT))
+        serve_until(endpoints, heard, 1)
+        assert heard == [(0, 5, b"five")]
+        assert host.recvfrom(100) == (b"five", ("127.91.8.69", wire.UDP_PORT))
+
+
+def test_multicast_reaches_all_boards_of_the_own_bus_and_the_hub_answers() -> None:
+    heard: Heard = []
+    with served(ETHERNET, heard) as endpoints, host_at("127.91.8.79") as host, host_at("127.91.8.80") as stranger:
+        stranger.sendto(b"of another bus", (MULTICAST, wire.UDP_PORT))
+        host.sendto(b"all", (MULTICAST, wire.UDP_PORT))
+        serve_until(endpoints, heard, 1)
+        assert heard == [(0, GROUP, b"all")]
+        assert host.recvfrom(100) == (b"all", ("127.91.8.64", wire.UDP_PORT))
+
+
+def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
+    stamps: list[int] = []
+
+    def answer(bus: int, data: wire.Buffer, receive_ns: int, to: int) -> wire.Buffer | None:
+        stamps.append(receive_ns)
+        return bytes([bus]) + bytes(data)
+
+    buses = (Bus("a", "127.91.8.16", (Controller(0),)), Bus("b", "127.91.8.32", (Controller(0),)))
+    endpoints = Endpoints(buses, answer, time.monotonic_ns, simulated=False)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.settimeout(5.0)
+        try:
+            before = time.monotonic_ns()
+            host.sendto(b"first", ("127.91.8.32", wire.UDP_PORT))
+            host.sendto(b"second", ("127.91.8.16", wire.UDP_PORT))
+            sent = time.monotonic_ns()
+            while len(stamps) < 2:
+                endpoints.serve(10 * MS)
+            assert [host.recv(100), host.recv(100)] == [b"\x01first", b"\x00second"]
+            slack = 200_000  # the offset between the two clocks is read, not known
+            assert before - slack <= stamps[0] <= stamps[1] <= sent + slack
+            with pytest.raises(OSError, match=r"127\.91\.8\.16"):
+                Endpoints(buses, answer, time.monotonic_ns, simulated=False)
+        finally:
+            endpoints.close()
+
+
+def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
+    stamps: list[int] = []
+    endpoints = Endpoints((Bus("a", "127.91.9.16", (Controller(0),)),),
+                          lambda bus, data, at, to: stamps.append(at), lambda: 4711, simulated=True)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.sendto(b"x", ("127.91.9.16", wire.UDP_PORT))
+        while not stamps:
+            endpoints.serve(10 * MS)
+        endpoints.close()
+    assert stamps == [4711]
