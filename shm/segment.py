@@ -309,6 +309,7 @@ class Segment:
         for callback in self._at_close:
             with contextlib.suppress(BufferError):
                 callback()
+        self._at_close.clear()  # they hold us, and where the garbage collector is off nobody would break the circle
         with contextlib.suppress(BufferError):  # a numpy view still lives: the map goes with it
             self._map.close()
         os.close(self.fd)

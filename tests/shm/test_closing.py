@@ -1,0 +1,77 @@
+"""What is closed goes at once: loops run without the garbage collector, and must not keep maps nobody uses."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shm import directory
+from shm.client import Client
+from shm.clock import Conductor, LockstepClock
+from shm.mailbox import Mailbox, create_mailbox
+from shm.pulse import Pulse, create_control
+from shm.segment import Segment
+from shm.topics import SETPOINT
+
+Ends = tuple[Any, ...]
+
+
+def with_page(make: Callable[[Pulse], object]) -> Callable[[str], Ends]:
+    def both(system: str) -> Ends:
+        page = Pulse(system, "PSM1", write=True)
+        return make(page), page
+
+    return both
+
+
+ENDS: dict[str, Callable[[str], Ends]] = {
+    "ring writer": lambda system: (directory.writer(system, "PSM1", "setpoint", "arm"),),
+    "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
+    "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
+    "client": lambda system: (Client(system, "PSM1"),),
+    "waiter": with_page(Pulse.waiter),
+    "bell": with_page(Pulse.bell),
+    "turn": with_page(Pulse.turn),
+    "conductor": lambda system: (Conductor(system),),
+    "lock-step clock": lambda system: (Conductor(system), *with_page(lambda page: LockstepClock(system, page))(system)),
+}
+
+
+@pytest.fixture
+def system(world: Any) -> Iterator[str]:
+    """A system with one of everything, and the garbage collector off."""
+    directory.create_ring(world.name, "PSM1", SETPOINT, {}, {"kind": "arm"})
+    create_mailbox(world.name, "PSM1", "arm")
+    create_control(world.name, "PSM1")
+    gc.collect()
+    gc.disable()
+    yield world.name
+    gc.enable()
+    world.remove()
+
+
+@pytest.mark.parametrize("which", ENDS)
+def test_nothing_of_a_closed_end_stays(system: str, which: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    attached: list[Segment] = []
+    attach = Segment.__init__
+
+    def noted(self: Segment, name: str, *, write: bool = False) -> None:
+        attach(self, name, write=write)
+        attached.append(self)
+
+    monkeypatch.setattr(Segment, "__init__", noted)
+    ends = ENDS[which](system)
+    there = [weakref.ref(segment) for segment in attached]
+    maps = Path("/proc/self/maps").read_text()
+    assert maps.count(f"~{system}~") == len(there) > 0
+    for segment in attached:
+        segment.close()
+    attached.clear()
+    del segment, ends
+    assert [ref() for ref in there] == [None] * len(there)
+    assert f"~{system}~" not in Path("/proc/self/maps").read_text()
