@@ -19,6 +19,7 @@ from procs.lib import registers as reg
 
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8
+GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0}  # of the releases; Rev 9 tells its commit, clean
 _CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from Rev 8 on
 
 
@@ -120,7 +121,7 @@ class Board:
         if address == reg.FIRMWARE:
             return self.firmware
         if address == reg.GIT_DESCRIPTION:
-            return self._scratch if self.firmware == 7 else 0  # 0: a release
+            return self._scratch if self.firmware == 7 else GIT_DESCRIPTIONS[self.firmware]
         if address == reg.DIGITAL_OUTPUT:
             return self.digital.read(now)
         if address == reg.PROM_COMMAND:
