@@ -7,6 +7,7 @@ so that positions within the step are known in closed form and encoders can be a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +24,20 @@ from procs.lib.document import System
 
 Floats = npt.NDArray[np.float64]
 MOST_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """What sensors show too much; arrays over all slots, changed in place."""
+
+    current: Floats  # A
+    pot: Floats  # V
+    pot_drift: Floats  # V a step, by which `pot` grows
+
+    @classmethod
+    def none(cls, slots: int) -> SensorErrors:
+        """All zero."""
+        return cls(*np.zeros((3, slots)))
 
 
 class World(Protocol):
@@ -68,7 +83,7 @@ class Emulation:
             self.buses.append(Bus(described.controllers, part, network=described.network))
         self.epoch_ns = now_ns
         self.skipped_steps = 0
-        self.lose = 0  # replies to leave out
+        self.sensor_errors: SensorErrors | None = None  # None: they tell the truth
         self.mishaps = Mishaps(len(self.buses), system.emulation.seed)
         self._world = world
         self.on_step: Callable[[], None] = _nothing  # called when a step has begun
@@ -142,11 +157,7 @@ class Emulation:
         tick = ticks_of(receive_ns - self.epoch_ns)
         if tick >= self._next:
             self._until(tick)
-        reply = self.buses[bus].answer(data, tick, to)
-        if reply is not None and self.lose > 0:
-            self.lose -= 1
-            return None
-        return reply
+        return self.buses[bus].answer(data, tick, to)
 
     def board_at(self, bus: int, address: bytes) -> int | None:
         """Id of the board that was given an IP address (four bytes); None: none was."""
@@ -196,6 +207,11 @@ class Emulation:
         if self._noise_v > 0.0:
             volts += self._random.normal(0.0, self._noise_v, self.current.size)[self._axis_of]
         measured[:] = flowing
+        if self.sensor_errors is not None:
+            errors = self.sensor_errors
+            np.add(errors.pot, errors.pot_drift, errors.pot)
+            np.add(volts, errors.pot, volts)
+            np.add(measured, errors.current, measured)
         np.multiply(words, self._to_bits[0], words)
         np.add(words, self._to_bits[1], words)
         np.rint(words, words)

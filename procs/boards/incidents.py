@@ -68,10 +68,6 @@ class Incidents:
         bus, row, slot = self._place(robot, axis)
         bus.encoders.jump(self._width * row + slot, counts)
 
-    def lose_replies(self, count: int) -> None:
-        """Leave the next replies out."""
-        self._world.lose = count
-
     def _actuators(self, robot: str) -> int:
         """How many a robot has."""
         cut = self._wiring.robots.get(robot)

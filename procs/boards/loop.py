@@ -72,7 +72,7 @@ def main() -> None:
         world = Emulation(me.document, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        orders = Orders(me.document, Incidents(world, plant), plant)
+        orders = Orders(me.document, Incidents(world, plant), world.mishaps, plant)
         mailbox = me.mailbox()
         endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
                               world.board_at)

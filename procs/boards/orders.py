@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.incidents import Incidents
+from procs.boards.mishaps import Mishaps
 from procs.boards.plant import Plant
 from procs.lib.document import System, Tool
 from shm.mailbox import Received
@@ -18,7 +19,7 @@ Values = npt.NDArray[np.float64]
 class Orders:
     """Carries out commands at once."""
 
-    def __init__(self, system: System, incidents: Incidents, plant: Plant) -> None:
+    def __init__(self, system: System, incidents: Incidents, mishaps: Mishaps, plant: Plant) -> None:
         """`plant` is the world's own."""
         self._system, self._plant = system, plant
         self._table: dict[str, Callable[[Values, str], None]] = {
@@ -26,7 +27,7 @@ class Orders:
             "amp_fault": lambda v, text: incidents.fail_amplifier(text, int(_number(v, 0)), bool(_number(v, 1))),
             "power_loss": lambda v, text: incidents.lose_supply(text, bool(_number(v, 0))),
             "encoder_jump": lambda v, text: incidents.jump_encoder(text, int(_number(v, 0)), int(_number(v, 1))),
-            "lose_replies": lambda v, text: incidents.lose_replies(max(0, int(_number(v, 0)))),
+            "lose_replies": lambda v, text: mishaps.strike("lost", max(0, int(_number(v, 0))), incidents.buses(text)),
             "push": lambda v, text: incidents.push(text, v.copy()),
             "insert_instrument": self._insert,
             "remove_instrument": lambda v, text: plant.remove_tool(text),

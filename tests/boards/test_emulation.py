@@ -106,13 +106,6 @@ def test_watchdog_expires_by_arrival_times_whenever_polled() -> None:
     assert cut[0][0] == cut[0][1] == ticks_of(76 * MS) + 0x1680 * 256 + 1
 
 
-def test_lost_replies_are_executed_and_not_sent() -> None:
-    world = Emulation(two_buses(), Rails(7), START)
-    world.lose = 2
-    answers = [world.answer(0, wire.quadlet_read(0, 0, 1, 1), START + k) for k in range(3)]
-    assert [answer is None for answer in answers] == [True, True, False]
-
-
 def test_after_a_long_stop_the_robots_have_stood_still() -> None:
     rails = Rails(7)
     world = Emulation(two_buses(), rails, START)

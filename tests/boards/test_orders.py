@@ -38,7 +38,7 @@ class Asked:
 def _ask(name: str, values: list[float], text: str = "") -> tuple[Recorder, str]:
     recorder, command = Recorder(), Asked(name, values, text)
     system = SimpleNamespace(arm=lambda name: SimpleNamespace(tools=()))
-    Orders(system, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
+    Orders(system, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
     return recorder, command.outcome
 
 
@@ -48,11 +48,14 @@ def _ask(name: str, values: list[float], text: str = "") -> tuple[Recorder, str]
     ("power_loss", [0], "PSM1", ("lose_supply", "PSM1", False)),
     ("encoder_jump", [1, -40], "PSM1", ("jump_encoder", "PSM1", 1, -40)),
     ("remove_instrument", [], "PSM1", ("remove_tool", "PSM1")),
-    ("lose_replies", [3], "", ("lose_replies", 3)),
 ])
 def test_each_order_reaches_what_it_is_for(name: str, values: list[float], text: str, told: tuple[Any, ...]) -> None:
     recorder, outcome = _ask(name, values, text)
     assert (recorder.told, outcome) == ([told], "done")
+
+
+def test_replies_to_lose_are_those_of_a_bus() -> None:
+    assert _ask("lose_replies", [3], "IO1")[0].told == [("buses", "IO1"), ("strike", "lost", 3, None)]
 
 
 @pytest.mark.parametrize(("name", "values", "text", "reason"), [
