@@ -5,96 +5,45 @@ counter is ⌊x⌋ plus what the last preload made of it, and an edge is a cross
 simulated one by one: the last six before a moment are the six whole numbers behind x, and solving for their times
 gives every quarter period. `observe` brings the six newest edges of each axis up to a moment; what came before the
 step stays in the queue. An edge belongs to the first tick at or after its crossing.
+
+As in the real firmware an edge counts in the direction of the edge before it: after a reversal the first one still
+counts the old way. So the counter is always where the true count was one edge ago, that is ⌊x⌋ plus a number, less 2
+while the newest edge went up. Before the first edge after power-up the latched direction is down.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards.edges import (
+    BEHIND,
+    EDGES,
+    INPUTS,
+    LAG,
+    NOTHING_SEEN,
+    NOW,
+    POSITION,
+    QUEUE,
+    RUNNING,
+    Ints,
+    flag_table,
+    push_table,
+    state_table,
+)
 from procs.lib import registers as reg
+from procs.lib.document import Quirks
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Quads = npt.NDArray[np.uint32]
 
-EDGES = 6  # five quarter periods lie between six edges
 TICKS_MAX = reg.VELOCITY_TICKS_MASK
 PINS_SHOWN = 4  # axes whose lines are in the digital input register
+COUNT_TICKS = 4  # the filter of the lines lets no two counts follow faster
 LONG_AGO = -(1 << 40)  # tick of edges that never were: older than any counter can tell
-_DIRECTION = 16  # above the four bits of an edge's type
-
-_RISING = (reg.EDGE_B_DOWN, reg.EDGE_A_UP, reg.EDGE_B_UP, reg.EDGE_A_DOWN)  # crossing k upwards, by k mod 4
-_FALLING = (reg.EDGE_B_UP, reg.EDGE_A_DOWN, reg.EDGE_B_DOWN, reg.EDGE_A_UP)
-_PINS = (0, reg.ENCODER_PIN_A, reg.ENCODER_PIN_A | reg.ENCODER_PIN_B, reg.ENCODER_PIN_B)  # by ⌊x⌋ mod 4
-
-# What an axis remembers of its five newest edges beside their ticks: which way each went (bits 4:0, newest lowest,
-# 1 is upwards) and how many there ever were (bits above, at most 5). Edges follow in order, so that with ⌊x⌋ mod 4 this
-# says of which type each was. States are kept times 16, which leaves room for what is added to look something up.
-_WAYS = 32
-_SEEN = 5
-_STATES = _WAYS * (_SEEN + 1)
-_STRIDE = 16
-_NOW, _QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue
-_NOTHING_SEEN = (_WAYS - 1) * _STRIDE
-
-
-def _push_table(axes: int) -> Ints:
-    """What n new edges do to the queue, by n + 6, n from -6 to 6 (column).
-
-    Rows 0-5: where the new queue comes from in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
-    """
-    table = np.zeros((EDGES + 1, 2 * EDGES + 1), dtype=np.int64)
-    for n in range(-EDGES, EDGES + 1):
-        for j in range(EDGES):
-            table[j, n + EDGES] = (j if j < abs(n) else _QUEUE + j - abs(n)) * axes
-        table[EDGES, n + EDGES] = n + EDGES
-    return table
-
-
-def _state_table() -> Ints:
-    """The next state by state · 16 + n + 6, times 16."""
-    table = np.zeros((_STATES, _STRIDE), dtype=np.int64)
-    for state in range(_STATES):
-        seen, ways = divmod(state, _WAYS)
-        for n in range(-EDGES, EDGES + 1):
-            new = (1 << abs(n)) - 1 if n > 0 else 0
-            after = (ways << abs(n) | new) & _WAYS - 1
-            table[state, n + EDGES] = (min(seen + abs(n), _SEEN) * _WAYS + after) * _STRIDE
-    return table.ravel()
-
-
-def _edges_of(state: int, phase: int) -> list[int]:
-    """Direction and type, as in the velocity words, of the five newest edges; 0 types are edges that never were."""
-    seen, ways = divmod(state, _WAYS)
-    edges = []
-    for j in range(_SEEN):
-        up = ways >> j & 1
-        kind = _RISING[phase % 4] if up else _FALLING[(phase + 1) % 4]
-        edges.append(up * _DIRECTION | (kind if j < seen else 0))
-        phase += -1 if up else 1
-    return edges
-
-
-def _flag_table() -> Ints:
-    """By state · 16 + ⌊x⌋ mod 4 (column).
-
-    Rows 0-3: bits of period, quarter 1, quarter 5 and running. Row 4: pins in the position word. Row 5: pins in the
-    digital inputs of axis 0.
-    """
-    table = np.zeros((6, _STATES, _STRIDE), dtype=np.int64)
-    for state in range(_STATES):
-        for phase in range(4):
-            edges = _edges_of(state, phase)
-            newest, pins = edges[0], _PINS[phase]
-            changed = len({edge & _DIRECTION for edge in edges[:4]}) > 1
-            period = ((newest & _DIRECTION) << reg.QUARTER_EDGE_SHIFT | changed * reg.PERIOD_DIRECTION_CHANGED
-                      | (0 if edges[3] & 15 else reg.PERIOD_PARTIAL))
-            table[:, state, phase] = (
-                period, newest << reg.QUARTER_EDGE_SHIFT, edges[4] << reg.QUARTER_EDGE_SHIFT,
-                (newest & _DIRECTION if newest & 15 else 0) << reg.QUARTER_EDGE_SHIFT, pins,
-                (pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT)
-    return table.reshape(6, -1)
+_NEVER = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]  # a queue without edges
 
 
 class Encoders:
@@ -104,8 +53,8 @@ class Encoders:
     holds bits 27:20 of the digital input register, lines A and B of the first four axes.
     """
 
-    def __init__(self, boards: int, width: int = PINS_SHOWN) -> None:
-        """All at rest, counters at mid-range, no edge yet."""
+    def __init__(self, boards: int, width: int = PINS_SHOWN, quirks: Sequence[Quirks] = ()) -> None:
+        """All at rest, counters at mid-range, no edge yet; `quirks` board by board, all on where none are given."""
         if boards < 1 or width < PINS_SHOWN:
             raise ValueError(f"{boards} boards with {width} axes; allowed: at least one, with at least {PINS_SHOWN}")
         self.width = width
@@ -123,30 +72,38 @@ class Encoders:
         self._turning = False  # some axis turns round within the step
         self._turns: list[float] = []  # turning points still ahead that hide edges from a plain look at ⌊x⌋
         self._stale = True  # the words do not yet show the newest counts and edges
-        self._lap = np.zeros(n, dtype=np.int64)
         self._overflow = np.zeros(n, dtype=np.int64)
-        self._state = np.full(n, _NOTHING_SEEN, dtype=np.int64)
+        self._lap, self._next_lap = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+        self._lap_whole = np.zeros(n)  # ⌊x⌋ when the laps were looked at
+        self._lap_due = 0  # tick before which no counter can pass its end
+        self._state = np.full(n, NOTHING_SEEN, dtype=np.int64)
         # Two pools take turns: one gather moves the queue from one to the other.
-        self._pool = np.zeros((_QUEUE + EDGES, n), dtype=np.int64)
+        self._pool = np.zeros((QUEUE + EDGES, n), dtype=np.int64)
         self._spare = np.zeros_like(self._pool)
-        self._pool[_QUEUE:] = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]
+        self._pool[QUEUE:] = _NEVER
         self._constants(n)
         self._scratch(n)
+        quirks = tuple(quirks) or (Quirks(),) * boards
+        if len(quirks) != boards:
+            raise ValueError(f"quirks of {len(quirks)} boards; there are {boards}")
+        self._lag = np.repeat([LAG if q.direction_lag else 0 for q in quirks], width).astype(np.int64)
+        self._kept = np.repeat([reg.ENCODER_OVERFLOW if q.sticky_overflow else 0 for q in quirks], width)
+        self._all_lag = bool(self._lag.all())
 
     def _constants(self, n: int) -> None:
         """Whole arrays instead of numbers and rows: numpy takes three times as long to stretch one side."""
-        self._push_table, self._state_table, self._flag_table = _push_table(n), _state_table(), _flag_table()
+        self._push_table, self._state_table, self._flag_table = push_table(n), state_table(), flag_table()
         self._columns = np.tile(np.arange(n, dtype=np.int64), (EDGES, 1))
         self._steps = np.tile(np.arange(EDGES)[:, None] + 0.5, (1, n))
         self._no_less, self._zero = np.full((EDGES, n), 1e-15), np.zeros((EDGES, n))
         self._half, self._six = np.full(n, 0.5), np.full(n, float(EDGES))
-        self._three, self._none, self._lap_shift = (np.full(n, k, dtype=np.int64) for k in (3, 0, 24))
+        self._three, self._none = (np.full(n, k, dtype=np.int64) for k in (3, 0))
         self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)
         self._stretch, self._thrice = np.repeat(np.arange(4), EDGES), np.zeros(3, dtype=np.intp)
         self._place = np.zeros(self.width, dtype=np.int64)
         self._place[:PINS_SHOWN] = 1 << np.arange(PINS_SHOWN)
         # period = E0 - E4 - 4, quarter 1 = E0 - E1 - 1, quarter 5 = E4 - E5 - 1, running = now - E0
-        self._pairs = np.array((0, 0, 4, _NOW - _QUEUE, 4, 1, 5, 0)) + _QUEUE
+        self._pairs = np.array((0, 0, 4, NOW - QUEUE, 4, 1, 5, 0)) + QUEUE
         self._spent = np.repeat([4, 1, 1, 0], n).reshape(4, n)
         self._longest = np.full((4, n), TICKS_MAX, dtype=np.int64)
         self._too_long = np.full((4, n), reg.VELOCITY_OVERFLOW | TICKS_MAX, dtype=np.int64)
@@ -167,8 +124,8 @@ class Encoders:
         self._spans, self._before = self._pair_ticks[:4], self._pair_ticks[4:]
         self._spans_by_board = self._spans.reshape(4, -1, self.width).transpose(1, 0, 2)
         self._over = np.zeros((4, n), dtype=np.bool_)
-        self._flags = np.zeros((6, n), dtype=np.int64)
-        self._input_pins = self._flags[5].reshape(-1, self.width)
+        self._flags = np.zeros((7, n), dtype=np.int64)
+        self._input_pins = self._flags[INPUTS].reshape(-1, self.width)
         self._inputs = np.zeros(n // self.width, dtype=np.int64)
         self._turned = np.zeros(n, dtype=np.bool_)
         self._when, self._peak, self._end, self._bound = (np.zeros(n) for _ in range(4))
@@ -178,9 +135,19 @@ class Encoders:
         self._x0[:] = x
         np.floor(x, out=self._whole)
         self._whole_bytes = self._whole.tobytes()
-        self._offset[:] = reg.ENCODER_ZERO - self._counts()
-        self._lap[:] = 0
-        self._stale = True
+        self._forget(slice(None))
+
+    def power_up(self, board: int) -> None:
+        """The FPGA of a board is configured anew (observe first): nothing is left of counts, edges and overflows."""
+        self._forget(slice(board * self.width, (board + 1) * self.width))
+
+    def _forget(self, slots: slice) -> None:
+        self.preload[slots] = reg.ENCODER_ZERO
+        self._pool[QUEUE:, slots] = _NEVER
+        self._state[slots] = NOTHING_SEEN
+        self._offset[slots] = reg.ENCODER_ZERO - self._counts()[slots]
+        self._overflow[slots] = 0
+        self._note_laps()
 
     def _counts(self) -> Ints:
         """⌊x⌋ as whole numbers."""
@@ -193,6 +160,8 @@ class Encoders:
         The old step must have been observed to its end. x0 and v are kept as they are, not copied: they must not change
         within the step.
         """
+        if tick >= self._lap_due:
+            self._watch_laps(tick)
         self.start, self._span = tick, float(span)
         self._x0, self._v = x0, v
         self._h[:] = h
@@ -232,7 +201,10 @@ class Encoders:
         """Bring the edges up to `tick` (not before the last observation; clipped to the step)."""
         tau = min(max(float(tick - self.start), 0.0), self._span)
         while self._turns and self._turns[0] <= tau:
-            self._advance(self._turns.pop(0))
+            turn = self._turns.pop(0)
+            self._advance(turn)
+            if tick >= self._lap_due:
+                self._watch_laps(self.start + int(turn))
         self._advance(tau)
 
     def _advance(self, tau: float) -> None:
@@ -283,7 +255,7 @@ class Encoders:
         np.copyto(fresh, wide, casting="unsafe")
         np.add(fresh, self._first, fresh)
         np.add(self._where, self._columns, self._where)
-        pool.take(self._where, None, spare[_QUEUE:], "clip")
+        pool.take(self._where, None, spare[QUEUE:], "clip")
         self._pool, self._spare = spare, pool
         self._stale = True
 
@@ -297,15 +269,47 @@ class Encoders:
 
     def load(self, axes: Ints, values: Ints) -> None:
         """Preload registers of `axes` are written: the counters become `values` at once (observe first)."""
+        self._watch_laps(self.start)
         self.preload[axes] = values
-        self._offset[axes] = values - self._counts()[axes]
-        self._lap[axes] = 0
-        self._stale = True
+        self._offset[axes] = values - (self._counts() - self._lags())[axes]
+        self._overflow[axes] &= self._kept[axes]
+        self._note_laps()
 
     def jump(self, axis: int, counts: int) -> None:
         """The counter is wrong by `counts` from now on, as after lost edges."""
+        self._watch_laps(self.start)
         self._offset[axis] += counts
-        self._stale = True
+        self._note_laps()
+
+    # -- overflow: rare, and looked for only while a counter is near an end --------------------------------------------
+
+    def _lags(self) -> Ints:
+        lags: Ints = self._flag_table[BEHIND].take(self._state) & self._lag
+        return lags
+
+    def _watch_laps(self, tick: int) -> None:
+        """Set overflow bits of counters that passed an end since the last look: at the least once a stretch of motion
+        without reversal, so that the way between two looks has no other extremes than its ends.
+
+        With the lag a counter gets to where the true count is now, `_next_lap`, with the next edge, whichever way.
+        """
+        before, next_before = self._lap.copy(), self._next_lap.copy()
+        moved = self._whole != self._lap_whole
+        room = self._note_laps()
+        passed = (self._lap != before) | moved & (next_before != before)
+        self._overflow[passed] = reg.ENCODER_OVERFLOW
+        self._lap_due = tick + COUNT_TICKS * max(room - LAG, 0)
+
+    def _note_laps(self) -> int:
+        """Take the laps as they are, passed or not; the fewest counts that any counter is from an end."""
+        value = self._counts() + self._offset
+        self._next_lap[:] = value - self._lag // 2 >> 24
+        value -= self._lags()
+        self._lap[:] = value >> 24
+        self._lap_whole[:] = self._whole
+        self._lap_due, self._stale = 0, True
+        value &= reg.ENCODER_MASK
+        return int(np.minimum(value, reg.ENCODER_MASK - value).min())
 
     def words(self, tick: int, position: Quads, velocity: Quads) -> None:
         """Write the encoder quadlets of every axis as seen at `tick` (observe first).
@@ -313,8 +317,10 @@ class Encoders:
         `position` is (boards, width), `velocity` (boards, 4, width): period, quarter 1, quarter 5 and running.
         """
         pool, spans = self._pool, self._spans
-        pool[_NOW].fill(tick)
+        pool[NOW].fill(tick)
         if self._stale:
+            if tick >= self._lap_due:
+                self._watch_laps(tick)
             self._stale = False
             self._show_counts()
             pool.take(self._pairs, 0, self._pair_ticks, "clip")
@@ -326,27 +332,26 @@ class Encoders:
             np.bitwise_or(spans, self._flags[:4], spans)
         else:  # only the running counters go on
             running = spans[3]
-            np.subtract(pool[_NOW], pool[_QUEUE], running)
+            np.subtract(pool[NOW], pool[QUEUE], running)
             np.maximum(running, self._none, out=running)
             np.greater(running, self._longest[3], self._over[3])
             np.putmask(running, self._over[3], self._too_long[3])
-            np.bitwise_or(running, self._flags[3], running)
+            np.bitwise_or(running, self._flags[RUNNING], running)
         position[...] = self._word_by_board
         velocity[...] = self._spans_by_board
 
     def _show_counts(self) -> None:
         """Position words, flags and pins after a change."""
         count, word, phase, flags = self._counts(), self._word, self._phase, self._flags
-        np.add(count, self._offset, word)
-        np.right_shift(word, self._lap_shift, phase)
-        if phase.tobytes() != self._lap.tobytes():  # over its end; the bit then stays, as in the real one
-            self._overflow[phase != self._lap] = reg.ENCODER_OVERFLOW
-            self._lap[:] = phase
         np.bitwise_and(count, self._three, phase)
         np.add(self._state, phase, phase)
         self._flag_table.take(phase, 1, flags, "clip")
+        if not self._all_lag:
+            np.bitwise_and(flags[BEHIND], self._lag, flags[BEHIND])
+        np.add(count, self._offset, word)
+        np.subtract(word, flags[BEHIND], word)
         np.bitwise_and(word, self._mask, word)
         np.bitwise_or(word, self._overflow, word)
-        np.bitwise_or(word, flags[4], word)
+        np.bitwise_or(word, flags[POSITION], word)
         self._input_pins.dot(self._place, self._inputs)
         np.copyto(self.pins, self._inputs, casting="unsafe")

@@ -1,0 +1,91 @@
+"""What encoder edges do to the queue of an axis and say in its words, as tables.
+
+What an axis remembers of its five newest edges beside their ticks is its state: which way each went (bits 4:0, newest
+lowest, 1 is upwards) and how many there ever were (bits above, at most 5). Edges follow in order, so that with
+⌊x⌋ mod 4 this says of which type each was. States are kept times 16, which leaves room for what is added to look
+something up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.lib import registers as reg
+
+Ints = npt.NDArray[np.int64]
+
+EDGES = 6  # five quarter periods lie between six edges
+NOW, QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue
+LAG = 2  # counts by which a counter is behind while the latched direction is up
+STRIDE = 16
+DIRECTION = 16  # above the four bits of an edge's type
+RISING = (reg.EDGE_B_DOWN, reg.EDGE_A_UP, reg.EDGE_B_UP, reg.EDGE_A_DOWN)  # crossing k upwards, by k mod 4
+FALLING = (reg.EDGE_B_UP, reg.EDGE_A_DOWN, reg.EDGE_B_DOWN, reg.EDGE_A_UP)
+PINS = (0, reg.ENCODER_PIN_A, reg.ENCODER_PIN_A | reg.ENCODER_PIN_B, reg.ENCODER_PIN_B)  # by ⌊x⌋ mod 4
+PERIOD, QUARTER_1, QUARTER_5, RUNNING, POSITION, INPUTS, BEHIND = range(7)  # rows of the flags
+
+_WAYS = 32
+_SEEN = 5
+_STATES = _WAYS * (_SEEN + 1)
+NOTHING_SEEN = (_WAYS - 1) * STRIDE  # the queue's directions are up at power-up
+
+
+def push_table(axes: int) -> Ints:
+    """What n new edges do to the queue, by n + 6, n from -6 to 6 (column).
+
+    Rows 0-5: where the new queue comes from in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
+    """
+    table = np.zeros((EDGES + 1, 2 * EDGES + 1), dtype=np.int64)
+    for n in range(-EDGES, EDGES + 1):
+        for j in range(EDGES):
+            table[j, n + EDGES] = (j if j < abs(n) else QUEUE + j - abs(n)) * axes
+        table[EDGES, n + EDGES] = n + EDGES
+    return table
+
+
+def state_table() -> Ints:
+    """The next state by state · 16 + n + 6, times 16."""
+    table = np.zeros((_STATES, STRIDE), dtype=np.int64)
+    for state in range(_STATES):
+        seen, ways = divmod(state, _WAYS)
+        for n in range(-EDGES, EDGES + 1):
+            new = (1 << abs(n)) - 1 if n > 0 else 0
+            after = (ways << abs(n) | new) & _WAYS - 1
+            table[state, n + EDGES] = (min(seen + abs(n), _SEEN) * _WAYS + after) * STRIDE
+    return table.ravel()
+
+
+def _edges_of(state: int, phase: int) -> list[int]:
+    """Direction and type, as in the velocity words, of the five newest edges; 0 types are edges that never were."""
+    seen, ways = divmod(state, _WAYS)
+    edges = []
+    for j in range(_SEEN):
+        up = ways >> j & 1
+        kind = RISING[phase % 4] if up else FALLING[(phase + 1) % 4]
+        edges.append(up * DIRECTION | (kind if j < seen else 0))
+        phase += -1 if up else 1
+    return edges
+
+
+def flag_table() -> Ints:
+    """By state · 16 + ⌊x⌋ mod 4 (column).
+
+    Rows 0-3: bits of period, quarter 1, quarter 5 and running. Row 4: pins in the position word. Row 5: pins in the
+    digital inputs of axis 0. Row 6: what a counter lacks while the latched direction is up.
+    """
+    table = np.zeros((7, _STATES, STRIDE), dtype=np.int64)
+    for state in range(_STATES):
+        for phase in range(4):
+            edges = _edges_of(state, phase)
+            newest, pins = edges[0], PINS[phase]
+            changed = len({edge & DIRECTION for edge in edges[:4]}) > 1
+            up = newest & DIRECTION if newest & 15 else 0
+            period = ((newest & DIRECTION) << reg.QUARTER_EDGE_SHIFT | changed * reg.PERIOD_DIRECTION_CHANGED
+                      | (0 if edges[3] & 15 else reg.PERIOD_PARTIAL))
+            table[:, state, phase] = (
+                period, newest << reg.QUARTER_EDGE_SHIFT, edges[4] << reg.QUARTER_EDGE_SHIFT,
+                up << reg.QUARTER_EDGE_SHIFT, pins,
+                (pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT,
+                LAG if up else 0)
+    return table.reshape(7, -1)
