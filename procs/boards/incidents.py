@@ -6,39 +6,55 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.bus import Bus
-from procs.boards.emulation import Emulation
+from procs.boards.emulation import Emulation, SensorErrors
 from procs.boards.plant import Plant
+
+HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
 
 class Incidents:
-    """Done at once, between two datagrams; KeyError names what there is."""
+    """Done at once, between two datagrams; KeyError and ValueError say what there is and what is allowed."""
 
     def __init__(self, world: Emulation, plant: Plant) -> None:
         """`plant` is the world's own."""
         self._world, self._plant, self._wiring = world, plant, world.wiring
-        self._width = world.lines.dac.shape[1]  # slots of a row
         self._bus_of_row = [(bus, row) for bus in world.buses for row in range(bus.count)]
         self._names = tuple(dict.fromkeys(io for io, _ in world.wiring.rows))  # rows lie bus after bus
+        self._gone: set[int] = set()  # rows of boards that were taken away
+
+    # -- hands on buttons and robots -----------------------------------------------------------------------------------
 
     def press(self, name: str, pressed: bool) -> None:
-        """Press or release a button."""
+        """Press or release a button, a switch or a sensor."""
         if name not in self._wiring.inputs:
             raise KeyError(f"{name}: no such input; there are {', '.join(self._wiring.inputs) or 'none'}")
         button, inputs = self._wiring.inputs[name], self._world.lines.inputs
         level = 1 << button.bit
         inputs[button.row] = int(inputs[button.row]) & ~level | (level if pressed == button.pressed else 0)
 
+    def stop(self, pressed: bool, bus: str = "") -> None:
+        """Press or release the emergency stop: it opens the safety chain of a bus, or of all."""
+        for number in self.buses(bus):
+            stopped = self._world.buses[number]
+            for row in range(stopped.count):
+                stopped.power.open_chain(row, pressed, stopped.now)
+
     def push(self, robot: str, efforts: npt.NDArray[np.float64]) -> None:
         """Efforts from outside on a robot's joints, N·m or N, until changed."""
-        count = self._actuators(robot)
-        if len(efforts) != count or not np.isfinite(efforts).all():
-            raise ValueError(f"{robot}: {len(efforts)} efforts; allowed: {count} finite numbers")
+        self._check(robot, efforts, "efforts")
         self._plant.push(robot, efforts)
+
+    def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
+        """Put a robot's actuators somewhere, rad or m, at rest."""
+        self._check(robot, positions, "positions")
+        self._plant.place(robot, positions)
+
+    # -- faults of robots ----------------------------------------------------------------------------------------------
 
     def fail_amplifier(self, robot: str, axis: int, failed: bool) -> None:
         """Make the amplifier of an actuator fail, or mend it."""
-        bus, row, slot = self._place(robot, axis)
-        bus.power.fail_amplifier(row, slot, failed, bus.now)
+        bus, row, place = self._place(robot, axis)
+        bus.power.fail_amplifier(row, place, failed, bus.now)
 
     def lose_supply(self, robot: str, lost: bool) -> None:
         """Take the motor supply of a robot's boards away, or give it back."""
@@ -47,12 +63,58 @@ class Incidents:
             bus, local = self._bus_of_row[row]
             bus.power.lose_supply(local, lost, bus.now)
 
-    def stop(self, pressed: bool, bus: str = "") -> None:
-        """Press or release the emergency stop: it opens the safety chain of a bus, or of all."""
+    def jump_encoder(self, robot: str, axis: int, counts: int) -> None:
+        """Make the counter of an actuator wrong by `counts`."""
+        self._look_for(self._wiring.counts.scale, robot, axis, "encoder")
+        bus, row, place = self._place(robot, axis)
+        bus.encoders.jump(self._wiring.width * row + place, counts)
+
+    def shift_current(self, robot: str, axis: int, amperes: float) -> None:
+        """Make the measured current of an actuator wrong by so much; 0 puts it right."""
+        self._look_for(self._wiring.measured.scale, robot, axis, "motor current")
+        self._errors().current[self._slot(robot, axis)] = amperes
+
+    def drift(self, robot: str, axis: int, volts_per_s: float, volts: float | None = None) -> None:
+        """Let a potentiometer drift from now on, from where it is or from an error of `volts`; 0, 0 puts it right."""
+        self._look_for(self._wiring.pot_volts.scale, robot, axis, "potentiometer")
+        errors, slot = self._errors(), self._slot(robot, axis)
+        errors.pot_drift[slot] = volts_per_s * self._plant.period_s
+        if volts is not None:
+            errors.pot[slot] = volts
+
+    # -- faults of boards and buses ------------------------------------------------------------------------------------
+
+    def take_away(self, board: int, gone: bool, bus: str = "") -> None:
+        """A board loses power and cables, or comes back as after power-up; nothing where it is so already."""
+        row = self._row(board, bus)
+        if gone == (row in self._gone):
+            return
+        self._gone ^= {row}
+        on, local = self._bus_of_row[row]
+        on.take_away(local, gone)
+
+    def reset_bus(self, bus: str = "") -> None:
+        """A FireWire bus reset: another generation."""
         for number in self.buses(bus):
-            stopped = self._world.buses[number]
-            for row in range(stopped.count):
-                stopped.power.open_chain(row, pressed, stopped.now)
+            self._world.buses[number].reset()
+
+    def withhold(self, board: int, times: int, bus: str = "") -> None:
+        """A board does not report to the next broadcast queries."""
+        on, local = self._bus_of_row[self._row(board, bus)]
+        on.withhold(local, times)
+
+    def spoil_sequence(self, board: int, times: int, bus: str = "") -> None:
+        """A board reports to the next broadcast queries with a wrong sequence number."""
+        on, local = self._bus_of_row[self._row(board, bus)]
+        on.spoil_sequence(local, times)
+
+    def heat(self, board: int, first: float, second: float, bus: str = "") -> None:
+        """What a board measures at its first and second pair of amplifiers, °C."""
+        for celsius in (first, second):
+            if not 0.0 <= celsius <= HOTTEST:
+                raise ValueError(f"{celsius:g} °C; allowed: 0 to {HOTTEST}")
+        on, local = self._bus_of_row[self._row(board, bus)]
+        on.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
 
     def buses(self, name: str) -> range:
         """Number of the bus of an io; all of them when it is not named."""
@@ -63,22 +125,51 @@ class Incidents:
         number = self._names.index(name)
         return range(number, number + 1)
 
-    def jump_encoder(self, robot: str, axis: int, counts: int) -> None:
-        """Make the counter of an actuator wrong by `counts`."""
-        bus, row, slot = self._place(robot, axis)
-        bus.encoders.jump(self._width * row + slot, counts)
+    # -- who is meant --------------------------------------------------------------------------------------------------
 
     def _actuators(self, robot: str) -> int:
         """How many a robot has."""
         cut = self._wiring.robots.get(robot)
         if cut is None:
-            raise KeyError(f"{robot}: no such robot; there are {', '.join(self._wiring.robots)}")
+            raise KeyError(f"{robot or 'no name'}: no such robot; there are {', '.join(self._wiring.robots)}")
         return len(self._wiring.slots[cut])
 
-    def _place(self, robot: str, axis: int) -> tuple[Bus, int, int]:
-        """Where an actuator hangs: bus, row and axis there."""
+    def _check(self, robot: str, values: npt.NDArray[np.float64], what: str) -> None:
+        count = self._actuators(robot)
+        if len(values) != count or not np.isfinite(values).all():
+            raise ValueError(f"{robot}: {len(values)} {what}; allowed: {count} finite numbers")
+
+    def _axis(self, robot: str, axis: int) -> int:
+        """Place of an actuator among all of them."""
         count = self._actuators(robot)
         if not 0 <= axis < count:
             raise KeyError(f"{robot}: axis {axis}; allowed: 0 to {count - 1}")
-        row, place = divmod(int(self._wiring.slots[self._wiring.robots[robot]][axis]), self._width)
+        return int(self._wiring.robots[robot].start) + axis
+
+    def _look_for(self, scale: npt.NDArray[np.float64], robot: str, axis: int, what: str) -> None:
+        if scale[self._axis(robot, axis)] == 0.0:
+            raise ValueError(f"{robot}: axis {axis} has no {what}")
+
+    def _slot(self, robot: str, axis: int) -> int:
+        return int(self._wiring.slots[self._axis(robot, axis)])
+
+    def _place(self, robot: str, axis: int) -> tuple[Bus, int, int]:
+        """Where an actuator hangs: bus, row and axis there."""
+        row, place = divmod(self._slot(robot, axis), self._wiring.width)
         return *self._bus_of_row[row], place
+
+    def _row(self, board: int, bus: str) -> int:
+        """Row of a board by its id; the bus may be left out where there is one only."""
+        if not bus and len(self._names) > 1:
+            raise KeyError(f"board {board}: say of which bus; there are {', '.join(self._names)}")
+        name = self._names[self.buses(bus)[0]]
+        row = self._wiring.rows.get((name, board))
+        if row is None:
+            known = ", ".join(str(b) for io, b in self._wiring.rows if io == name)
+            raise KeyError(f"board {board}: not on the bus of {name}; there are {known}")
+        return row
+
+    def _errors(self) -> SensorErrors:
+        if self._world.sensor_errors is None:
+            self._world.sensor_errors = SensorErrors.none(self._world.lines.adc.size)
+        return self._world.sensor_errors

@@ -28,6 +28,7 @@ class Rails:
     """Every actuator runs at a speed of its own; currents are only noted."""
 
     def __init__(self, axes: int) -> None:
+        self.period_s = 1e-3
         self.position = np.linspace(-0.3, 0.4, axes)
         self.velocity = np.zeros(axes)
         self.pot_position = self.position.copy()

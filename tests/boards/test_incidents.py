@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,114 @@ def test_what_was_not_lost_does_not_ramp_up_again() -> None:
     world.advance(START + 25 * MS)
     incidents.lose_supply("PSM1", False)
     assert real_time(world, 0, 0, START + 26 * MS)[blocks.STATUS] & reg.STATUS_MV_GOOD
+
+
+def _query(world: Emulation, sequence: int, ids: tuple[int, ...], now: int) -> list[int]:
+    """Headers that a broadcast query of bus 0 collects, 0 for what is missing."""
+    write(world, 0, wire.BROADCAST, reg.QUERY, sequence << 16 | sum(1 << board for board in ids), now)
+    reply = world.answer(0, wire.block_read(0, reg.HUB, (33 * len(ids) + 1) * 4, 1, 1), now + 1000)
+    response = wire.decode_response(reply or b"")
+    assert isinstance(response, wire.Response)
+    return [int(quad) for quad in np.frombuffer(response.data, ">u4")[:-1:33]]
+
+
+def test_a_board_is_away_until_it_is_back_as_new() -> None:
+    world, incidents = _world()
+    write(world, 0, 0, reg.WATCHDOG, 0x1234, START + 500)
+    incidents.take_away(9, True, "IO1")  # node 0, the hub: the whole bus is silent
+    assert world.answer(0, wire.quadlet_read(0, reg.STATUS, 1, 2), START + 1000) is None
+    incidents.take_away(9, True, "IO1")
+    incidents.take_away(9, False, "IO1")
+    generation = world.buses[0].generation
+    incidents.take_away(9, False, "IO1")  # it is back already
+    assert world.buses[0].generation == generation == 3
+    reply = wire.decode_response(world.answer(0, wire.quadlet_read(0, reg.WATCHDOG, 1, 3), START + 2000) or b"")
+    assert isinstance(reply, wire.Response)
+    assert reply.value == reg.WATCHDOG_POWER_UP
+
+
+def test_a_bus_reset_drops_requests_of_the_old_generation() -> None:
+    world, incidents = _world()
+    incidents.reset_bus("IO1")
+    replies = [wire.decode_response(world.answer(bus, wire.quadlet_read(0, reg.STATUS, 1, 1), START + 1000) or b"")
+               for bus in (0, 1)]
+    assert [type(reply) for reply in replies] == [wire.Dropped, wire.Response]
+    assert [reply.trailer.generation for reply in replies] == [2, 1]
+    incidents.reset_bus()
+    assert [bus.generation for bus in world.buses] == [3, 2]
+
+
+def test_a_hub_block_is_missing_as_often_as_asked() -> None:
+    world, incidents = _world()
+    incidents.withhold(9, 2, "IO1")
+    seen = [_query(world, k, (3, 9), START + k * MS) for k in (1, 2, 3)]
+    assert [[bool(head) for head in heads] for heads in seen] == [[True, False], [True, False], [True, True]]
+
+
+def test_a_sequence_is_wrong_as_often_as_asked() -> None:
+    world, incidents = _world()
+    incidents.spoil_sequence(3, 1, "IO1")
+    seen = [_query(world, k, (3, 9), START + k * MS) for k in (1, 2)]
+    right = [[head >> 15 & 0x1FF == sequence << 1 for head in heads] for sequence, heads in enumerate(seen, 1)]
+    assert right == [[False, True], [True, True]]
+
+
+def test_temperatures_are_shown_in_half_degrees() -> None:
+    world, incidents = _world()
+    incidents.heat(9, 66.5, 31.0, "IO2")
+    assert real_time(world, 1, 0, START + 1000)[blocks.TEMPERATURE] & 0xFFFF == 133 << 8 | 62
+    with pytest.raises(ValueError, match=r"128 °C; allowed: 0 to 127\.5"):
+        incidents.heat(9, 30.0, 128.0, "IO2")
+
+
+def test_too_much_measured_current_trips_the_check_of_the_board() -> None:
+    world, incidents = _world()
+    world.advance(START + 5 * MS)
+    before = real_time(world, 0, 1, START + 5 * MS)[blocks.ADC]
+    incidents.shift_current("PSM1", 4, -0.5)  # board 3 (node 1), axis 2
+    world.advance(START + 7 * MS)
+    after = real_time(world, 0, 1, START + 7 * MS)
+    assert (after[blocks.ADC] - before).tolist() == [0, 0, pytest.approx(-0.5 * 5242.88, abs=1), 0]
+    assert not after[blocks.STATUS] & 0xF0
+    world.advance(START + 60 * MS)
+    assert real_time(world, 0, 1, START + 60 * MS)[blocks.STATUS] & 0xF0 == 0x40
+    incidents.shift_current("PSM1", 4, 0.0)
+    world.advance(START + 62 * MS)
+    assert (real_time(world, 0, 1, START + 62 * MS)[blocks.ADC] == before).all()
+
+
+def test_a_potentiometer_drifts_until_it_is_put_right() -> None:
+    world, incidents = _world()
+
+    def volts(at: int) -> float:
+        world.advance(START + at * MS)
+        return float(real_time(world, 0, 0, START + at * MS)[blocks.ADC][3] >> 16) * 6.866455e-5
+
+    before = volts(5)
+    incidents.drift("PSM1", 2, 2.0)  # board 9 (node 0), axis 3
+    assert volts(105) - before == pytest.approx(0.2, abs=2e-4)
+    incidents.drift("PSM1", 2, 0.0)
+    assert volts(200) - before == pytest.approx(0.2, abs=2e-4)
+    incidents.drift("PSM1", 2, 0.0, 0.0)
+    assert volts(210) == before
+
+
+def test_wrong_names_are_answered_with_what_there_is() -> None:
+    world, incidents = _world()
+    wrong: list[tuple[Callable[[], None], str]] = [
+        (lambda: incidents.take_away(3, True), "board 3: say of which bus; there are IO1, IO2"),
+        (lambda: incidents.withhold(4, 1, "IO1"), "board 4: not on the bus of IO1; there are 3, 9"),
+        (lambda: incidents.reset_bus("IO3"), "IO3: no such bus; there are IO1, IO2"),
+        (lambda: incidents.drift("PSM1", 5, 1.0), "PSM1: axis 5; allowed: 0 to 4"),
+        (lambda: incidents.lose_supply("", True), "no name: no such robot; there are PSM1, ECM")]
+    for act, reason in wrong:
+        with pytest.raises(KeyError, match=reason):
+            act()
+    world.wiring.pot_volts.scale[1] = world.wiring.counts.scale[1] = 0.0
+    with pytest.raises(ValueError, match="PSM1: axis 1 has no potentiometer"):
+        incidents.drift("PSM1", 1, 1.0)
+    with pytest.raises(ValueError, match="PSM1: axis 1 has no encoder"):
+        incidents.jump_encoder("PSM1", 1, 1)
 
 
 def test_efforts_from_outside_must_fit_the_robot() -> None:
