@@ -6,32 +6,17 @@ import pytest
 
 from procs.boards import flash
 from procs.boards.prom import FRAME_TICKS, FpgaProm, QlaProm
+from tests.boards.prom_host import MS, PromHost
 
-MS = 49152
 SERIAL = 0x031F_FF00
 
 
-class Host:
-    """A host that waits long enough after every command for the transfer to end."""
-
-    def __init__(self, prom: FpgaProm) -> None:
-        self.prom = prom
-        self.tick = 1000
-
-    def ask(self, word: int) -> int:
-        self.prom.command(word, self.tick)
-        self.tick += MS
-        return self.prom.result(self.tick)
-
-    def chip_status(self) -> int:
-        return self.ask(flash.READ_STATUS << 24)
-
-    def page(self, count: int = 64) -> bytes:
-        return b"".join(quad.to_bytes(4, "big") for quad in self.prom.read(0, count, self.tick))
+class Host(PromHost):
+    """A host of an FPGA's PROM."""
 
     def read(self, address: int, size: int = 256) -> bytes:
         assert self.ask(flash.READ << 24 | address) == 64
-        return self.page()[:size]
+        return self.page(64)[:size]
 
     def program(self, address: int, data: bytes) -> None:
         self.ask(flash.WRITE_ENABLE << 24)

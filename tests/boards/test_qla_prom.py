@@ -6,27 +6,11 @@ import pytest
 
 from procs.boards import flash
 from procs.boards.prom import QlaProm
+from tests.boards.prom_host import MS, PromHost
 
-MS = 49152
 
-
-class Host:
-    """A host that waits long enough after every command for the transfer to end."""
-
-    def __init__(self, prom: QlaProm) -> None:
-        self.prom = prom
-        self.tick = 1000
-
-    def ask(self, word: int) -> int:
-        self.prom.command(word, self.tick)
-        self.tick += MS
-        return self.prom.result(self.tick)
-
-    def chip_status(self) -> int:
-        return self.ask(flash.READ_STATUS << 24)
-
-    def page(self, count: int) -> bytes:
-        return b"".join(quad.to_bytes(4, "big") for quad in self.prom.read(0, count, self.tick))
+class Host(PromHost):
+    """A host of a QLA's PROM."""
 
     def byte(self, address: int) -> int:
         return self.ask(flash.READ << 24 | address << 8)
