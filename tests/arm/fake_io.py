@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,15 +60,11 @@ def fixed_arm(**changes: Any) -> Arm:
     return bare_arm(tool_detection="FIXED", tool=TOOL, **changes)
 
 
-class Record:
-    """A record of the topic table without a ring."""
+class View:
+    """A record by the names of its fields."""
 
-    def __init__(self, topic: Any, **dims: int) -> None:
-        self._array = np.zeros(1, dtype=schema_of(topic, dims).dtype)
-
-    def field(self, name: str) -> Any:
-        view = self._array[name]
-        return view.reshape(view.shape[1:])
+    def __init__(self, field: Callable[[str], Any]) -> None:
+        self.field = field
 
     def __getitem__(self, name: str) -> Any:
         return self.field(name)
@@ -79,11 +76,19 @@ class Record:
         return bytes(self.field(name).item()).decode()
 
 
+class Record(View):
+    """A record of the topic table without a ring."""
+
+    def __init__(self, topic: Any, **dims: int) -> None:
+        array = np.zeros(1, dtype=schema_of(topic, dims).dtype)
+        super().__init__(lambda name: array[name].reshape(array[name].shape[1:]))
+
+
 class FakeIo:
     """Two robots, the arm's is the second one."""
 
     def __init__(self) -> None:
-        self.record = Record(IO_STATE, axes=AXES + 2, robots=2, inputs=1)
+        self.record: View = Record(IO_STATE, axes=AXES + 2, robots=2, inputs=1)
         self.stamp_ns = 0
         self.epoch = 1
         self.power_cycles, self.bias_cycles = 5, 20
@@ -137,7 +142,7 @@ class FakeIo:
         self.flag("fault", 0)
         self.epoch += 1
 
-    def cycle(self, now_ns: int, setpoint: Record) -> None:
+    def cycle(self, now_ns: int, setpoint: View) -> None:
         """One cycle: commands, power, bias, joint controller."""
         if self.deaf:
             return
@@ -190,7 +195,7 @@ class FakeIo:
                 self.flag("biased", True)
                 self.flag("bias_generation", self.flag("bias_generation") + 1)
 
-    def _control(self, setpoint: Record) -> None:
+    def _control(self, setpoint: View) -> None:
         if not self.flag("pid_enabled"):
             self.setpoint[...] = self.position
             return

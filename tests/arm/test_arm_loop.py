@@ -19,7 +19,7 @@ from shm.clock import monotonic_ns
 from shm.events import Events
 from shm.mailbox import Mailbox
 from shm.pulse import Pulse
-from tests.arm.fake_io import FakeIo, fixed_arm
+from tests.arm.fake_io import FakeIo, View, fixed_arm
 
 pytestmark = pytest.mark.slow
 ARM = """
@@ -39,19 +39,6 @@ def document(name: str) -> System:
     return System(name, "", "wall", (io,), (fixed_arm(),), None, processes, supervisor_lost_s=30.0)
 
 
-class View:
-    """A ring's private record, as the fake io likes it."""
-
-    def __init__(self, ring: Any) -> None:
-        self.field = ring.field
-
-    def __getitem__(self, name: str) -> Any:
-        return self.field(name)
-
-    def set(self, name: str, value: Any) -> None:
-        self.field(name)[...] = value
-
-
 class Bench:
     """io and supervisor, played by the test on the wall clock."""
 
@@ -67,7 +54,7 @@ class Bench:
         self.state = directory.reader(world.name, "PSM1", "state")
         self.io = FakeIo()
         position = self.io.position.copy()
-        self.io.record = View(self.ring)  # type: ignore[assignment]
+        self.io.record = View(self.ring.field)
         self.io.position[...] = position
         self.happened = directory.reader(world.name, "PSM1", "events")
         self.client = Client(world.name, "PSM1")
@@ -83,7 +70,7 @@ class Bench:
             self.io.send(command.name, command.values, command.text)
             command.done()
         self.setpoint.newest()
-        self.io.cycle(now, View(self.setpoint))  # type: ignore[arg-type]
+        self.io.cycle(now, View(self.setpoint.field))
         self.ring.publish(now)
         self.state.newest()
 

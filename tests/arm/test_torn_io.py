@@ -15,7 +15,7 @@ from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
 from shm.topics import IO_STATE
-from tests.arm.fake_io import AXES, PERIOD_NS, Rig
+from tests.arm.fake_io import AXES, PERIOD_NS, Rig, View
 
 GARBAGE = b"\xc7"  # every flag is set, every number is far away
 
@@ -33,10 +33,10 @@ class TornRig(Rig):
         super().__init__()
 
     def start_arm(self) -> None:
-        view = View(self.ring)
+        view = View(self.ring.field)
         for name, value in (("position", self.io.position), ("setpoint_position", self.io.setpoint)):
             view[name][2:] = value
-        self.io.record = view  # type: ignore[assignment]
+        self.io.record = view
         super().start_arm()
         self.arm = PsmArm(self.document, Readings(self.seen.field, 1, 2), self.io, self.state.field,
                           self.setpoint.field, self.reports, lambda code: f"fault number {code}")
@@ -61,19 +61,6 @@ class TornRig(Rig):
     def close(self) -> None:
         for part in (self.ring, self.reader, self.hand):
             part.close()
-
-
-class View:
-    """A ring's private record, as the fake io likes it."""
-
-    def __init__(self, ring: Any) -> None:
-        self.field = ring.field
-
-    def __getitem__(self, name: str) -> Any:
-        return self.field(name)
-
-    def set(self, name: str, value: Any) -> None:
-        self.field(name)[...] = value
 
 
 @pytest.fixture
