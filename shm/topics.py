@@ -7,7 +7,7 @@ begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 JOINTS = 8  # room in an arm's record; longer chains do not exist on a da Vinci
 
@@ -288,11 +288,4 @@ PROBE = Topic(
     depth=64,
     fields=(Field("payload", "(27,)<f8", "", "216 bytes, a small state record"),),
 )
-PROBE_4K = Topic(
-    "probe4k",
-    writer="bench",
-    rate_hz=0,
-    depth_s=0,
-    depth=64,
-    fields=(Field("payload", "(512,)<f8", "", "4096 bytes"),),
-)
+PROBE_4K = replace(PROBE, name="probe4k", fields=(Field("payload", "(512,)<f8", "", "4096 bytes"),))
