@@ -1,7 +1,8 @@
 """The control page: one per instance, where it shows that it lives, how it keeps time, and who waits for it.
 
 One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except the bell's flags, each of which belongs to one waiter. Statistics are of the last full second.
+except the bell's flags, each of which belongs to one waiter, and `state` and `error` before there is an instance: the
+supervisor shows CREATED when it starts one. Statistics are of the last full second.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class Pulse:
         return STATES[code] if code < len(STATES) else f"unknown ({code})"
 
     def show(self, state: str, error: str = "") -> None:
-        """Set the lifecycle state (the instance only)."""
+        """Set the lifecycle state (the instance; before it has begun, the supervisor)."""
         self._record["error"][0] = cut_text(error, 399)
         self._record["state"][0] = STATES.index(state)
 

@@ -21,6 +21,7 @@ import pytest
 
 from shm import clock, doorbell, header, mailbox, pulse, ring
 from shm.client import Client
+from shm.commands import COMMANDS
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
 from shm.mailbox import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, Mailbox, create_mailbox
@@ -109,7 +110,8 @@ def test_every_constant_is_that_of_the_code() -> None:
     assert named >= {"shm.header.VERSION", "shm.header.TEXT_AT", "shm.header.MAX_TEXT", "shm.layout.MAX_STRIDE",
                      "shm.layout.MAX_DEPTH", "shm.layout.PAGE", "shm.layout.LINE", "shm.ring.BUSY", "shm.ring.RETRIES",
                      "shm.doorbell.PLACES", "shm.doorbell.UNHEARD", "shm.doorbell.OFD_SETLK", "shm.mailbox.CLIENTS",
-                     "shm.mailbox.COMMANDS_DEPTH", "shm.mailbox.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER"}
+                     "shm.mailbox.COMMANDS_DEPTH", "shm.mailbox.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER",
+                     "shm.mailbox.LATE_NS"}
 
 
 def test_the_kinds_are_all_there_are() -> None:
@@ -189,6 +191,7 @@ SENTENCES = [
     f"command slot n mod {mailbox.COMMANDS_DEPTH}, {COMMAND_SCHEMA.stride} bytes each",
     f"reply slot n mod {mailbox.REPLIES_DEPTH}, {REPLY_SCHEMA.stride} bytes each", "from byte first + 16 on",
     f"0 ≤ sent − taken ≤ {mailbox.COMMANDS_DEPTH} and sent < 2^62", f"sent − taken < {mailbox.COMMANDS_DEPTH}?",
+    f"older than {mailbox.LATE_NS / 1e9:g} s by its `stamp_ns`", f"more than {mailbox.MAX_VALUES} values",
     f"at most the last {mailbox.REPLIES_DEPTH} ", f"values are used, at most {mailbox.MAX_VALUES} |",
     "Record 4 lies in slot 4 mod 3 = 1, at 4096 + 64; slot 2 is busy with record 5, record 3 is in slot 0",
 ]
@@ -197,6 +200,13 @@ SENTENCES = [
 @pytest.mark.parametrize("sentence", SENTENCES)
 def test_numbers_in_sentences_are_those_of_the_code(sentence: str) -> None:
     assert sentence in " ".join(TEXT.split())
+
+
+def test_the_page_names_what_is_carried_out_however_late() -> None:
+    (sentence,) = re.findall(r"carried out however late: ([^.]*)\.", " ".join(TEXT.split()))
+    stops = [row for rows in COMMANDS.values() for row in rows if row.moves and row.stops]
+    named = {row.name for row in stops} | {text for row in stops for text in row.stops} - {"*"}
+    assert set(re.findall(r"`(\w+)`", sentence)) == named
 
 
 def test_names_are_as_long_as_the_page_says() -> None:
