@@ -167,7 +167,7 @@ def crowd(system: str) -> Turn:
 
 
 def poller(system: str) -> Turn:
-    """Read every record that can be had, polling."""
+    """Read every record that can be had, polling; not one function with `looker`, which would slow the polling."""
     reader = _reader(system, "crowd")
     arrived, payload = reader.next, reader.field("payload")
     turns = 0

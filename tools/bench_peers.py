@@ -5,7 +5,8 @@ bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for
 same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
 
 iceoryx2 comes twice: with the calls of its own Python examples, and tuned like its own benchmark in Rust: the next
-sample is borrowed while the other side is at work, the payload written and read at its bare address.
+sample is borrowed while the other side is at work, the payload written and read at its bare address. The two measuring
+loops are written out, alike as they are: a call of ours in their midst would be counted as the peer's time.
 """
 
 from __future__ import annotations
