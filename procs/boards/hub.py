@@ -3,6 +3,8 @@
 A query names boards by a mask and gives a sequence number. Each board samples and sends its block to all others, so
 that one read of any board's hub memory tells about all. Over FireWire the boards report one after the other, each when
 all with lower ids have; over Ethernet each reports as soon as it can, and the board asked has its own block first.
+Rev 8 and 9 put blocks one after the other as they come; Rev 7 has a place for every board, where the block of one that
+does not report is still the old one.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.firmware import Firmware
+from procs.lib import blocks
 from procs.lib import registers as reg
 
 BUS_BOARDS = 16
@@ -32,7 +35,8 @@ class Hub:
         self._firmware, self._over_ethernet = firmware, over_ethernet
         models = firmware.models
         most = sum(model.read_quads + 1 for model in models)
-        self.reply = bytearray(HUB_AT + 4 * (most + BUS_BOARDS) + _END.size)
+        room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
+        self.reply = bytearray(HUB_AT + 4 * room + _END.size)
         self._memory = np.frombuffer(self.reply, dtype=">u4", offset=HUB_AT)
         self._native = np.zeros(most, dtype=np.uint32)
         self.quads = 0  # of the blocks of the last query
@@ -49,7 +53,8 @@ class Hub:
         self._has_long = any(model.firmware == 7 for model in models)
         self._long = np.array([0xFFFF_0000 if model.firmware == 7 else 0x00FF_0000 for model in models],
                               dtype=np.uint32)
-        self._always_timed = models[0].firmware == 7
+        self._has_places = all(model.firmware == 7 for model in models)
+        self._places = np.zeros((BUS_BOARDS, blocks.layout_of(7).hub_quads), dtype=np.uint32)
         self._plan_for(self._whole, 0)
 
     def _plan_for(self, mask: int, first: int) -> None:
@@ -76,6 +81,10 @@ class Hub:
         self._selection = self._firmware.samples.selection(self._rows) if rows else None
         self._length = 0 if self._selection is None else len(self._selection)
         self._out = self._native[: self._length]
+        self._reporting = [self._firmware.ids[row] for row in rows]
+        self._asked = [board for board in range(BUS_BOARDS) if mask >> board & 1]
+        if self._has_places:
+            self._length = len(self._asked) * self._places.shape[1]
         self._target = self._memory[: self._length]
 
     def query(self, value: int, first: int, tick: int) -> bool:
@@ -88,6 +97,7 @@ class Hub:
         self.sequence, self.mask, self._queried = sequence, mask, tick
         self.quads, self._complete = self._length, self._can_complete
         if self._selection is None:
+            self._show_places()
             return self._complete
         firmware.sample(tick)
         firmware.stamp(self._rows, tick)
@@ -98,8 +108,16 @@ class Hub:
         if any(self.spoiled):
             self._spoil(head)
         firmware.samples.take(self._selection, self._out)
-        self._target[...] = self._out
+        if self._has_places:
+            self._places[self._reporting] = self._out.reshape(-1, self._places.shape[1])
+            self._show_places()
+        else:
+            self._target[...] = self._out
         return self._complete
+
+    def _show_places(self) -> None:
+        if self._has_places:
+            self._target[...] = self._places[self._asked].ravel()
 
     def _query_with_gaps(self, value: int, first: int, tick: int) -> bool:
         """Some board keeps its block to itself this time: it is as if it were not there."""
@@ -132,7 +150,7 @@ class Hub:
 
     def timing(self, tick: int) -> int:
         """When a read begun at `tick` began and ended, counted from the query; 0 while a board is missing."""
-        if not self._complete and not self._always_timed:
+        if not self._complete and not self._has_places:
             return 0
         start, span = tick - self._queried, READ_TICKS * self._firmware.count
         if self._over_ethernet:
