@@ -35,7 +35,7 @@ class Firmware:
         self.ids = tuple(model.board_id for model in models)
         self.boards = tuple(Board(model) for model in models)
         self.power = Power(self.ids, lines.on)
-        self.encoders = Encoders(self.count, self.width)
+        self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models))
         self.motors = Motors(models, lines, self.power, self.boards)
         self.samples = Samples(models, self.width)
         self._every = tuple(range(self.count))
@@ -230,8 +230,7 @@ class Firmware:
         """The FPGA of a board is configured anew: everything but its memories is as after power-up."""
         self.power.power_up(row, tick)
         self.encoders.observe(tick)
-        axes = np.arange(self.width * row, self.width * (row + 1))
-        self.encoders.load(axes, np.full(self.width, reg.ENCODER_ZERO))
+        self.encoders.power_up(row)
         self.motors.power_up(row)
         self.boards[row].power_up(tick)
         self._touched(row, tick)
