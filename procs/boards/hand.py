@@ -1,0 +1,105 @@
+"""A virtual hand: a spring and a damper between a robot's tip and a pose that somebody commands.
+
+It stands for the surgeon's hand at a master's gripper. Force and torque are limited, so that a pose far away pulls no
+harder than a person does; poses are targets, whoever wants a path streams them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.lib import poses
+
+Floats = npt.NDArray[np.float64]
+
+
+class Held(Protocol):
+    """What a hand needs of the plant."""
+
+    before_step: Callable[[], None] | None
+
+    def tip(self, robot: str) -> Floats:
+        """Pose (4, 4) of a robot's tip in its base frame."""
+
+    def tip_twist(self, robot: str) -> Floats:
+        """Velocity (6,) of the tip in the base frame, linear then angular."""
+
+    def pull(self, robot: str, wrench: Floats) -> None:
+        """Force and torque (6,) on the tip in the base frame, until changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """How firmly a hand holds; the defaults are a relaxed person's at a master's gripper."""
+
+    stiffness: float = 200.0  # N/m
+    turning_stiffness: float = 0.4  # N·m/rad
+    damping: float = 12.0  # N·s/m
+    turning_damping: float = 0.008  # N·m·s/rad
+    most_force: float = 20.0  # N
+    most_torque: float = 0.4  # N·m
+
+    @classmethod
+    def of(cls, *values: float) -> Grip:
+        """From the first few fields, none negative; damping that is left out follows the stiffness."""
+        if not all(math.isfinite(value) and value >= 0.0 for value in values):
+            raise ValueError(f"a hand's stiffness, damping and limits are finite and at least 0, not {values}")
+        usual = cls()
+        given = dict(zip(cls.__slots__, values, strict=False))
+        for damping, stiffness in (("damping", "stiffness"), ("turning_damping", "turning_stiffness")):
+            ratio = given.get(stiffness, getattr(usual, stiffness)) / getattr(usual, stiffness)
+            given.setdefault(damping, getattr(usual, damping) * math.sqrt(ratio))
+        return cls(**given)
+
+
+class Hands:
+    """At most one hand a robot. Nothing is paid while there is none."""
+
+    def __init__(self, plant: Held) -> None:
+        """No hand anywhere."""
+        self._plant = plant
+        self._targets: dict[str, tuple[Floats, Grip]] = {}
+
+    def hold(self, robot: str, pose: Floats, grip: Grip | None = None) -> None:
+        """Pull the tip of a robot to a pose (7,) in its base frame; a grip that is not given stays as it was.
+
+        PoseError, a ValueError, when it is no pose.
+        """
+        target = poses.matrix_from_pose(poses.normalised(pose))
+        held = self._targets.get(robot)
+        self._targets[robot] = target, grip or (held[1] if held else Grip())
+        self._plant.before_step = self.pull
+
+    def release(self, robot: str) -> None:
+        """Let go."""
+        if self._targets.pop(robot, None) is not None:
+            self._plant.pull(robot, np.zeros(6))
+        if not self._targets:
+            self._plant.before_step = None
+
+    def pull(self) -> None:
+        """Force and torque of every hand for the step that begins."""
+        for robot, (target, grip) in self._targets.items():
+            self._plant.pull(robot, wrench(target, grip, self._plant.tip(robot), self._plant.tip_twist(robot)))
+
+
+def wrench(target: Floats, grip: Grip, tip: Floats, twist: Floats) -> Floats:
+    """Force and torque (6,) of a hand on a tip, all in the base frame."""
+    result = np.empty(6)
+    force = grip.stiffness * (target[:3, 3] - tip[:3, 3]) - grip.damping * twist[:3]
+    turn = poses.rotation_vector(target[:3, :3] @ tip[:3, :3].T)
+    torque = grip.turning_stiffness * turn - grip.turning_damping * twist[3:]
+    result[:3] = _limited(force, grip.most_force)
+    result[3:] = _limited(torque, grip.most_torque)
+    return result
+
+
+def _limited(vector: Floats, most: float) -> Floats:
+    length = math.sqrt(float(vector @ vector))
+    return vector * (most / length) if length > most else vector
