@@ -49,6 +49,10 @@ def test_not_a_number_stays_a_float() -> None:
     assert isinstance(data, float) and math.isnan(data)
 
 
+def test_board_ids_need_no_quotes_as_keys() -> None:
+    assert parse_yaml("0: a\n'1': b\n10: c\n").data == {"0": "a", "1": "b", "10": "c"}
+
+
 def test_every_key_keeps_its_line() -> None:
     lines = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n").lines
     assert (lines[("a",)], lines[("a", "b")], lines[("a", "b", 0)], lines[("a", "b", 1, "c")]) == (1, 2, 3, 4)
@@ -60,7 +64,9 @@ def test_every_key_keeps_its_line() -> None:
         ("a: 1\nb: 2\na: 3", 3, "occurs twice, first in line 1"),
         ("a: [1, 2\nb: 3", 2, "expected"),
         ("a: !!python/name:os.system x", 1, "tag"),
-        ("1: 2", 1, "a key must be a text"),
+        ("1.5: 2", 1, "a key must be a text"),
+        ("true: 2", 1, "a key must be a text"),
+        ("1: 2\n'1': 3", 2, "occurs twice, first in line 1"),
         ("? [1, 2]\n: 3", 1, "a key must be a text"),
         ("a: 1\n---\nb: 2", 2, "single document"),
         ("a: &x [*x]", 1, "alias that contains itself"),

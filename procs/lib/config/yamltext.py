@@ -83,8 +83,8 @@ class _Reader:
     def mapping(self, node: yaml.MappingNode, key: Key) -> dict[str, object]:
         result: dict[str, object] = {}
         for name_node, item in node.value:
-            name = _scalar(name_node) if isinstance(name_node, yaml.ScalarNode) else None
-            if not isinstance(name, str):
+            name = _name(name_node)
+            if name is None:
                 raise _error(name_node, f"a key must be a text, not {getattr(name_node, 'value', '?')!r}")
             here = (*key, name)
             if name in result:
@@ -92,6 +92,14 @@ class _Reader:
             self.parsed.lines[here] = _line(name_node)
             result[name] = self.value(item, here)
         return result
+
+
+def _name(node: yaml.Node) -> str | None:
+    """A key: a text, or a number such as a board id, which counts as its text; None for anything else."""
+    if not isinstance(node, yaml.ScalarNode):
+        return None
+    name = _scalar(node)
+    return str(node.value) if type(name) is int else name if isinstance(name, str) else None
 
 
 def _scalar(node: yaml.ScalarNode) -> object:
