@@ -35,19 +35,29 @@ def validate(
     data = source.at(key) if key else source.data
     problems = list(_unknown_keys(model, source, key, data, unknown))
     try:
-        return model.model_validate(_without_empty(data)), problems
+        return model.model_validate(_without_empty(model, data)), problems
     except ValidationError as bad:
         for error in bad.errors(include_url=False):
             problems.append(_problem(model, source, key, error))
     return None, problems
 
 
-def _without_empty(data: object) -> object:
-    """Null, empty lists and empty objects count as absent in dVRK files."""
+def _without_empty(annotation: Any, data: object) -> object:
+    """Null, empty lists and empty objects count as absent in dVRK files; entries by name are there even when empty."""
+    annotation = _unwrap(annotation)[0]
+    if isinstance(data, dict) and _holds_models(annotation):
+        inner = typing.get_args(annotation)[1]
+        return {name: _without_empty(inner, {} if item is None else item) for name, item in data.items()}
     if isinstance(data, dict):
-        return {name: _without_empty(item) for name, item in data.items() if item not in (None, [], {})}
+        known = _fields(annotation) if _is_model(annotation) else {}
+        return {
+            name: _without_empty(known[name].annotation if name in known else object, item)
+            for name, item in data.items()
+            if item not in (None, [], {})
+        }
     if isinstance(data, list):
-        return [_without_empty(item) for item in data]
+        inner = typing.get_args(annotation)[0] if typing.get_origin(annotation) is tuple else object
+        return [_without_empty(inner, item) for item in data]
     return data
 
 
@@ -63,12 +73,18 @@ def _problem(model: type[BaseModel], source: Source, key: Key, error: Any) -> Pr
         return source.problem(where, str(error["ctx"]["error"]), allowed=description)
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
-    of_wrong_type = kind == "literal_error" and not isinstance(error["input"], str)
-    if kind.endswith("_type") or of_wrong_type:
-        return source.problem(where, "wrong type", allowed=allowed)
     if kind == "literal_error":
-        return source.problem(where, "unknown word", allowed=allowed)
+        return source.problem(where, _unlike(annotation, error["input"]), allowed=allowed)
+    if kind.endswith("_type"):
+        return source.problem(where, "wrong type", allowed=allowed)
     return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
+
+
+def _unlike(annotation: Any, value: object) -> str:
+    """What is wrong with a value that is none of those listed."""
+    if type(value) not in {type(listed) for listed in _literals(annotation)}:
+        return "wrong type"
+    return "unknown word" if isinstance(value, str) else "no such value"
 
 
 def _unwrap(annotation: Any) -> tuple[Any, list[Any], str]:
@@ -90,6 +106,11 @@ def _unwrap(annotation: Any) -> tuple[Any, list[Any], str]:
 
 def _is_model(annotation: Any) -> bool:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _holds_models(annotation: Any) -> bool:
+    """Whether this is a dict of models by name."""
+    return typing.get_origin(annotation) is dict and _is_model(_unwrap(typing.get_args(annotation)[1])[0])
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
