@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 from procs.lib.config import PROJECT_CONFIGS, Loaded, Problem, load_system
 
 SYSTEM = "systems/demo.yaml"
+Section = Mapping[str, object]
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,21 @@ class Home:
         assert loaded.system is None
         assert len(loaded.errors) == 1, [str(problem) for problem in loaded.errors]
         return loaded.errors[0]
+
+    def emulate(self, section: Section, hardware: str = "QLA1", **keys: object) -> Loaded:
+        """The demo on this hardware with this emulation section; the keys are those of its IO."""
+        file = self.path / "io/PSM1-demo.yaml"
+        file.write_text(file.read_text().replace("hardware_version: QLA1", f"hardware_version: {hardware}"))
+        io = {"name": "IO1", "port": "udp", **keys}
+        arm = {"name": "PSM1", "type": "PSM", "serial": "demo", "IO": "IO1", "arm_file": "arms/PSM1-demo.yaml",
+               "IO_file": "io/PSM1-demo.yaml", "PID_file": "pid/PSM.yaml"}
+        return self.load_made({"IOs": [io], "arms": [arm], "trocar": {"boards": "emulated", "emulation": section}})
+
+    def load_made(self, system: Section, boards: str | None = None) -> Loaded:
+        """A system file with these keys, made.json."""
+        head = {"$id": "dvrk-system.schema.json", "$version": "1"}
+        (self.path / "made.json").write_text(json.dumps({**head, **system}, indent=1))
+        return self.load("made.json", boards=boards)
 
 
 @pytest.fixture

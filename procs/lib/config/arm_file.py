@@ -11,7 +11,7 @@ from procs.lib.config.validate import Section
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 
 
-class _ArmKeys(Section):
+class ArmFile(Section):
     """What every arm file has."""
 
     version: Literal["1"] = Field(alias="$version")
@@ -24,7 +24,7 @@ class _ArmKeys(Section):
     kinematic_gc: str = ""
 
 
-class PsmFile(_ArmKeys):
+class PsmFile(ArmFile):
     """A patient side manipulator."""
 
     id: Literal["dvrk-psm.schema.json"] = Field(alias="$id")
@@ -34,7 +34,7 @@ class PsmFile(_ArmKeys):
     cannula_depth: float | None = Field(default=None, ge=0.0, le=1.0, description="m")
 
 
-class EcmFile(_ArmKeys):
+class EcmFile(ArmFile):
     """An endoscope arm."""
 
     id: Literal["dvrk-ecm.schema.json"] = Field(alias="$id")
@@ -42,7 +42,7 @@ class EcmFile(_ArmKeys):
     mounting_pitch: Pitch
 
 
-class MtmFile(_ArmKeys):
+class MtmFile(ArmFile):
     """A master arm."""
 
     id: Literal["dvrk-mtm.schema.json"] = Field(alias="$id")

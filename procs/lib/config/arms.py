@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from procs.lib import document
 from procs.lib.config import convert
-from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.config.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.lib.config.buses import BusFiles, find_bus
 from procs.lib.config.chains import load_chain, load_indexes, load_tool, tool_file
 from procs.lib.config.context import Context, Opened
@@ -20,21 +20,23 @@ from procs.lib.config.source import Source
 from procs.lib.config.system_file import ArmKeys
 from procs.lib.config.trocar_section import TrocarSection
 
-ArmFile = TypeVar("ArmFile", PsmFile, EcmFile, MtmFile)
+AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 
 ACTUATORS = {"PSM": 7, "ECM": 4, "MTM": 7}
+_FILES: dict[str, type[ArmFile]] = {"PSM": PsmFile, "ECM": EcmFile, "MTM": MtmFile}
 _PSM_LINKS = 3  # the rest of the chain comes with the tool
 _STARTED_HARDWARE = "QLA1"
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedArm:
-    """An arm that can be started, with its robot and gains."""
+    """An arm with its robot and gains; those of kinds that are not started yet exist on emulated boards only."""
 
     arm: document.Arm
     robot: document.Robot
     pid: document.Pid
     io_path: Path
+    starts: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ def load_arm(
     buses: dict[str, BusFiles],
     options: TrocarSection,
 ) -> LoadedArm | None:
-    """One arm with all its files checked; None when it has errors or is of a kind that is not started yet."""
+    """One arm with all its files checked; None when it has errors or is of a kind whose files have no model yet."""
     key: Key = ("arms", index)
     family = keys.type.split("_")[0]
     kinematic = keys.simulation == "KINEMATIC"
@@ -75,14 +77,8 @@ def load_arm(
         _load_other_files(context, place)
         context.notes.append(f"not started yet: {keys.name} ({keys.type})")
         return None
-    if family == "PSM":
-        return _load_psm(context, place, base_frame, options)
-    if family == "ECM":
-        _load_parts(context, place, EcmFile, family)
-    else:
-        _load_parts(context, place, MtmFile, family)
-    context.notes.append(f"not started yet: {keys.name} ({keys.type})")
-    return None
+    parts = _load_parts(context, place, family)
+    return _loaded(context, place, parts, base_frame, options) if parts is not None else None
 
 
 def _check_required(context: Context, place: ArmPlace, family: str, kinematic: bool) -> None:
@@ -103,15 +99,13 @@ def _check_required(context: Context, place: ArmPlace, family: str, kinematic: b
 class _Parts:
     """What the files of an arm of the usual kinds say."""
 
-    arm_source: Source
+    arm_file: Opened[ArmFile]
     chain: document.Chain | None
     robot: tuple[Opened[IoFile], int, RobotKeys] | None
     pid: Opened[PidFile] | None
 
 
-def _load_parts(
-    context: Context, place: ArmPlace, model: type[ArmFile], family: str
-) -> tuple[Opened[ArmFile], _Parts] | None:
+def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None:
     """Arm file, kinematics, IO files and gains; None when there is no arm file."""
     keys, source = place.keys, place.source
     key: Key = place.key
@@ -121,7 +115,7 @@ def _load_parts(
         path = context.find(source, (*key, "IO_gripper_file"), (gripper,))
         if path is not None:
             place.bus.add(context, path)
-    opened = _open_arm_file(context, place, model)
+    opened = _open_arm_file(context, place, _FILES[family])
     generation = opened.content.generation if opened else "Classic"
     pid = None
     if keys.simulation == "NONE":
@@ -129,10 +123,10 @@ def _load_parts(
         pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
     if opened is None:
         return None
-    return opened, _Parts(opened.source, arm_chain(context, opened), robot, pid)
+    return _Parts(opened, arm_chain(context, opened), robot, pid)
 
 
-def _open_arm_file(context: Context, place: ArmPlace, model: type[ArmFile]) -> Opened[ArmFile] | None:
+def _open_arm_file(context: Context, place: ArmPlace, model: type[AnyArmFile]) -> Opened[AnyArmFile] | None:
     keys = place.keys
     where: Key = (*place.key, "arm_file")
     if not keys.arm_file and not keys.serial:
@@ -144,7 +138,7 @@ def _open_arm_file(context: Context, place: ArmPlace, model: type[ArmFile]) -> O
     return context.open(model, path) if path is not None else None
 
 
-def arm_chain(context: Context, opened: Opened[ArmFile]) -> document.Chain | None:
+def arm_chain(context: Context, opened: Opened[AnyArmFile]) -> document.Chain | None:
     """The chain an arm file names; its other files must at least exist."""
     search = context.search.first(opened.source.path.parent)
     path = context.find(opened.source, ("kinematic",), (opened.content.kinematic,), search)
@@ -215,26 +209,23 @@ def check_pid(context: Context, opened: Opened[PidFile], robot: RobotKeys | None
                 context.error(source, (*key, "type"), text, joint_type)
 
 
-def _load_psm(
-    context: Context, place: ArmPlace, base_frame: document.Matrix | None, options: TrocarSection
+def _loaded(
+    context: Context, place: ArmPlace, parts: _Parts, base_frame: document.Matrix | None, options: TrocarSection
 ) -> LoadedArm | None:
-    loaded = _load_parts(context, place, PsmFile, "PSM")
-    if loaded is None:
-        return None
-    opened, parts = loaded
-    content, keys = opened.content, place.keys
-    tool = psm_tool(context, opened)
-    inserted = _inserted_tool(context, place, opened, options)
-    tools = {item.name: item for item in (tool, inserted) if item is not None}
-    if parts.chain is not None and len(parts.chain.links) != _PSM_LINKS:
-        text = f"chain of {len(parts.chain.links)} rows for a PSM"
-        context.error(parts.arm_source, ("kinematic",), text, f"{_PSM_LINKS} rows, the others come with the tool")
-    if not _can_start(context, place, content, parts) or parts.chain is None:
-        return None
-    if parts.robot is None or parts.pid is None or place.bus is None:
+    content, source, keys = parts.arm_file.content, parts.arm_file.source, place.keys
+    tool, tools, detection = None, {}, "MANUAL"
+    if isinstance(content, PsmFile):
+        opened = Opened(source, content)
+        tool, detection = psm_tool(context, opened), content.tool_detection
+        inserted = _inserted_tool(context, place, opened, options)
+        tools = {item.name: item for item in (tool, inserted) if item is not None}
+        _check_psm(context, opened, parts.chain)
+    starts = _can_start(context, place, parts)
+    if starts is None or parts.chain is None or parts.robot is None or parts.pid is None or place.bus is None:
         return None
     robot = parts.robot[2]
-    _check_drivable(context, parts.robot)
+    if starts:
+        _check_drivable(context, parts.robot)
     arm = document.Arm(
         name=keys.name,
         type=keys.type,
@@ -245,7 +236,7 @@ def _load_psm(
         simulation=keys.simulation,
         period_s=keys.period,
         chain=parts.chain,
-        tool_detection=content.tool_detection,
+        tool_detection=detection,
         tool=tool,
         tools=tuple(tools.values()),
         homing_zero_position=bool(content.homing_zero_position),
@@ -255,29 +246,35 @@ def _load_psm(
         base_frame=base_frame,
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
         use_setpoint_v=options.arm.use_setpoint_v,
-        source=str(parts.arm_source.path),
+        source=str(source.path),
     )
     io_path = parts.robot[0].source.path
     pid = convert.pid(parts.pid.content, robot.name, keys.name, str(parts.pid.source.path))
-    return LoadedArm(arm, convert.robot(robot, str(io_path)), pid, io_path)
+    return LoadedArm(arm, convert.robot(robot, str(io_path)), pid, io_path, starts)
 
 
-def _can_start(context: Context, place: ArmPlace, content: PsmFile, parts: _Parts) -> bool:
-    """Whether this PSM is of a kind that runs already; a note when it is not."""
-    keys = place.keys
-    hardware = parts.robot[2].hardware_version if parts.robot else _STARTED_HARDWARE
-    if content.generation == "Si" and content.mounting_pitch is None:
+def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain | None) -> None:
+    if chain is not None and len(chain.links) != _PSM_LINKS:
+        text = f"chain of {len(chain.links)} rows for a PSM"
+        context.error(opened.source, ("kinematic",), text, f"{_PSM_LINKS} rows, the others come with the tool")
+    if opened.content.generation == "Si" and opened.content.mounting_pitch is None:
         text = "this key is required for a PSM Si"
-        context.error(parts.arm_source, ("mounting_pitch",), text, "rad; usually -0.7854, PSM3 -0.2618")
+        context.error(opened.source, ("mounting_pitch",), text, "rad; usually -0.7854, PSM3 -0.2618")
+
+
+def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
+    """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
+    keys, generation = place.keys, parts.arm_file.content.generation
+    hardware = parts.robot[2].hardware_version if parts.robot else _STARTED_HARDWARE
     reason = ""
     if keys.type != "PSM":
         reason = keys.type
-    elif content.generation != "Classic":
-        reason = f"PSM {content.generation}"
+    elif generation != "Classic":
+        reason = f"PSM {generation}"
     elif hardware == "HARDWARE_UNDEFINED" and parts.robot is not None:
         where: Key = ("robots", parts.robot[1], "hardware_version")
         context.error(parts.robot[0].source, where, "the controllers must be stated", "QLA1, DQLA or dRA1")
-        return False
+        return None
     elif hardware != _STARTED_HARDWARE:
         reason = f"controllers {hardware}"
     if reason:

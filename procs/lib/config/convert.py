@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from procs.lib import document
-from procs.lib.config.io_file import ActuatorKeys, DigitalInputKeys, LinearKeys, RobotKeys
+from procs.lib.config.io_file import ActuatorKeys, BrakeKeys, DallasKeys, DigitalInputKeys, LinearKeys, RobotKeys
 from procs.lib.config.kinematic_file import DhKeys, LinkKeys, ToolFile
 from procs.lib.config.pid_file import PidFile, PidKeys
 
@@ -23,6 +23,7 @@ def robot(keys: RobotKeys, source: str) -> document.Robot:
         tolerances=tuple(document.Tolerance(t.distance, t.latency) for t in pots.tolerances) if pots else (),
         only_io=keys.only_IO,
         joint_to_actuator_position=coupling.JointToActuatorPosition if coupling else None,
+        brakes=tuple(_brake(brake) for brake in keys.brakes),
         source=source,
     )
 
@@ -53,6 +54,25 @@ def _actuator(keys: ActuatorKeys) -> document.Actuator:
         if pot
         else None,
     )
+
+
+def _brake(keys: BrakeKeys) -> document.Brake:
+    return document.Brake(
+        board_id=keys.board_id,
+        axis_id=keys.axis_id,
+        current_to_bits=_linear(keys.drive.current_to_bits),
+        bits_to_current=_linear(keys.drive.bits_to_current),
+        maximum_current=keys.drive.maximum_current,
+        release_current=keys.release_current,
+        release_s=keys.release_time,
+        released_current=keys.released_current,
+        engaged_current=keys.engaged_current,
+    )
+
+
+def instrument_reader(keys: DallasKeys) -> document.InstrumentReader:
+    """One instrument memory."""
+    return document.InstrumentReader(keys.name, keys.board_id)
 
 
 def digital_input(keys: DigitalInputKeys) -> document.DigitalInput:

@@ -1,20 +1,25 @@
-"""Emulated boards in the place of real ones: which controllers, at which address, instead of what."""
+"""Emulated boards in the place of real ones: which buses, at which address, instead of what, and with which robots."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 
 from procs.lib import document
 from procs.lib.config.arms import LoadedArm
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
-from procs.lib.config.io_checks import board_ids
+from procs.lib.config.controllers import EMULATION, BusPlace, bus_files, check_broadcasts, controllers
+from procs.lib.config.emulation_section import EVERYWHERE, EmulatedBusKeys, EmulationOptions
+from procs.lib.config.io_file import RobotKeys
+from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
-from procs.lib.config.trocar_section import EmulationOptions
+from procs.lib.config.system_file import PROTOCOLS
 
 MOST_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
-_UNKNOWN = "HARDWARE_UNDEFINED"
+LAST_OCTET = 254
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
 
 def default_addresses(system_name: str) -> Callable[[int], str]:
@@ -24,26 +29,6 @@ def default_addresses(system_name: str) -> Callable[[int], str]:
     return lambda index: f"127.{first}.{second}.{16 * (index + 1)}"
 
 
-def controllers(bus: BusFiles) -> tuple[document.Controller, ...]:
-    """Every board that any IO file of the bus uses, in order of board id."""
-    hardware: dict[int, str] = {}
-    serials: dict[int, str] = {}
-    for opened in bus.opened():
-        for board, version in board_ids(opened.content).items():
-            if hardware.get(board, _UNKNOWN) == _UNKNOWN:
-                hardware[board] = version
-        for robot in opened.content.robots:
-            for board in [a.board_id for a in robot.actuators] + [b.board_id for b in robot.brakes]:
-                serials.setdefault(board, robot.serial_number)
-    rows = []
-    for board in sorted(hardware):
-        version = "QLA1" if hardware[board] == _UNKNOWN else hardware[board]
-        fpga = "V2" if version == "QLA1" else "V3"
-        serial = serials.get(board, "") if version == "dRA1" else ""  # only these keep their arm's serial number
-        rows.append(document.Controller(board, version, fpga=fpga, serial=serial))
-    return tuple(rows)
-
-
 def build_emulation(
     context: Context,
     source: Source,
@@ -51,27 +36,162 @@ def build_emulation(
     arms: list[LoadedArm],
     options: EmulationOptions,
     address: Callable[[int], str],
-) -> document.Emulation:
-    """The emulation of all `buses`; says in the notes what it replaced."""
-    if len(buses) > MOST_BUSES:
-        context.error(source, ("IOs",), f"{len(buses)} buses with emulated boards", f"at most {MOST_BUSES}")
-    rows = []
-    for index, bus in enumerate(buses):
-        rows.append(document.Bus(bus.keys.name, address(index), controllers(bus)))
-        boards = ", ".join(str(controller.board_id) for controller in rows[-1].controllers)
-        text = f"{bus.keys.name}: port {bus.keys.port} replaced by emulated boards {boards} at {rows[-1].address}"
-        context.notes.append(text)
-    instruments = {item.arm.name: item.arm.tool.name for item in arms if item.arm.tool is not None}
-    names = [item.arm.name for item in arms]
-    for arm, tool in options.instruments.items():
-        if arm not in names:
-            key = ("trocar", "emulation", "instruments", arm)
-            context.error(source, key, "no arm of this name is started", f"one of {', '.join(names)}")
-        instruments[arm] = tool
+) -> document.Emulation | None:
+    """The emulation of all `buses`, or, without any, of those the section names; says in the notes what it replaced.
+
+    None when there is no controller at all.
+    """
+    rows: list[document.Bus] = []
+    places = list(_places(context, source, buses, options))
+    if len(places) > MOST_BUSES:
+        key = ("IOs",) if buses else (*EMULATION, "buses")
+        context.error(source, key, f"{len(places)} buses with emulated boards", f"at most {MOST_BUSES}")
+        return None
+    by_name = {bus.keys.name: bus for bus in buses}
+    for place in places:
+        bus = _bus(place, address(len(rows)))
+        if bus.controllers:
+            rows.append(bus)
+            _note(place, bus, by_name.get(place.name))
+        if place.name in by_name:
+            check_broadcasts(place, bus.controllers, PROTOCOLS[by_name[place.name].keys.protocol])
+    _check_addresses(places, rows)
+    robots = _robots(context, buses)
+    if not rows:
+        return None
     return document.Emulation(
         period_s=options.period_s,
         buses=tuple(rows),
         seed=options.seed,
         pot_noise_v=options.pot_noise_v,
-        instruments=tuple(sorted(instruments.items())),
+        instruments=_instruments(context, source, arms, options),
+        likenesses=_likenesses(context, source, robots, options),
     )
+
+
+def port_of(bus: document.Bus) -> str:
+    """The port under which a host on this machine finds an emulated bus."""
+    address = "127.0.0.1" if bus.address == EVERYWHERE else bus.address
+    hub = bus.controllers[0]
+    could_do_without = hub.firmware >= 9 and hub.fpga == "V3"  # and would, if udp stood here
+    return f"udpfw:{address}" if bus.network == "bridge" and could_do_without else f"udp:{address}"
+
+
+def _places(
+    context: Context, source: Source, buses: list[BusFiles], options: EmulationOptions
+) -> Iterable[BusPlace]:
+    names = {bus.keys.name: bus_files(bus) for bus in buses}
+    if not buses:
+        names = dict.fromkeys(options.buses, ())
+    for name in options.buses:
+        key = (*EMULATION, "buses", name)
+        if name not in names:
+            context.error(source, key, "no IO of this name", f"one of {', '.join(names)}")
+        elif not _NAME.match(name):
+            context.error(source, key, "not a name for a bus", "letters, digits, _ and -, at most 40")
+        elif not buses and not options.buses[name].controllers:
+            context.error(source, (*key, "controllers"), "a bus without an IO needs controllers", 'e.g. {"0": {}}')
+    for name, files in names.items():
+        yield BusPlace(context, source, name, options.buses.get(name, EmulatedBusKeys()), options, files)
+
+
+def _bus(place: BusPlace, address: str) -> document.Bus:
+    rows = controllers(place)
+    testboard, key = place.said("testboard")
+    without = [row.board_id for row in rows if row.hardware == "dRA1"]
+    if testboard and without:
+        text = f"the test board fits a QLA, not a dRA1 (board {', '.join(map(str, without))} of {place.name})"
+        place.error(key, text, "false")
+    return document.Bus(
+        io=place.name,
+        address=place.keys.address or address,
+        controllers=rows,
+        network="ethernet" if place.ethernet else "bridge",
+        testboard=bool(testboard),
+    )
+
+
+def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
+    replaced = f"port {files.keys.port} replaced by " if files is not None else ""
+    boards = ", ".join(str(board) for board in sorted(row.board_id for row in bus.controllers))
+    text = f"{bus.io}: {replaced}emulated boards {boards} at {bus.address}"
+    if bus.testboard:
+        text += ", wired to the test board instead of robots"
+    place.context.notes.append(text)
+
+
+def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
+    """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there.
+
+    Boards without FireWire all listen to one multicast address: two such buses would hear each other.
+    """
+    taken: dict[str, str] = {}
+    place_of = {place.name: place for place in places}
+    ethernet = [bus.io for bus in rows if bus.network == "ethernet"]
+    for bus in rows:
+        place = place_of[bus.io]
+        key: Key = (*place.key, "address")
+        if bus.address == EVERYWHERE:
+            if len(rows) > 1:
+                place.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
+            continue
+        head, _, last = bus.address.rpartition(".")
+        shifts = {0} | {row.board_id for row in bus.controllers if row.firmware >= 9}
+        if int(last) + max(shifts) > LAST_OCTET:
+            text = f"board {max(shifts)} of {bus.io} would have {head}.{int(last) + max(shifts)}"
+            place.error(key, text, f"up to {head}.{LAST_OCTET - max(shifts)}")
+        for own in (f"{head}.{int(last) + shift}" for shift in sorted(shifts)):
+            if own in taken:
+                place.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
+                break
+            taken[own] = bus.io
+    if len(ethernet) > 1:
+        place = place_of[ethernet[1]]
+        text = f"{ethernet[0]} and {ethernet[1]} would hear each other's multicasts"
+        place.error(place.said("network")[1], text, "ethernet for one bus of a system")
+
+
+def _robots(context: Context, buses: list[BusFiles]) -> dict[str, RobotKeys]:
+    """All robots on the buses by name; an instance of the emulation knows its robots by their names alone."""
+    robots: dict[str, RobotKeys] = {}
+    bus_of: dict[str, str] = {}
+    for bus in buses:
+        for opened in bus.opened():
+            for index, robot in enumerate(opened.content.robots):
+                if bus_of.get(robot.name, bus.keys.name) != bus.keys.name:
+                    text = f"{bus_of[robot.name]} has a robot of this name, too"
+                    allowed = "with emulated boards, a name of its own for every robot"
+                    context.error(opened.source, ("robots", index, "name"), text, allowed)
+                bus_of[robot.name], robots[robot.name] = bus.keys.name, robot
+    return robots
+
+
+def _instruments(
+    context: Context, source: Source, arms: list[LoadedArm], options: EmulationOptions
+) -> tuple[tuple[str, str], ...]:
+    instruments = {item.arm.name: item.arm.tool.name for item in arms if item.arm.tool is not None}
+    names = [item.arm.name for item in arms]
+    for arm, tool in options.instruments.items():
+        if arm not in names:
+            key = (*EMULATION, "instruments", arm)
+            allowed = f"one of {', '.join(names)}" if names else "nothing"
+            context.error(source, key, "no arm of this name is emulated", allowed)
+        instruments[arm] = tool
+    return tuple(sorted(instruments.items()))
+
+
+def _likenesses(
+    context: Context, source: Source, robots: dict[str, RobotKeys], options: EmulationOptions
+) -> tuple[document.Likeness, ...]:
+    for name, keys in options.robots.items():
+        key = (*EMULATION, "robots", name)
+        robot = robots.get(name)
+        if robot is None:
+            allowed = f"one of {', '.join(robots)}" if robots else "nothing"
+            context.error(source, key, "no robot of this name is emulated", allowed)
+            continue
+        count = len(robot.actuators)
+        for what, values in (("backlash", keys.backlash), ("pot_offset", keys.pot_offset)):
+            if values and len(values) != count:
+                context.error(source, (*key, what), f"{len(values)} values", f"{count}, one an actuator")
+    return tuple(document.Likeness(name, **keys.model_dump()) for name, keys in options.robots.items())

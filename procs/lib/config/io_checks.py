@@ -11,7 +11,7 @@ from procs.lib.config.source import Source
 
 IoOpened = Opened[IoFile]
 
-_AXES = {"QLA1": 4, "DQLA": 8, "dRA1": 10, "HARDWARE_UNDEFINED": 10}
+AXES = {"QLA1": 4, "DQLA": 8, "dRA1": 10, "HARDWARE_UNDEFINED": 10}
 _LEAST_FOR_CALIBRATION = 3  # with fewer actuators equal offsets are no sign of a missing calibration
 _SCALE_TOLERANCE = 0.05
 
@@ -25,7 +25,7 @@ def check_io_file(context: Context, opened: IoOpened) -> None:
         _check_axes(context, source, index, robot)
         _check_calibration(context, source, key, robot)
         _check_potentiometers(context, source, key, robot)
-        for where, part in _parts(index, robot):
+        for where, part in parts_of(index, robot):
             _check_drive(context, source, (*where, "drive"), part.drive)
         for number, actuator in enumerate(robot.actuators):
             _check_limits(context, source, (*key, "actuators", number), actuator)
@@ -41,7 +41,7 @@ def check_bus(context: Context, files: list[IoOpened]) -> None:
         for kind, key, name in _names(opened.content):
             _once(context, source, key, names, (kind, name), f"{kind} name")
         for index, robot in enumerate(opened.content.robots):
-            for key, part in _parts(index, robot):
+            for key, part in parts_of(index, robot):
                 if part.axis_id >= 0:
                     place = (part.board_id, part.axis_id)
                     _once(context, source, (*key, "axis_id"), axes, place, f"board {place[0]} axis {place[1]}")
@@ -60,7 +60,7 @@ def board_ids(content: IoFile) -> dict[int, str]:
     """Every board a file uses (robots, brakes, inputs, outputs, instrument memories) and its hardware version."""
     boards: dict[int, str] = {}
     for robot in content.robots:
-        for _, part in _parts(0, robot):
+        for _, part in parts_of(0, robot):
             boards.setdefault(part.board_id, robot.hardware_version)
     others = [button.board_id for button in content.digital_inputs]
     others += [output.board_id for output in content.digital_outputs]
@@ -96,7 +96,8 @@ def _names(content: IoFile) -> Iterator[tuple[str, Key, str]]:
         yield "dallas chip", ("dallas_chips", index, "name"), chip.name
 
 
-def _parts(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys | BrakeKeys]]:
+def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys | BrakeKeys]]:
+    """Everything of a robot that hangs on an axis of a board, and where it stands in the file."""
     for number, actuator in enumerate(robot.actuators):
         yield ("robots", index, "actuators", number), actuator
     for number, brake in enumerate(robot.brakes):
@@ -113,8 +114,8 @@ def _check_counts(context: Context, source: Source, key: Key, robot: RobotKeys) 
 
 
 def _check_axes(context: Context, source: Source, index: int, robot: RobotKeys) -> None:
-    axes = _AXES[robot.hardware_version]
-    for part_key, part in _parts(index, robot):
+    axes = AXES[robot.hardware_version]
+    for part_key, part in parts_of(index, robot):
         if not 0 <= part.axis_id < axes:
             where = (*part_key, "axis_id")
             text = "this axis does not exist" if source.has(where) else "this key is required"

@@ -16,7 +16,7 @@ from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
 from procs.lib.config.consoles import check_consoles
 from procs.lib.config.context import Context
-from procs.lib.config.emulated import build_emulation, default_addresses
+from procs.lib.config.emulated import build_emulation, default_addresses, port_of
 from procs.lib.config.instances import RESERVED, build_processes
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
@@ -199,26 +199,27 @@ def _assemble(
         text = "not a name for a system"
         context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
         return None
-    used = {loaded.arm.io for loaded in arms}
+    started = [loaded for loaded in arms if loaded.starts]
+    used = {loaded.arm.io for loaded in started}
     for bus in (bus for bus in buses if bus.keys.name not in used):
         context.notes.append(f"not started yet: {bus.keys.name} (no arm on it is started)")
-    buses = [bus for bus in buses if bus.keys.name in used]
     emulation = None
-    if emulated and buses:
+    if emulated:
         address = bus_address or default_addresses(system_name)
         emulation = build_emulation(context, source, buses, arms, options.emulation, address)
-    ios = []
-    for index, bus in enumerate(buses):
-        mine = [loaded for loaded in arms if loaded.arm.io == bus.keys.name]
-        port = f"udp:{emulation.buses[index].address}" if emulation else bus.keys.port
-        ios.append(_io(bus, mine, port, options))
-    arm_rows = tuple(loaded.arm for loaded in arms)
-    processes = build_processes(context, source, tuple(ios), arm_rows, emulation, options)
+    ports = {bus.io: port_of(bus) for bus in emulation.buses} if emulation else {}
+    ios = tuple(_io(bus, started, ports, options) for bus in buses if bus.keys.name in used)
+    if emulation:
+        every = tuple(_io(bus, arms, ports, options, whole=True) for bus in buses if bus.keys.name in ports)
+        if every != ios:
+            emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in arms))
+    arm_rows = tuple(loaded.arm for loaded in started)
+    processes = build_processes(context, source, ios, arm_rows, emulation, options)
     return document.System(
         name=system_name,
         source=str(source.path),
         clock=options.clock,
-        ios=tuple(ios),
+        ios=ios,
         arms=arm_rows,
         emulation=emulation,
         processes=processes,
@@ -229,26 +230,36 @@ def _assemble(
     )
 
 
-def _io(bus: BusFiles, arms: list[LoadedArm], port: str, options: TrocarSection) -> document.Io:
-    """The bus with the robots of the arms that are started, and the inputs of their files and of its own."""
+def _io(
+    bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection, *, whole: bool = False
+) -> document.Io:
+    """The bus with the robots of these arms and the inputs of their files and its own; `whole`: with all there is."""
     keys, io_options = bus.keys, options.io
     own = options.processes.get(keys.name)
-    paths = dict.fromkeys((*bus.own, *(loaded.io_path for loaded in arms)))
-    opened = [file for file in (bus.files[path] for path in paths) if file is not None]
+    mine = sorted((loaded for loaded in arms if loaded.arm.io == keys.name), key=lambda loaded: not loaded.starts)
+    robots = {loaded.robot.name: loaded.robot for loaded in mine}
+    opened = bus.opened()
+    if whole:
+        for file in opened:
+            for robot in file.content.robots:
+                robots.setdefault(robot.name, convert.robot(robot, str(file.source.path)))
+    else:
+        paths = dict.fromkeys((*bus.own, *(loaded.io_path for loaded in mine)))
+        opened = [file for file in (bus.files[path] for path in paths) if file is not None]
+    files = [file.content for file in opened]
     return document.Io(
         name=keys.name,
-        port=port,
+        port=ports.get(keys.name, keys.port),
         protocol=PROTOCOLS[keys.protocol],
         period_s=(own.period_s if own else None) or io_options.period_s or keys.period,
         watchdog_s=watchdog_s(keys),
         close_all_relays=keys.close_all_relays,
-        robots=tuple(loaded.robot for loaded in arms),
-        pids=tuple(loaded.pid for loaded in arms),
-        digital_inputs=tuple(
-            convert.digital_input(button) for file in opened for button in file.content.digital_inputs
-        ),
+        robots=tuple(robots.values()),
+        pids=tuple(loaded.pid for loaded in mine),
+        digital_inputs=tuple(convert.digital_input(row) for file in files for row in file.digital_inputs),
         setpoint_timeout_s=io_options.setpoint_timeout_s,
         arm_lost_s=io_options.arm_lost_s,
         arm_lost_power_off_s=io_options.arm_lost_power_off_s,
         spin_us=io_options.spin_us,
+        instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
     )

@@ -6,11 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from procs.lib.config.emulation_section import Cpu, EmulationOptions, Period, Priority
 from procs.lib.config.validate import Section
 
-Period = Annotated[float, Field(ge=0.0001, le=0.1, description="s")]
-Priority = Annotated[int, Field(ge=0, le=98, description="SCHED_FIFO priority, 0 for none")]
-Cpu = Annotated[int, Field(ge=0, le=1023, description="number of a processor")]
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
@@ -45,17 +43,6 @@ class ArmOptions(Section):
     priority: Priority = 60
     cpu: Cpu | None = None
     use_setpoint_v: bool = True
-
-
-class EmulationOptions(Section):
-    """The emulated boards."""
-
-    period_s: Period = 0.001
-    priority: Priority = 90
-    cpu: Cpu | None = None
-    seed: int = Field(default=1, ge=0, le=2**32 - 1)
-    pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
-    instruments: dict[str, str] = Field(default_factory=dict, description="arm: NAME:MODEL")
 
 
 class TrocarSection(Section):

@@ -1,0 +1,197 @@
+"""The controllers of one emulated bus: what its IO files use, changed and added to by `trocar.emulation`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from procs.lib import document
+from procs.lib.config.buses import BusFiles
+from procs.lib.config.context import Context, Opened
+from procs.lib.config.emulation_section import BoardKeys, ControllerKeys, EmulatedBusKeys, EmulationOptions
+from procs.lib.config.io_checks import AXES, board_ids, parts_of
+from procs.lib.config.io_file import IoFile
+from procs.lib.config.problem import Key
+from procs.lib.config.source import Source
+
+EMULATION: Key = ("trocar", "emulation")
+BOARDS = 16
+# The firmwares there are, by hardware, with the FPGAs each was made for. Rev 7 knows no other hardware than the QLA and
+# no FPGA V3; DQLA and dRA1 sit on V3 only.
+MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
+    "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3")},
+    "DQLA": {8: ("V3",), 9: ("V3",)},
+    "dRA1": {8: ("V3",), 9: ("V3",)},
+}
+USUAL, OF_ETHERNET = 8, 9  # the oldest firmware that all hardware has; the only one that needs no FireWire
+_UNKNOWN = "HARDWARE_UNDEFINED"
+
+
+@dataclass(frozen=True, slots=True)
+class BusPlace:
+    """One emulated bus, what is said of it, and where mistakes are told."""
+
+    context: Context
+    source: Source
+    name: str
+    keys: EmulatedBusKeys
+    options: EmulationOptions
+    files: tuple[Opened[IoFile], ...]  # empty where the system has no IOs
+
+    @property
+    def key(self) -> Key:
+        """Where the system file speaks of this bus."""
+        return (*EMULATION, "buses", self.name)
+
+    def said(self, name: str, board: str = "") -> tuple[Any, Key]:
+        """What is said of a bus or of one of its boards, the nearest first, and where; None where nothing is."""
+        own = self.keys.controllers.get(board)
+        levels: list[tuple[BoardKeys | None, Key]] = [
+            (own, (*self.key, "controllers", board)), (self.keys, self.key), (self.options, EMULATION)]
+        for keys, key in levels:
+            if getattr(keys, name, None) is not None:
+                return getattr(keys, name), (*key, name)
+        return None, self.key
+
+    @property
+    def ethernet(self) -> bool:
+        """Whether every board is on the network by itself."""
+        return bool(self.said("network")[0] == "ethernet")
+
+    def error(self, key: Key, text: str, allowed: str) -> None:
+        """A mistake in the system file."""
+        self.context.error(self.source, key, text, allowed)
+
+
+def bus_files(bus: BusFiles) -> tuple[Opened[IoFile], ...]:
+    """The IO files of a bus that could be read."""
+    return tuple(bus.opened())
+
+
+def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
+    """Every board that an IO file uses or the section names; by board id, the hub first."""
+    hardware = _hardware_of_files(place)
+    rows = []
+    for name in place.keys.controllers:
+        if name not in map(str, range(BOARDS)):
+            place.error((*place.key, "controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
+        elif int(name) not in hardware:
+            hardware[int(name)] = _UNKNOWN
+            if place.files:
+                place.context.notes.append(f"{place.name}: board {name} is in no IO file")
+    for board in sorted(hardware):
+        rows.append(_controller(place, board, hardware[board]))
+    hub, key = place.said("hub")
+    if hub is not None and hub not in hardware:
+        place.error(key, "no such board on this bus", f"one of {', '.join(map(str, sorted(hardware)))}")
+    return tuple(sorted(rows, key=lambda row: row.board_id != hub))
+
+
+def _hardware_of_files(place: BusPlace) -> dict[int, str]:
+    hardware: dict[int, str] = {}
+    for opened in place.files:
+        for board, version in board_ids(opened.content).items():
+            if hardware.get(board, _UNKNOWN) == _UNKNOWN:
+                hardware[board] = version
+    return hardware
+
+
+def _controller(place: BusPlace, board: int, of_files: str) -> document.Controller:
+    own = place.keys.controllers.get(str(board), ControllerKeys())
+    hardware = own.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
+    who = f"board {board} of {place.name}"
+    if of_files not in (_UNKNOWN, hardware):
+        key = place.said("hardware", str(board))[1]
+        place.error(key, f"{who} is a {of_files} in its IO file", of_files)
+    _check_axes(place, board, hardware, bool(own.hardware))
+    firmware = place.said("firmware", str(board))[0] or (OF_ETHERNET if place.ethernet else USUAL)
+    fpga = place.said("fpga", str(board))[0] or _usual_fpga(place, hardware, firmware)
+    _check_made(place, board, hardware, firmware, fpga)
+    return document.Controller(
+        board_id=board,
+        hardware=hardware,
+        firmware=firmware,
+        fpga=fpga,
+        serial=own.serial,
+        robot_serial=_robot_serial(place, board) if hardware == "dRA1" else "",
+        qla=_qla(place, board, hardware, firmware),
+        quirks=_quirks(place, board),
+    )
+
+
+def _usual_fpga(place: BusPlace, hardware: str, firmware: int) -> str:
+    made = MADE_FOR[hardware].get(firmware, ("V3",))
+    return made[-1] if place.ethernet else made[0]
+
+
+def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga: str) -> None:
+    """Whether there is such a firmware for this board, and whether it can do without FireWire where it has to."""
+    who = f"board {board} of {place.name}"
+    firmware_key, fpga_key = (place.said(name, str(board))[1] for name in ("firmware", "fpga"))
+    made = MADE_FOR[hardware]
+    if place.ethernet and firmware != OF_ETHERNET:
+        place.error(firmware_key, f"{who} needs FireWire with firmware {firmware}", f"{OF_ETHERNET}, or network bridge")
+    elif place.ethernet and fpga != "V3":
+        place.error(fpga_key, f"{who} needs FireWire with FPGA {fpga}", "V3, or network bridge")
+    elif firmware not in made:
+        text = f"there is no firmware {firmware} for a {hardware} ({who})"
+        place.error(firmware_key, text, " or ".join(map(str, made)))
+    elif fpga not in made[firmware]:
+        text = f"there is no firmware {firmware} for a {hardware} on FPGA {fpga} ({who})"
+        place.error(fpga_key, text, " or ".join(made[firmware]))
+
+
+def _check_axes(place: BusPlace, board: int, hardware: str, is_said: bool) -> None:
+    """A file that does not state its hardware may use axes that the hardware we take it for has not."""
+    for opened in place.files:
+        for index, robot in enumerate(opened.content.robots):
+            used = [part.axis_id for _, part in parts_of(index, robot) if part.board_id == board]
+            if robot.hardware_version == _UNKNOWN and max(used, default=0) >= AXES[hardware]:
+                text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
+                enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
+                if is_said:
+                    place.error(place.said("hardware", str(board))[1], text, enough)
+                else:
+                    place.context.error(opened.source, ("robots", index, "hardware_version"), text, enough)
+
+
+def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
+    qla, key = place.said("qla", str(board))
+    usual = document.Controller(board).qla
+    who = f"board {board} of {place.name}"
+    if qla is not None and hardware == "dRA1":
+        if str(board) in key:  # what is said for all does not mean boards without a QLA
+            place.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
+        return usual
+    if qla == "1.5" and firmware == 7:
+        place.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
+    return qla or usual
+
+
+def _quirks(place: BusPlace, board: int) -> document.Quirks:
+    own = place.keys.controllers.get(str(board), ControllerKeys()).quirks
+    said: dict[str, bool] = {}
+    for field in fields(document.Quirks):
+        for quirks in (own, place.keys.quirks, place.options.quirks):
+            if getattr(quirks, field.name) is not None:
+                said[field.name] = getattr(quirks, field.name)
+                break
+    return document.Quirks(**said)
+
+
+def _robot_serial(place: BusPlace, board: int) -> str:
+    """Serial number of the Si arm that a board sits in."""
+    for opened in place.files:
+        for index, robot in enumerate(opened.content.robots):
+            if any(part.board_id == board for _, part in parts_of(index, robot)):
+                return robot.serial_number
+    return ""
+
+
+def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], protocol: str) -> None:
+    """Boards on one bus understand one another's broadcasts only when all have Rev 7 or none has."""
+    old = [row.board_id for row in rows if row.firmware == 7]
+    if protocol != "sequential-read-write" and old and len(old) < len(rows):
+        key = place.said("firmware", str(old[0]))[1]
+        text = f"{protocol} cannot mix firmware 7 (board {', '.join(map(str, old))} of {place.name}) with others"
+        place.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")
