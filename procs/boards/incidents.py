@@ -125,6 +125,10 @@ class Incidents:
         number = self._names.index(name)
         return range(number, number + 1)
 
+    def board(self, row: int) -> tuple[Bus, int]:
+        """The bus of a row, and its row there."""
+        return self._bus_of_row[row]
+
     # -- who is meant --------------------------------------------------------------------------------------------------
 
     def _actuators(self, robot: str) -> int:

@@ -1,0 +1,110 @@
+"""An instrument that is put on is seen by the board that reads its memory, and by the switches it closes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from procs.boards.dallas import MODEL_AT, NAME_AT, VERSION_AT
+from procs.boards.emulation import Emulation
+from procs.boards.incidents import Incidents
+from procs.boards.instruments import Instruments
+from procs.lib import blocks, wire
+from procs.lib import registers as reg
+from procs.lib.document import Arm, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
+from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+
+LND, HOOK = "LARGE_NEEDLE_DRIVER_400006", "PERMANENT_CAUTERY_HOOK_420183_12"
+NODE, ADAPTER, TOOL = 1, 7, 10  # of board 3
+
+
+class Holder(Rails):
+    """A plant as far as instruments go."""
+
+    def __init__(self, held: str = "") -> None:
+        super().__init__(7)
+        self.held = held
+
+    def instrument(self, arm: str) -> str:
+        return self.held
+
+    def insert_tool(self, arm: str, tool: Tool) -> None:
+        self.held = tool.name
+
+    def remove_tool(self, arm: str) -> None:
+        self.held = ""
+
+
+def _system(reader: str) -> System:
+    system = two_buses()
+    first, second = system.ios
+    switches = tuple(DigitalInput(f"PSM1_{name}", 3, bit, pressed, True, True)
+                     for name, bit, pressed in (("adapter", ADAPTER, True), ("tool", TOOL, False)))
+    io = dataclasses.replace(first, digital_inputs=first.digital_inputs + switches, instrument_readers=(
+        InstrumentReader("PSM2_dallas", 9), InstrumentReader(reader, 3)))
+    tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), ()) for name in (LND, HOOK))
+    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools)
+    return dataclasses.replace(system, ios=(io, second), arms=(arm,))
+
+
+def _world(held: str = "", reader: str = "PSM1_dallas") -> tuple[Emulation, Instruments, Holder]:
+    plant, system = Holder(held), _system(reader)
+    world = Emulation(system, plant, START)
+    incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    return world, Instruments(system, world, incidents, plant), plant  # type: ignore[arg-type]
+
+
+def _read(world: Emulation, at: int) -> bytes | None:
+    """256 bytes of the instrument's memory from 0x80 on, as a host reads them; None: there is none."""
+    now = START + at * MS
+    write(world, 0, NODE, reg.DALLAS, 0x80 << 16 | 2, now)
+    status = wire.decode_response(world.answer(0, wire.quadlet_read(NODE, reg.DALLAS, 1, 1), now + 900 * MS) or b"")
+    data = wire.decode_response(
+        world.answer(0, wire.block_read(NODE, reg.DALLAS_MEMORY, 256, 1, 1), now + 901 * MS) or b"")
+    assert isinstance(status, wire.Response) and isinstance(data, wire.Response)
+    assert status.value & 0x20F0 == 0
+    return data.data if status.value >> 1 & 3 == 1 else None
+
+
+def _switches(world: Emulation, at: int) -> tuple[int, int]:
+    """Levels of adapter (1: pressed) and tool (0: pressed)."""
+    levels = int(real_time(world, 0, NODE, START + at * MS)[blocks.DIGITAL_INPUT])
+    return levels >> ADAPTER & 1, levels >> TOOL & 1
+
+
+@pytest.mark.parametrize("reader", ["psm1_Dallas", "chip 2"])  # by its name, else by the robot's boards
+def test_an_instrument_is_read_until_it_is_taken_off(reader: str) -> None:
+    world, instruments, plant = _world(reader=reader)
+    assert _read(world, 1) is None
+    assert _switches(world, 1000) == (0, 1)
+    instruments.insert("PSM1", "LARGE_NEEDLE_DRIVER:400006")
+    assert plant.held == LND
+    memory = _read(world, 1001)
+    assert memory is not None
+    assert memory[NAME_AT - 0x80 :][:20] == b"LARGE_NEEDLE_DRIVER\0"
+    assert int.from_bytes(memory[MODEL_AT - 0x80 :][:4], "big") == 400006
+    assert _switches(world, 2000) == (1, 0)
+    instruments.remove("PSM1")
+    assert plant.held == ""
+    assert _read(world, 2001) is None
+    assert _switches(world, 3000) == (1, 1)  # the adapter stays
+
+
+def test_what_is_held_at_the_start_is_seen() -> None:
+    world, _, _ = _world(HOOK)
+    memory = _read(world, 1)
+    assert memory is not None
+    assert (memory[NAME_AT - 0x80 :][:23], memory[VERSION_AT - 0x80]) == (b"PERMANENT_CAUTERY_HOOK\0", 12)
+    assert _switches(world, 1000) == (1, 0)
+
+
+def test_unknown_instruments_and_arms_are_refused() -> None:
+    world, instruments, plant = _world()
+    with pytest.raises(KeyError, match=f"NEEDLE_1: not known to PSM1; there are {LND}"):
+        instruments.insert("PSM1", "NEEDLE:1")
+    for act in (instruments.remove, lambda arm: instruments.insert(arm, LND)):
+        with pytest.raises(KeyError, match=r"PSM7.*PSM1"):
+            act("PSM7")
+    assert plant.held == ""
+    assert _switches(world, 1) == (0, 1)
