@@ -144,7 +144,8 @@ class Bench:
         self._times: dict[str, list[int]] = defaultdict(list)
         buses = document.emulation.buses if document.emulation is not None else ()
         # The boards' time is the host's, whatever the sockets say; asking the kernel for it costs what it always costs.
-        self._server = Endpoints(buses, lambda bus, data, _, to: world.answer(bus, data, self._now, to), monotonic_ns, False)
+        self._server = Endpoints(buses, lambda bus, data, _, to: world.answer(bus, data, self._now, to), monotonic_ns,
+                                 False)
         self._client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._client.connect((buses[0].address, wire.UDP_PORT))
         self._client.settimeout(1.0)

@@ -50,6 +50,9 @@ class World(Protocol):
     def step_current(self, current: Floats) -> None:
         """One period under motor currents, A."""
 
+    def brake(self, robot: str, actuators: npt.NDArray[np.bool_], engaged: bool) -> None:
+        """Hold or let go of some actuators of a robot, from the next step on."""
+
 
 def ticks_of(ns: int) -> int:
     """Whole ticks of 49.152 MHz in a time."""
@@ -92,13 +95,19 @@ class Emulation:
         self._random = np.random.default_rng(system.emulation.seed)
         self.begin = self._next = 0  # the step under way, in ticks
         axes = len(wiring.slots)
+        self._has_robots = axes > 0  # boards may be there for their own sake
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
         self.current = np.zeros(axes)
         self._dac, self._on, self._adc = (a.reshape(-1) for a in (self.lines.dac, self.lines.on, self.lines.adc))
         self._at_slots(len(self._dac))
         self._cut = tuple(self._cuts())
-        for bus, cut in self._cut:
-            bus.encoders.place(self._now[0, cut])
+        for robot, own in wiring.brakes.robots:
+            engaged = np.zeros(wiring.count_of(robot), dtype=np.bool_)
+            engaged[: own.size] = True
+            world.brake(robot, engaged, True)
+        if self._has_robots:
+            for bus, cut in self._cut:
+                bus.encoders.place(self._now[0, cut])
         self._step()
 
     def _at_slots(self, count: int) -> None:
@@ -110,18 +119,25 @@ class Emulation:
         self._axis_of = np.zeros(count, dtype=np.intp)
         self._axis_of[wiring.slots] = np.arange(len(wiring.slots))
 
-        def spread(values: Floats, elsewhere: float = 0.0) -> Floats:
+        def spread(values: Floats, elsewhere: float = 0.0, brakes: Floats | None = None) -> Floats:
             spread = np.full(count, float(elsewhere))
             spread[wiring.slots] = values
+            if brakes is not None:
+                spread[wiring.brakes.slots] = brakes
             return spread
 
-        self._amps = (spread(wiring.amps.scale), spread(wiring.amps.offset))
+        of_brakes = wiring.brakes
+        self._let_go = np.zeros(len(of_brakes.slots), dtype=np.bool_)
+        self._amps = (spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
+                      spread(wiring.amps.offset, 0.0, of_brakes.amps.offset))
         self._volts = (spread(wiring.pot_volts.scale), spread(wiring.pot_volts.offset))
         counts = spread(wiring.counts.scale)
         self._counts = (np.array((counts, counts / reg.CLOCK_HZ)),
                         np.array((spread(wiring.counts.offset), np.zeros(count))))
-        self._to_bits = (np.array((spread(wiring.pot_bits.scale), spread(wiring.measured.scale))),
-                         np.array((spread(wiring.pot_bits.offset), spread(wiring.measured.offset, reg.CURRENT_ZERO))))
+        measured = (spread(wiring.measured.scale, 0.0, of_brakes.measured.scale),
+                    spread(wiring.measured.offset, reg.CURRENT_ZERO, of_brakes.measured.offset))
+        self._to_bits = (np.array((spread(wiring.pot_bits.scale), measured[0])),
+                         np.array((spread(wiring.pot_bits.offset), measured[1])))
         self._flowing = np.zeros(count)
         self._bits = np.zeros((3, count))  # potentiometers, measured and commanded currents
         self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
@@ -133,7 +149,8 @@ class Emulation:
         self._now, self._end, self._motion = (np.zeros((2, count)) for _ in range(3))
         self._change = np.zeros(count)
         self._spans = np.array((np.full(count, float(self._span)), np.full(count, 2.0 * self._span)))
-        self._where(self._now)
+        if self._has_robots:
+            self._where(self._now)
 
     def _where(self, now: Floats) -> None:
         """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
@@ -186,12 +203,29 @@ class Emulation:
         self._next = tick + self._span
         for bus in self.buses:
             bus.step(tick)
-        self._sense()
-        self._check_currents(tick)
-        self.position[:], self.velocity[:] = self._world.position, self._world.velocity
-        self._world.step_current(self.current)
-        self._move()
+        if self._has_robots:
+            self._sense()
+            self._check_currents(tick)
+            if self._let_go.size:
+                self._brake()
+            self.position[:], self.velocity[:] = self._world.position, self._world.velocity
+            self._world.step_current(self.current)
+            self._move()
         self.on_step()
+
+    def _brake(self) -> None:
+        """Brakes let go and hold as their currents say."""
+        brakes, before = self.wiring.brakes, self._let_go
+        current = np.abs(self._flowing[brakes.slots])
+        let_go = current >= np.where(before, brakes.holds_off, brakes.lets_go)
+        if (let_go == before).all():
+            return
+        self._let_go = let_go
+        for robot, own in brakes.robots:
+            for engaged in (False, True):
+                actuators = np.zeros(self.wiring.count_of(robot), dtype=np.bool_)
+                actuators[: own.size] = let_go[own] != engaged
+                self._world.brake(robot, actuators, engaged)
 
     def _sense(self) -> None:
         """The currents that flow, and what the converters make of them and of the potentiometers."""

@@ -16,6 +16,7 @@ from procs.boards.lines import INPUTS_OPEN
 from procs.boards.models import models_of, width_of
 from procs.lib.document import Actuator, Emulation, Linear, System
 
+BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 
@@ -47,6 +48,18 @@ class Inverse:
         np.multiply(y, self.scale, out=out)
         out += self.offset
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class Brakes:
+    """Brakes of all robots, each on a motor channel; brake k of a robot holds its actuator k."""
+
+    robots: tuple[tuple[str, Ints], ...]  # a robot and which of the brakes are its own
+    slots: Ints
+    amps: Inverse
+    measured: Inverse
+    lets_go: Floats  # A from which on a brake lets go, either sign
+    holds_off: Floats  # A above which it then stays so
 
 
 def rows_of(emulation: Emulation) -> dict[tuple[str, int], int]:
@@ -82,11 +95,28 @@ class Wiring:
         self.pot_bits = Inverse.of([volts for volts, _ in pots])
         self.amps = Inverse.of([a.current_to_bits for a in actuators])
         self.measured = Inverse.of([a.bits_to_current for a in actuators])
+        self.brakes = self._brakes(system)
         self.inputs = {i.name: Input(self._row(io.name, i.board_id, i.name), i.bit_id, i.pressed_value)
                        for io in system.ios for i in io.digital_inputs}
         # where the topic's boards (document order) lie among the rows
         self.topic_rows = np.array([self.rows[bus.io, c.board_id] for bus in emulation.buses for c in bus.controllers],
                                    dtype=np.intp)
+
+    def _brakes(self, system: System) -> Brakes:
+        robots, brakes, slots = [], [], []
+        for io in system.ios:
+            for robot in io.robots:
+                if robot.brakes:
+                    robots.append((robot.name, np.arange(len(brakes), len(brakes) + len(robot.brakes))))
+                    brakes += robot.brakes
+                    slots += [self.width * self._row(io.name, b.board_id, robot.name) + b.axis_id
+                              for b in robot.brakes]
+        # Some files have an offset below 0, which comes out right in the 16 bits of a command.
+        commands = [Linear(b.current_to_bits.scale, b.current_to_bits.offset % 65536) for b in brakes]
+        return Brakes(tuple(robots), np.array(slots, dtype=np.intp), Inverse.of(commands),
+                      Inverse.of([b.bits_to_current for b in brakes]),
+                      np.array([BRAKE_LETS_GO * min(abs(b.release_current), b.maximum_current) for b in brakes]),
+                      np.array([BRAKE_HOLDS_OFF * abs(b.released_current) for b in brakes]))
 
     def _row(self, io: str, board: int, who: str) -> int:
         row = self.rows.get((io, board))
@@ -102,6 +132,11 @@ class Wiring:
             if button.pressed:
                 levels[button.row] &= np.uint32(~(1 << button.bit) & 0xFFFFFFFF)
         return levels
+
+    def count_of(self, robot: str) -> int:
+        """How many actuators a robot has."""
+        cut = self.robots[robot]
+        return cut.stop - cut.start
 
     def boards_of(self, robot: str) -> list[int]:
         """Rows of the boards a robot hangs on."""
