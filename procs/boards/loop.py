@@ -10,7 +10,6 @@ import numpy.typing as npt
 from procs import runtime
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
-from procs.boards.incidents import Incidents
 from procs.boards.orders import Orders
 from procs.boards.plant import Plant
 from shm.ring import RingWriter
@@ -65,14 +64,14 @@ class Publisher:
 def main() -> None:
     """Serve until told to stop."""
     with runtime.process("boards") as me, contextlib.ExitStack() as stack:
-        emulation = me.document.emulation
+        system, emulation = me.document.emulated(), me.document.emulation
         if emulation is None:
             raise ValueError("this system has no emulated boards")
-        plant = Plant(me.document)
-        world = Emulation(me.document, plant, me.clock.now_ns())
+        plant = Plant(system)
+        world = Emulation(system, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        orders = Orders(me.document, Incidents(world, plant), world.mishaps, plant)
+        orders = Orders(system, Incidents(world, plant), world.mishaps, plant)
         mailbox = me.mailbox()
         endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
                               world.board_at)

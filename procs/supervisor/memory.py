@@ -45,7 +45,7 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
     if process.kind == "io":
         return _of_ios((system.io(process.name),))
     if process.kind == "boards" and system.emulation is not None:
-        dims, info = _of_ios(system.ios)
+        dims, info = _of_ios(system.emulated().ios)
         boards = [c.board_id for bus in system.emulation.buses for c in bus.controllers]
         return {"axes": dims["axes"], "boards": len(boards)}, {"robots": info["robots"], "boards": boards}
     if process.kind == "supervisor":
