@@ -84,3 +84,21 @@ def test_every_own_file_checks_clean() -> None:
     assert len(paths) >= 7
     for path in paths:
         assert check_file(path).problems == (), path
+
+
+@pytest.mark.parametrize(("name", "network", "firmware", "fpga"), [
+    ("testboard", "bridge", 8, "V2"), ("testboard-ethernet", "ethernet", 9, "V3")])
+def test_boards_on_the_bench_start_alone(
+    name: str, network: str, firmware: int, fpga: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    loaded = load_system(PROJECT_CONFIGS / f"systems/{name}.yaml")
+    system = loaded.system
+    assert loaded.warnings == () and system is not None and system.emulation is not None
+    assert [(row.name, row.kind, row.after) for row in system.processes] == [("boards", "boards", ())]
+    assert system.ios == () and system.arms == () and document.from_json(document.to_json(system)) == system
+    (bus,) = system.emulation.buses
+    assert (bus.address, bus.network, bus.testboard) == ("0.0.0.0", network, True)
+    assert [(c.board_id, c.hardware, c.firmware, c.fpga) for c in bus.controllers] == [
+        (board, "QLA1", firmware, fpga) for board in (0, 1)]
+    assert len({c.serial for c in bus.controllers}) == 2
