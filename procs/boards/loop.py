@@ -71,7 +71,7 @@ def main() -> None:
         world = Emulation(system, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        orders = Orders(system, Incidents(world, plant), world.mishaps, plant)
+        orders = Orders.of(system, world, plant)
         mailbox = me.mailbox()
         endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
                               world.board_at)

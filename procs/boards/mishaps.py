@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from procs.lib.wire import DROPPED, TRAILER_BYTES, Buffer
 
 NEVER = 1 << 62
-LOST, LATE, DUPLICATED, DROPPED_REPLY, WRONG_LABEL = KINDS = ("lost", "late", "duplicated", "dropped", "wrong_label")
+LOST, LATE, DUPLICATED, DROPPED_REPLY, MISLABELLED = KINDS = ("lost", "late", "duplicated", "dropped", "mislabelled")
 _LABEL_SHIFT, _LABEL_MASK = 10, 0x3F  # transaction label in the first quadlet
 _QUAD = struct.Struct(">I")
 
@@ -65,7 +65,7 @@ class Mishaps:
         if not hit:
             if kinds[DROPPED_REPLY].strikes(chance):
                 reply = _dropped(reply)
-            elif kinds[WRONG_LABEL].strikes(chance):
+            elif kinds[MISLABELLED].strikes(chance):
                 reply = _relabelled(reply)
         copies = 0 if hit else 2 if kinds[DUPLICATED].strikes(chance) else 1
         late = kinds[LATE]
@@ -96,16 +96,20 @@ class Mishaps:
     def strike(self, kind: str, count: int, buses: range, delay_ns: int = 0) -> None:
         """Let it happen to the next `count` replies of each of these buses; 0: to none."""
         for bus in buses:
-            mishap = self._kinds[bus][kind]
-            mishap.count, mishap.delay_ns = count, delay_ns
+            self._kinds[bus][kind].count = count
+            self._delay(bus, kind, delay_ns)
         self._look()
 
     def strike_often(self, kind: str, rate: float, buses: range, delay_ns: int = 0) -> None:
         """Let it happen to every reply with this probability, until changed."""
         for bus in buses:
-            mishap = self._kinds[bus][kind]
-            mishap.rate, mishap.delay_ns = rate, delay_ns
+            self._kinds[bus][kind].rate = rate
+            self._delay(bus, kind, delay_ns)
         self._look()
+
+    def _delay(self, bus: int, kind: str, delay_ns: int) -> None:
+        if delay_ns:
+            self._kinds[bus][kind].delay_ns = delay_ns
 
     def lose_packets(self, rate: float, buses: range) -> None:
         """Lose requests and replies with this probability, until changed."""

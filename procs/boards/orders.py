@@ -3,62 +3,171 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
-from procs.boards.mishaps import Mishaps
+from procs.boards.instruments import Instruments
+from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, Mishaps
 from procs.boards.plant import Plant
-from procs.lib.document import System, Tool
+from procs.lib.document import System
+from shm.commands import COMMANDS
 from shm.mailbox import Received
 
-Values = npt.NDArray[np.float64]
+MOST_TIMES = 1_000_000
+LONGEST_DELAY_S = 60.0
+ENCODER_HALF = 1 << 23
+BOARDS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """The numbers and the text of a command; ValueError says what is wrong with them."""
+
+    values: npt.NDArray[np.float64]
+    text: str
+
+    def number(self, at: int, low: float = -np.inf, high: float = np.inf) -> float:
+        """A finite number within limits."""
+        value = float(self.values[at])
+        if not (np.isfinite(value) and low <= value <= high):
+            limits = f"{low:g} to {high:g}" if np.isfinite((low, high)).any() else "finite ones"
+            raise ValueError(f"number {at + 1} is {value:g}; allowed: {limits}")
+        return value
+
+    def whole(self, at: int, low: int, high: int) -> int:
+        """A whole number within limits."""
+        value = self.number(at, low, high)
+        if value != int(value):
+            raise ValueError(f"number {at + 1} is {value:g}; allowed: whole ones")
+        return int(value)
+
+    def on(self, at: int) -> bool:
+        """1: on, 0: off."""
+        return bool(self.whole(at, 0, 1))
+
+    def axis(self) -> int:
+        """The first number, an actuator; which ones there are is looked up."""
+        return self.whole(0, 0, 255)
+
+    def board(self) -> int:
+        """The first number, a board id."""
+        return self.whole(0, 0, BOARDS - 1)
+
+    def times(self, at: int) -> int:
+        """How often."""
+        return self.whole(at, 0, MOST_TIMES)
+
+
+Order = Callable[[Words], None]
 
 
 class Orders:
     """Carries out commands at once."""
 
-    def __init__(self, system: System, incidents: Incidents, mishaps: Mishaps, plant: Plant) -> None:
-        """`plant` is the world's own."""
-        self._system, self._plant = system, plant
-        self._table: dict[str, Callable[[Values, str], None]] = {
-            "press": lambda v, text: incidents.press(text, bool(_number(v, 0))),
-            "amp_fault": lambda v, text: incidents.fail_amplifier(text, int(_number(v, 0)), bool(_number(v, 1))),
-            "power_loss": lambda v, text: incidents.lose_supply(text, bool(_number(v, 0))),
-            "encoder_jump": lambda v, text: incidents.jump_encoder(text, int(_number(v, 0)), int(_number(v, 1))),
-            "lose_replies": lambda v, text: mishaps.strike("lost", max(0, int(_number(v, 0))), incidents.buses(text)),
-            "push": lambda v, text: incidents.push(text, v.copy()),
-            "insert_instrument": self._insert,
-            "remove_instrument": lambda v, text: plant.remove_tool(text),
-        }
+    def __init__(self, incidents: Incidents, instruments: Instruments, mishaps: Mishaps) -> None:
+        """All of one world."""
+        self._incidents, self._instruments, self._mishaps = incidents, instruments, mishaps
+        self._rows = {row.name: row for row in COMMANDS["boards"]}
+        # how many numbers a command takes, and what it does
+        self._table: dict[str, tuple[tuple[int, ...], Order]] = {
+            **self._for_people(), **self._for_robots(), **self._for_boards(), **self._for_replies()}
+
+    @classmethod
+    def of(cls, system: System, world: Emulation, plant: Plant) -> Orders:
+        """For the boards and robots of a system; `plant` is the world's own."""
+        incidents = Incidents(world, plant)
+        return cls(incidents, Instruments(system, world, incidents, plant), world.mishaps)
 
     def carry_out(self, command: Received) -> None:
         """Do it and answer; a wrong argument refuses it with the reason."""
-        order = self._table.get(command.name)
+        counts, order = self._table.get(command.name, ((), None))
         if order is None:
             command.refuse(f"{command.name} is not possible here")
             return
         try:
-            order(command.values, command.text)
+            if counts and len(command.values) not in counts:
+                allowed = " or ".join(map(str, counts))
+                takes = self._rows[command.name].values or "none"
+                raise ValueError(f"{len(command.values)} numbers; allowed: {allowed} ({takes})")
+            order(Words(command.values, command.text))
         except (KeyError, ValueError) as error:
             command.refuse(str(error.args[0] if error.args else error))
             return
         command.done()
 
-    def _insert(self, values: Values, text: str) -> None:
-        arm, _, name = text.partition(" ")
-        self._plant.insert_tool(arm, self._tool(arm, name.replace(":", "_")))
+    def _for_people(self) -> dict[str, tuple[tuple[int, ...], Order]]:
+        """What hands do."""
+        incidents, instruments = self._incidents, self._instruments
+        return {
+            "press": ((1,), lambda w: incidents.press(w.text, w.on(0))),
+            "emergency_stop": ((1,), lambda w: incidents.stop(w.on(0), w.text)),
+            "insert_instrument": ((0,), lambda w: instruments.insert(*_arm_and_name(w.text))),
+            "remove_instrument": ((0,), lambda w: instruments.remove(w.text)),
+            "push": ((), lambda w: incidents.push(w.text, w.values.copy())),
+            "place": ((), lambda w: incidents.place(w.text, w.values.copy())),
+        }
 
-    def _tool(self, arm: str, name: str) -> Tool:
-        tools = self._system.arm(arm).tools
-        for tool in tools:
-            if tool.name == name:
-                return tool
-        raise KeyError(f"{name}: not known to {arm}; there are {', '.join(t.name for t in tools) or 'none'}")
+    def _for_robots(self) -> dict[str, tuple[tuple[int, ...], Order]]:
+        """Faults of a robot and its sensors."""
+        incidents = self._incidents
+        return {
+            "power_loss": ((1,), lambda w: incidents.lose_supply(w.text, w.on(0))),
+            "amp_fault": ((2,), lambda w: incidents.fail_amplifier(w.text, w.axis(), w.on(1))),
+            "encoder_jump": ((2,), lambda w: incidents.jump_encoder(
+                w.text, w.axis(), w.whole(1, -ENCODER_HALF, ENCODER_HALF))),
+            "current_error": ((2,), lambda w: incidents.shift_current(w.text, w.axis(), w.number(1))),
+            "pot_drift": ((2, 3), lambda w: incidents.drift(
+                w.text, w.axis(), w.number(1), w.number(2) if len(w.values) > 2 else None)),
+        }
+
+    def _for_boards(self) -> dict[str, tuple[tuple[int, ...], Order]]:
+        """Faults of a board or its bus."""
+        incidents = self._incidents
+        return {
+            "board_gone": ((2,), lambda w: incidents.take_away(w.board(), w.on(1), w.text)),
+            "bus_reset": ((0,), lambda w: incidents.reset_bus(w.text)),
+            "miss_block": ((2,), lambda w: incidents.withhold(w.board(), w.times(1), w.text)),
+            "spoil_sequence": ((2,), lambda w: incidents.spoil_sequence(w.board(), w.times(1), w.text)),
+            "temperature": ((2, 3), lambda w: incidents.heat(
+                w.board(), w.number(1), w.number(len(w.values) - 1), w.text)),
+        }
+
+    def _for_replies(self) -> dict[str, tuple[tuple[int, ...], Order]]:
+        """Faults on the way."""
+        mishaps, buses = self._mishaps, self._incidents.buses
+
+        def next_ones(kind: str) -> tuple[tuple[int, ...], Order]:
+            return (1,), lambda w: mishaps.strike(kind, w.times(0), buses(w.text))
+
+        return {
+            "lose_replies": next_ones(LOST),
+            "duplicate_replies": next_ones(DUPLICATED),
+            "drop_replies": next_ones(DROPPED_REPLY),
+            "mislabel_replies": next_ones(MISLABELLED),
+            "delay_replies": ((2,), lambda w: mishaps.strike(LATE, w.times(0), buses(w.text), _delay_ns(w, 1))),
+            "reply_rate": ((1, 2), self._set_rate),
+            "packet_loss": ((1,), lambda w: mishaps.lose_packets(w.number(0, 0.0, 1.0), buses(w.text))),
+            "no_mishaps": ((0,), lambda w: mishaps.end()),
+        }
+
+    def _set_rate(self, words: Words) -> None:
+        kind, _, bus = words.text.partition(" ")
+        if kind not in KINDS:
+            raise KeyError(f"{kind or 'no kind'}: no such fault of replies; there are {', '.join(KINDS)}")
+        if (len(words.values) == 2) != (kind == LATE):
+            raise ValueError(f"{kind}: {len(words.values)} numbers; allowed: rate, and delay_s of {LATE} ones")
+        delay_ns = _delay_ns(words, 1) if kind == LATE else 0
+        self._mishaps.strike_often(kind, words.number(0, 0.0, 1.0), self._incidents.buses(bus.strip()), delay_ns)
 
 
-def _number(values: Values, at: int) -> float:
-    if at >= len(values) or not np.isfinite(values[at]):
-        raise ValueError(f"number {at + 1} is missing or not finite")
-    return float(values[at])
+def _delay_ns(words: Words, at: int) -> int:
+    return round(words.number(at, 0.0, LONGEST_DELAY_S) * 1e9)
+
+
+def _arm_and_name(text: str) -> tuple[str, str]:
+    arm, _, name = text.partition(" ")
+    return arm, name.strip()

@@ -41,6 +41,9 @@ class Rails:
         self.position += self.velocity * 1e-3
         self.pot_position[:] = self.position
 
+    def brake(self, robot: str, actuators: np.ndarray, engaged: bool) -> None:
+        """Nothing here has any."""
+
 
 def _actuator(board: int, axis: int, sign: float) -> Actuator:
     return Actuator(

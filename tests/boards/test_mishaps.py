@@ -89,7 +89,7 @@ def test_a_wrong_label_is_the_next_one() -> None:
         host.label = label - 1
         whole = host.ask()[0]
         host.label -= 1
-        host.mishaps.strike("wrong_label", 1, BOTH)
+        host.mishaps.strike("mislabelled", 1, BOTH)
         wrong = wire.decode_response(host.ask()[0])
         assert isinstance(wrong, wire.Response)
         assert wrong.tl == (label + 1) % 64
@@ -123,7 +123,7 @@ def test_a_late_reply_keeps_what_it_said() -> None:
 
 def test_several_mishaps_may_come_together() -> None:
     host = Host()
-    for kind in ("late", "duplicated", "wrong_label"):
+    for kind in ("late", "duplicated", "mislabelled"):
         host.mishaps.strike(kind, 1, BOTH, 3 * MS)
     assert host.ask() == []
     replies = [reply for _, reply, _ in host.mishaps.due(host.now + 3 * MS)]

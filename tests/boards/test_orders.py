@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from procs.boards.emulation import Emulation
+from procs.boards.incidents import Incidents
+from procs.boards.mishaps import KINDS
 from procs.boards.orders import Orders
 from shm.commands import COMMANDS
+from tests.boards.rails import START, Rails, two_buses
+
+NAN, INF = float("nan"), float("inf")
 
 
 class Recorder:
-    """Stands for world and plant: notes what it is told."""
+    """Stands for what orders act on: notes what it is told."""
 
     def __init__(self) -> None:
         self.told: list[tuple[Any, ...]] = []
 
+    def buses(self, name: str) -> str:
+        return f"buses {name}"
+
     def __getattr__(self, name: str) -> Any:
-        return lambda *arguments: self.told.append((name, *arguments))
+        def note(*arguments: Any) -> None:
+            plain = (a.tolist() if isinstance(a, np.ndarray) else a for a in arguments)
+            self.told.append((name, *plain))
+
+        return note
 
 
 class Asked:
@@ -35,41 +47,93 @@ class Asked:
         self.outcome = reason
 
 
-def _ask(name: str, values: list[float], text: str = "") -> tuple[Recorder, str]:
+def _ask(name: str, values: list[float], text: str = "") -> tuple[list[tuple[Any, ...]], str]:
     recorder, command = Recorder(), Asked(name, values, text)
-    system = SimpleNamespace(arm=lambda name: SimpleNamespace(tools=()))
-    Orders(system, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
-    return recorder, command.outcome
+    Orders(recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
+    return recorder.told, command.outcome
 
 
-@pytest.mark.parametrize(("name", "values", "text", "told"), [
+GOOD = [
     ("press", [1], "clutch", ("press", "clutch", True)),
+    ("emergency_stop", [0], "", ("stop", False, "")),
+    ("insert_instrument", [], "PSM1 NEEDLE:400006", ("insert", "PSM1", "NEEDLE:400006")),
+    ("remove_instrument", [], "PSM1", ("remove", "PSM1")),
+    ("push", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
+    ("place", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
     ("amp_fault", [2, 1], "PSM1", ("fail_amplifier", "PSM1", 2, True)),
     ("power_loss", [0], "PSM1", ("lose_supply", "PSM1", False)),
     ("encoder_jump", [1, -40], "PSM1", ("jump_encoder", "PSM1", 1, -40)),
-    ("remove_instrument", [], "PSM1", ("remove_tool", "PSM1")),
-])
+    ("current_error", [1, -0.6], "PSM1", ("shift_current", "PSM1", 1, -0.6)),
+    ("pot_drift", [1, 0.01], "PSM1", ("drift", "PSM1", 1, 0.01, None)),
+    ("pot_drift", [1, 0, 0], "PSM1", ("drift", "PSM1", 1, 0.0, 0.0)),
+    ("board_gone", [7, 1], "IO1", ("take_away", 7, True, "IO1")),
+    ("bus_reset", [], "", ("reset_bus", "")),
+    ("miss_block", [7, 3], "", ("withhold", 7, 3, "")),
+    ("spoil_sequence", [7, 3], "IO1", ("spoil_sequence", 7, 3, "IO1")),
+    ("temperature", [7, 66], "", ("heat", 7, 66.0, 66.0, "")),
+    ("temperature", [7, 66, 40.5], "", ("heat", 7, 66.0, 40.5, "")),
+    ("lose_replies", [3], "IO1", ("strike", "lost", 3, "buses IO1")),
+    ("duplicate_replies", [3], "", ("strike", "duplicated", 3, "buses ")),
+    ("drop_replies", [3], "", ("strike", "dropped", 3, "buses ")),
+    ("mislabel_replies", [3], "", ("strike", "mislabelled", 3, "buses ")),
+    ("delay_replies", [3, 0.005], "", ("strike", "late", 3, "buses ", 5_000_000)),
+    ("reply_rate", [0.1], "lost", ("strike_often", "lost", 0.1, "buses ", 0)),
+    ("reply_rate", [0.1, 0.002], "late IO1", ("strike_often", "late", 0.1, "buses IO1", 2_000_000)),
+    ("packet_loss", [0.01], "IO1", ("lose_packets", 0.01, "buses IO1")),
+    ("no_mishaps", [], "", ("end",)),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "text", "told"), GOOD)
 def test_each_order_reaches_what_it_is_for(name: str, values: list[float], text: str, told: tuple[Any, ...]) -> None:
-    recorder, outcome = _ask(name, values, text)
-    assert (recorder.told, outcome) == ([told], "done")
+    assert _ask(name, values, text) == ([told], "done")
 
 
-def test_replies_to_lose_are_those_of_a_bus() -> None:
-    assert _ask("lose_replies", [3], "IO1")[0].told == [("buses", "IO1"), ("strike", "lost", 3, None)]
+def test_every_command_of_the_table_is_among_them() -> None:
+    assert {name for name, *_ in GOOD} == {command.name for command in COMMANDS["boards"]}
 
 
 @pytest.mark.parametrize(("name", "values", "text", "reason"), [
-    ("press", [], "clutch", "number 1 is missing"),
-    ("amp_fault", [float("nan"), 1], "PSM1", "number 1"),
-    ("insert_instrument", [], "PSM1 NEEDLE:1", "NEEDLE_1: not known to PSM1"),
+    ("press", [], "clutch", r"0 numbers; allowed: 1 \(on\)"),
+    ("press", [2], "clutch", "number 1 is 2; allowed: 0 to 1"),
+    ("press", [0.5], "clutch", "whole"),
+    ("bus_reset", [1], "", r"1 numbers; allowed: 0 \(none\)"),
+    ("amp_fault", [NAN, 1], "PSM1", "number 1 is nan"),
+    ("amp_fault", [-1, 1], "PSM1", "number 1 is -1"),
+    ("encoder_jump", [1, 2**23 + 1], "PSM1", "number 2"),
+    ("current_error", [0, INF], "PSM1", "number 2 is inf; allowed: finite ones"),
+    ("temperature", [7, 1, 2, 3], "", "4 numbers; allowed: 2 or 3"),
+    ("board_gone", [16, 1], "IO1", "number 1 is 16; allowed: 0 to 15"),
+    ("lose_replies", [-1], "", "number 1"),
+    ("delay_replies", [1], "", "allowed: 2"),
+    ("delay_replies", [1, 61], "", "number 2 is 61; allowed: 0 to 60"),
+    ("packet_loss", [1.01], "", "allowed: 0 to 1"),
+    ("packet_loss", [NAN], "", "number 1 is nan; allowed: 0 to 1"),
+    ("reply_rate", [0.1], "torn IO1", f"torn: no such fault of replies; there are {', '.join(KINDS)}"),
+    ("reply_rate", [0.1], "", "no kind"),
+    ("reply_rate", [0.1], "late", "late: 1 numbers"),
+    ("reply_rate", [0.1, 0.1], "lost", "lost: 2 numbers"),
     ("dance", [], "", "not possible"),
 ])
 def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float], text: str, reason: str) -> None:
-    recorder, outcome = _ask(name, values, text)
-    assert reason in outcome
-    assert recorder.told == []
+    told, outcome = _ask(name, values, text)
+    assert told == []
+    with pytest.raises(ValueError, match=reason):
+        raise ValueError(outcome)
 
 
-def test_every_command_of_the_table_is_known() -> None:
-    for command in COMMANDS["boards"]:
-        assert "not possible" not in _ask(command.name, [0, 0, 0], "PSM1")[1]
+@pytest.mark.parametrize(("name", "values", "text", "reason"), [
+    ("press", [1], "camera", "camera: no such input; there are clutch, limit"),
+    ("power_loss", [1], "ECM2", "ECM2: no such robot; there are PSM1, ECM"),
+    ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
+    ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 finite numbers"),
+    ("board_gone", [3, 1], "", "board 3: say of which bus; there are IO1, IO2"),
+    ("lose_replies", [1], "IO3", "IO3: no such bus; there are IO1, IO2"),
+])
+def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
+    plant = Rails(7)
+    world = Emulation(two_buses(), plant, START)
+    incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    command = Asked(name, values, text)
+    Orders(incidents, Recorder(), world.mishaps).carry_out(command)  # type: ignore[arg-type]
+    assert command.outcome == reason
