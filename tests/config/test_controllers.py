@@ -235,6 +235,16 @@ def test_board_ids_in_yaml_need_no_quotes(home: Home) -> None:
     assert [(c.board_id, c.firmware) for c in system.emulation.buses[0].controllers] == [(6, 9), (7, 8), (9, 8)]
 
 
+def test_a_bus_without_boards_is_not_emulated(home: Home) -> None:
+    ios = [{"name": "empty", "port": "udp"}, {"name": "one", "port": "udp"}]
+    section = {"buses": {"one": {"controllers": {"3": {}}}}}
+    system = home.load_made({"IOs": ios, "trocar": {"boards": "emulated", "emulation": section}}).system
+    assert system is not None and system.emulation is not None
+    assert [(bus.io, len(bus.controllers)) for bus in system.emulation.buses] == [("one", 1)]
+    nothing = home.load_made({"IOs": ios, "trocar": {"boards": "emulated"}}).system
+    assert nothing is not None and nothing.emulation is None and nothing.processes == ()
+
+
 def test_a_bus_may_have_any_name_without_ios(home: Home) -> None:
     left, right = {"0": {}, "5": {"firmware": 9}}, {"0": None}
     buses = {"left": {"controllers": left}, "right": {"controllers": right}}

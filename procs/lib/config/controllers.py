@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from procs.lib import document
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context, Opened
-from procs.lib.config.emulation_section import BoardKeys, ControllerKeys, EmulatedBusKeys, EmulationOptions
+from procs.lib.config.emulation_section import (
+    ControllerKeys,
+    EmulatedBusKeys,
+    EmulationOptions,
+    NetworkKeys,
+    QuirkKeys,
+)
 from procs.lib.config.io_checks import AXES, board_ids, parts_of
 from procs.lib.config.io_file import IoFile
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
+from procs.lib.config.validate import Section
+
+Keys = TypeVar("Keys", bound=Section)
 
 EMULATION: Key = ("trocar", "emulation")
 BOARDS = 16
@@ -43,24 +52,42 @@ class BusPlace:
         """Where the system file speaks of this bus."""
         return (*EMULATION, "buses", self.name)
 
-    def said(self, name: str, board: str = "") -> tuple[Any, Key]:
-        """What is said of a bus or of one of its boards, the nearest first, and where; None where nothing is."""
-        own = self.keys.controllers.get(board)
-        levels: list[tuple[BoardKeys | None, Key]] = [
-            (own, (*self.key, "controllers", board)), (self.keys, self.key), (self.options, EMULATION)]
-        for keys, key in levels:
-            if getattr(keys, name, None) is not None:
-                return getattr(keys, name), (*key, name)
-        return None, self.key
+    def of_board(self, board: int) -> ControllerKeys:
+        """All that is said of a board, whether of it, of its bus or of all."""
+        own = self.keys.controllers.get(str(board), ControllerKeys())
+        return _merged(ControllerKeys, self.options, self.keys, own)
+
+    @property
+    def of_bus(self) -> NetworkKeys:
+        """All that is said of this bus, whether of it or of all."""
+        return _merged(NetworkKeys, self.options, self.keys)
 
     @property
     def ethernet(self) -> bool:
         """Whether every board is on the network by itself."""
-        return bool(self.said("network")[0] == "ethernet")
+        return self.of_bus.network == "ethernet"
+
+    def where(self, name: str, board: int | None = None) -> Key:
+        """Where a bus or one of its boards gets this value from: the nearest place that has the key."""
+        own = (*self.key, "controllers", str(board))
+        return next(((*key, name) for key in (own, self.key, EMULATION) if self.source.has((*key, name))), self.key)
 
     def error(self, key: Key, text: str, allowed: str) -> None:
         """A mistake in the system file."""
         self.context.error(self.source, key, text, allowed)
+
+
+def _merged(model: type[Keys], *levels: Section) -> Keys:
+    """What is said on several levels, the last being the nearest."""
+    said: dict[str, Any] = {}
+    for level in levels:
+        for name in model.model_fields:
+            value = getattr(level, name, None)
+            if isinstance(value, QuirkKeys):
+                value = _merged(QuirkKeys, said.get(name, QuirkKeys()), value)
+            if value is not None:
+                said[name] = value
+    return model(**said)
 
 
 def bus_files(bus: BusFiles) -> tuple[Opened[IoFile], ...]:
@@ -81,9 +108,9 @@ def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
                 place.context.notes.append(f"{place.name}: board {name} is in no IO file")
     for board in sorted(hardware):
         rows.append(_controller(place, board, hardware[board]))
-    hub, key = place.said("hub")
+    hub = place.keys.hub
     if hub is not None and hub not in hardware:
-        place.error(key, "no such board on this bus", f"one of {', '.join(map(str, sorted(hardware)))}")
+        place.error((*place.key, "hub"), "no such board on this bus", f"one of {', '.join(map(str, sorted(hardware)))}")
     return tuple(sorted(rows, key=lambda row: row.board_id != hub))
 
 
@@ -97,25 +124,24 @@ def _hardware_of_files(place: BusPlace) -> dict[int, str]:
 
 
 def _controller(place: BusPlace, board: int, of_files: str) -> document.Controller:
-    own = place.keys.controllers.get(str(board), ControllerKeys())
-    hardware = own.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
-    who = f"board {board} of {place.name}"
+    said = place.of_board(board)
+    hardware = said.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
     if of_files not in (_UNKNOWN, hardware):
-        key = place.said("hardware", str(board))[1]
-        place.error(key, f"{who} is a {of_files} in its IO file", of_files)
-    _check_axes(place, board, hardware, bool(own.hardware))
-    firmware = place.said("firmware", str(board))[0] or (OF_ETHERNET if place.ethernet else USUAL)
-    fpga = place.said("fpga", str(board))[0] or _usual_fpga(place, hardware, firmware)
+        text = f"board {board} of {place.name} is a {of_files} in its IO file"
+        place.error(place.where("hardware", board), text, of_files)
+    _check_axes(place, board, hardware)
+    firmware = said.firmware or (OF_ETHERNET if place.ethernet else USUAL)
+    fpga = said.fpga or _usual_fpga(place, hardware, firmware)
     _check_made(place, board, hardware, firmware, fpga)
     return document.Controller(
         board_id=board,
         hardware=hardware,
         firmware=firmware,
         fpga=fpga,
-        serial=own.serial,
+        serial=said.serial or "",
         robot_serial=_robot_serial(place, board) if hardware == "dRA1" else "",
         qla=_qla(place, board, hardware, firmware),
-        quirks=_quirks(place, board),
+        quirks=document.Quirks(**said.quirks.model_dump(exclude_none=True)),
     )
 
 
@@ -127,7 +153,7 @@ def _usual_fpga(place: BusPlace, hardware: str, firmware: int) -> str:
 def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga: str) -> None:
     """Whether there is such a firmware for this board, and whether it can do without FireWire where it has to."""
     who = f"board {board} of {place.name}"
-    firmware_key, fpga_key = (place.said(name, str(board))[1] for name in ("firmware", "fpga"))
+    firmware_key, fpga_key = place.where("firmware", board), place.where("fpga", board)
     made = MADE_FOR[hardware]
     if place.ethernet and firmware != OF_ETHERNET:
         place.error(firmware_key, f"{who} needs FireWire with firmware {firmware}", f"{OF_ETHERNET}, or network bridge")
@@ -141,7 +167,7 @@ def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga:
         place.error(fpga_key, text, " or ".join(made[firmware]))
 
 
-def _check_axes(place: BusPlace, board: int, hardware: str, is_said: bool) -> None:
+def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
     """A file that does not state its hardware may use axes that the hardware we take it for has not."""
     for opened in place.files:
         for index, robot in enumerate(opened.content.robots):
@@ -149,14 +175,14 @@ def _check_axes(place: BusPlace, board: int, hardware: str, is_said: bool) -> No
             if robot.hardware_version == _UNKNOWN and max(used, default=0) >= AXES[hardware]:
                 text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
                 enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
-                if is_said:
-                    place.error(place.said("hardware", str(board))[1], text, enough)
+                if place.of_board(board).hardware:
+                    place.error(place.where("hardware", board), text, enough)
                 else:
                     place.context.error(opened.source, ("robots", index, "hardware_version"), text, enough)
 
 
 def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
-    qla, key = place.said("qla", str(board))
+    qla, key = place.of_board(board).qla, place.where("qla", board)
     usual = document.Controller(board).qla
     who = f"board {board} of {place.name}"
     if qla is not None and hardware == "dRA1":
@@ -166,17 +192,6 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
     if qla == "1.5" and firmware == 7:
         place.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
     return qla or usual
-
-
-def _quirks(place: BusPlace, board: int) -> document.Quirks:
-    own = place.keys.controllers.get(str(board), ControllerKeys()).quirks
-    said: dict[str, bool] = {}
-    for field in fields(document.Quirks):
-        for quirks in (own, place.keys.quirks, place.options.quirks):
-            if getattr(quirks, field.name) is not None:
-                said[field.name] = getattr(quirks, field.name)
-                break
-    return document.Quirks(**said)
 
 
 def _robot_serial(place: BusPlace, board: int) -> str:
@@ -192,6 +207,6 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
     """Boards on one bus understand one another's broadcasts only when all have Rev 7 or none has."""
     old = [row.board_id for row in rows if row.firmware == 7]
     if protocol != "sequential-read-write" and old and len(old) < len(rows):
-        key = place.said("firmware", str(old[0]))[1]
+        key = place.where("firmware", old[0])
         text = f"{protocol} cannot mix firmware 7 (board {', '.join(map(str, old))} of {place.name}) with others"
         place.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")

@@ -97,17 +97,17 @@ def _places(
 
 def _bus(place: BusPlace, address: str) -> document.Bus:
     rows = controllers(place)
-    testboard, key = place.said("testboard")
+    testboard = bool(place.of_bus.testboard)
     without = [row.board_id for row in rows if row.hardware == "dRA1"]
     if testboard and without:
         text = f"the test board fits a QLA, not a dRA1 (board {', '.join(map(str, without))} of {place.name})"
-        place.error(key, text, "false")
+        place.error(place.where("testboard"), text, "false")
     return document.Bus(
         io=place.name,
         address=place.keys.address or address,
         controllers=rows,
         network="ethernet" if place.ethernet else "bridge",
-        testboard=bool(testboard),
+        testboard=testboard,
     )
 
 
@@ -148,7 +148,7 @@ def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
     if len(ethernet) > 1:
         place = place_of[ethernet[1]]
         text = f"{ethernet[0]} and {ethernet[1]} would hear each other's multicasts"
-        place.error(place.said("network")[1], text, "ethernet for one bus of a system")
+        place.error(place.where("network"), text, "ethernet for one bus of a system")
 
 
 def _robots(context: Context, buses: list[BusFiles]) -> dict[str, RobotKeys]:

@@ -62,7 +62,7 @@ class ControllerKeys(BoardKeys):
     """One controller, by its board id."""
 
     hardware: Hardware | None = None
-    serial: Serial = ""
+    serial: Serial | None = None
 
 
 class NetworkKeys(BoardKeys):
