@@ -22,7 +22,7 @@ Floats = npt.NDArray[np.float64]
 class Held(Protocol):
     """What a hand needs of the plant."""
 
-    before_step: Callable[[], None] | None
+    before_step: list[Callable[[], None]]
 
     def tip(self, robot: str) -> Floats:
         """Pose (4, 4) of a robot's tip in its base frame."""
@@ -31,7 +31,7 @@ class Held(Protocol):
         """Velocity (6,) of the tip in the base frame, linear then angular."""
 
     def pull(self, robot: str, wrench: Floats) -> None:
-        """Force and torque (6,) on the tip in the base frame, until changed."""
+        """Force and torque (6,) on the tip in the base frame, for the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +74,14 @@ class Hands:
         target = poses.matrix_from_pose(poses.normalised(pose))
         held = self._targets.get(robot)
         self._targets[robot] = target, grip or (held[1] if held else Grip())
-        self._plant.before_step = self.pull
+        if self.pull not in self._plant.before_step:
+            self._plant.before_step.append(self.pull)
 
     def release(self, robot: str) -> None:
         """Let go."""
-        if self._targets.pop(robot, None) is not None:
-            self._plant.pull(robot, np.zeros(6))
-        if not self._targets:
-            self._plant.before_step = None
+        self._targets.pop(robot, None)
+        if not self._targets and self.pull in self._plant.before_step:
+            self._plant.before_step.remove(self.pull)
 
     def pull(self) -> None:
         """Force and torque of every hand for the step that begins."""

@@ -22,7 +22,7 @@ class Body:
     mass, inertia = 0.4, 4e-4
 
     def __init__(self) -> None:
-        self.before_step: Callable[[], None] | None = None
+        self.before_step: list[Callable[[], None]] = []
         self.pose = np.eye(4)
         self.twist = np.zeros(6)
         self.pulled = np.zeros(6)
@@ -40,8 +40,9 @@ class Body:
 
     def step(self, count: int = 1) -> None:
         for _ in range(count):
-            if self.before_step is not None:
-                self.before_step()
+            self.pulled = np.zeros(6)
+            for hook in self.before_step:
+                hook()
             self.twist[:3] += self.pulled[:3] / self.mass * STEP_S
             self.twist[3:] += self.pulled[3:] / self.inertia * STEP_S
             self.pose[:3, 3] += self.twist[:3] * STEP_S
@@ -85,14 +86,12 @@ def test_a_half_turn_away_is_pulled_around_the_right_axis() -> None:
 def test_without_a_hand_nothing_is_asked_before_a_step() -> None:
     body = Body()
     hands = Hands(body)
-    assert body.before_step is None
     hands.hold("MTML", _pose(1, 0, 0))
     hands.hold("MTMR", _pose(1, 0, 0))
     hands.release("MTML")
-    assert body.before_step is not None
+    assert len(body.before_step) == 1
     hands.release("MTMR")
-    assert body.before_step is None
-    assert not body.pulled.any()
+    assert body.before_step == []
     hands.release("MTMR")  # nobody holds it: nothing happens
 
 
