@@ -37,8 +37,9 @@ class Bus:
     """The controllers of one bus; the first one listed is the hub."""
 
     def __init__(self, controllers: tuple[Controller, ...], lines: Lines | None = None, *,
-                 network: str = "bridge") -> None:
-        """Boards as after power-up at tick 0; `lines` (rows by ascending board id) connect them to the world.
+                 network: str = "bridge", testboard: bool = False) -> None:
+        """Boards as after power-up at tick 0; `lines` (rows by ascending board id) connect them to the world,
+        and `testboard` to the loop-back board of the original test programs.
 
         ValueError for controllers there never were, and for Ethernet-only ones that need FireWire.
         """
@@ -47,7 +48,7 @@ class Bus:
             raise ValueError(f"board {bad[0].board_id}: firmware {bad[0].firmware} on FPGA V{bad[0].fpga}; "
                              "Ethernet-only buses need firmware 9 on FPGA V3")
         lines = lines or Lines.of(len(models), width_of(models))
-        self.firmware = firmware = Firmware(models, lines)
+        self.firmware = firmware = Firmware(models, lines, testboard=testboard)
         self.power, self.encoders, self.lines = firmware.power, firmware.encoders, lines
         self.boards, self.count, self.ids = firmware.boards, firmware.count, firmware.ids
         self.over_ethernet = network == "ethernet"

@@ -35,7 +35,7 @@ class Commands:
     def write(self, rows: tuple[int, ...], data: wire.Buffer, at: int, count: int, tick: int) -> None:
         """A block of `count` quadlets at byte `at` of a datagram reaches boards `rows`."""
         quads = np.frombuffer(data, _BIG_QUAD, count, at)
-        if count == self._quads and len(rows) == len(self._every):
+        if 0 < count == self._quads and len(rows) == len(self._every):
             groups = self._groups
             groups[...] = quads.reshape(groups.shape)
             if groups[:, 0].tobytes() == self._heads:

@@ -83,7 +83,8 @@ class Emulation:
         for described in system.emulation.buses:
             self._firsts.append(sum(made.count for made in self.buses))
             part = self.lines.part(self._firsts[-1], len(described.controllers))
-            self.buses.append(Bus(described.controllers, part, network=described.network))
+            self.buses.append(Bus(described.controllers, part, network=described.network,
+                                  testboard=described.testboard))
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.sensor_errors: SensorErrors | None = None  # None: they tell the truth

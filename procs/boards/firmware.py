@@ -20,6 +20,7 @@ from procs.boards.models import Model
 from procs.boards.motors import Motors
 from procs.boards.power import Power
 from procs.boards.samples import Samples
+from procs.boards.testboard import Loopback
 from procs.lib import registers as reg
 
 NO_PINS = np.uint32(~(reg.ENCODER_PIN_A | reg.ENCODER_PIN_B | reg.ENCODER_PIN_INDEX) & 0xFFFF_FFFF)
@@ -28,8 +29,8 @@ NO_PINS = np.uint32(~(reg.ENCODER_PIN_A | reg.ENCODER_PIN_B | reg.ENCODER_PIN_IN
 class Firmware:
     """The boards of `models` (ascending id), wired to the world by `lines` (a row a board)."""
 
-    def __init__(self, models: tuple[Model, ...], lines: Lines) -> None:
-        """Boards as after power-up at tick 0."""
+    def __init__(self, models: tuple[Model, ...], lines: Lines, *, testboard: bool = False) -> None:
+        """Boards as after power-up at tick 0; `testboard`: the first four axes hang on a loop-back board each."""
         self.models, self.lines = models, lines
         self.count, self.width = len(models), int(lines.dac.shape[1])
         self.ids = tuple(model.board_id for model in models)
@@ -38,6 +39,8 @@ class Firmware:
         self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models))
         self.motors = Motors(models, lines, self.power, self.boards)
         self.samples = Samples(models, self.width)
+        self._loops = {row: Loopback(board.digital, quirks=board.model.quirks) for row, board in enumerate(self.boards)
+                       if testboard and board.model.hardware.outputs}
         self._every = tuple(range(self.count))
         self._seen_changes = -1
         self._outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
@@ -59,6 +62,8 @@ class Firmware:
         """A physics step ends at `tick`: edges up to there, and what has happened by itself."""
         self.encoders.observe(tick)
         self.power.until(tick)
+        for row in self._loops:
+            self._loop_back(row, tick)
         for row in self._lively:
             collection = self.boards[row].collection
             if collection.collecting:
@@ -75,12 +80,14 @@ class Firmware:
         samples, encoders, power = self.samples, self.encoders, self.power
         encoders.observe(tick)
         encoders.words(tick, samples.positions, samples.velocities)
-        if self._hides_pins:
-            np.bitwise_and(samples.positions, self._pins, samples.positions)
         if self._seen_changes != power.changes:
             self._seen_changes = power.changes
             samples.status[...] = power.status
         np.bitwise_or(encoders.pins, self.lines.inputs, samples.inputs)
+        for row in self._loops:
+            self._loop_back(row, tick)
+        if self._hides_pins:
+            np.bitwise_and(samples.positions, self._pins, samples.positions)
         if self._lively:
             self._follow(tick)
         np.bitwise_or(samples.inputs, self._outputs, samples.inputs)
@@ -88,6 +95,12 @@ class Firmware:
             np.bitwise_and(samples.inputs, self._input_mask, samples.inputs)
         samples.adc[...] = self.lines.adc
         np.bitwise_or(power.motor_flags, self.lines.dac, samples.motor_status)
+
+    def _loop_back(self, row: int, tick: int) -> None:
+        """What a board's own outputs and currents bring it back through the loop-back board."""
+        samples, axes, loop = self.samples, slice(0, reg.AXES), self._loops[row]
+        samples.inputs[row] = loop.fill(tick, samples.positions[row, axes], samples.velocities[row, :, axes])
+        self.lines.adc[row, axes] = loop.adc(self.lines.dac[row, axes], self.lines.on[row, axes])
 
     def _follow(self, tick: int) -> None:
         """What changes by itself on boards whose outputs play or that collect data."""
@@ -178,19 +191,27 @@ class Firmware:
             self.boards[row].show_watchdog = value & 1 << 31 if self.models[row].firmware > 7 else 0
             self.power.set_watchdog(row, value, tick)
         else:
+            self._before_outputs_change(row, tick)
             self.boards[row].write(address, value, tick, relayed)
             self._touched(row, tick)
+
+    def _before_outputs_change(self, row: int, tick: int) -> None:
+        if row in self._loops:
+            self._loops[row].until(tick)
 
     def _write_axis(self, row: int, axis: int, offset: int, value: int, tick: int) -> None:
         model = self.models[row]
         if offset == reg.PWM:
             if axis < model.hardware.outputs:
+                self._before_outputs_change(row, tick)
                 self.boards[row].digital.configure(axis, value, tick)
                 self._touched(row, tick)
         elif offset == reg.ENCODER_PRELOAD:
             if axis < model.hardware.encoders:
                 self.encoders.observe(tick)
                 self.encoders.load(np.array([self.width * row + axis]), np.array([value & reg.ENCODER_MASK]))
+                if row in self._loops and axis < reg.AXES:
+                    self._loops[row].preload(axis, value, tick)
         else:
             self.motors.write(row, axis, offset, value, tick)
             self._touched(row, tick)
@@ -221,6 +242,7 @@ class Firmware:
     def write_block(self, row: int, address: int, data: bytes, tick: int) -> None:
         """Block write beyond the real-time one; the board's watchdog starts anew."""
         self.power.refresh(row, tick)
+        self._before_outputs_change(row, tick)
         self.boards[row].write_block(address, data, tick)
         self._touched(row, tick)
 
@@ -233,4 +255,6 @@ class Firmware:
         self.encoders.power_up(row)
         self.motors.power_up(row)
         self.boards[row].power_up(tick)
+        if row in self._loops:
+            self._loops[row].power_up(self.boards[row].digital, tick)
         self._touched(row, tick)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procs.boards.lines import INPUTS_OPEN
 from procs.boards.models import models_of, width_of
-from procs.lib.document import Actuator, Emulation, Linear, System
+from procs.lib.document import Actuator, Brake, Emulation, Linear, System
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
 Floats = npt.NDArray[np.float64]
@@ -103,7 +103,9 @@ class Wiring:
                                    dtype=np.intp)
 
     def _brakes(self, system: System) -> Brakes:
-        robots, brakes, slots = [], [], []
+        robots: list[tuple[str, Ints]] = []
+        brakes: list[Brake] = []
+        slots: list[int] = []
         for io in system.ios:
             for robot in io.robots:
                 if robot.brakes:
@@ -136,7 +138,7 @@ class Wiring:
     def count_of(self, robot: str) -> int:
         """How many actuators a robot has."""
         cut = self.robots[robot]
-        return cut.stop - cut.start
+        return int(cut.stop - cut.start)
 
     def boards_of(self, robot: str) -> list[int]:
         """Rows of the boards a robot hangs on."""
