@@ -276,16 +276,17 @@ class RingReader:
                 return True
         elif seen == n + BUSY:
             return False
-        return self._next_again()
+        return self._next_again(seen == n)
 
-    def _next_again(self) -> bool:
+    def _next_again(self, spoilt: bool) -> bool:
+        """`spoilt`: our copy is of something that is no whole record."""
         words = self._words
         for attempt in range(RETRIES):
             n, head = self._next, words[HEAD]
             if n > head and words[self._at] != n:
                 if n > head + 2:  # two: we may have read a record whose W4 is still to come
                     self.backwards += 1
-                return False
+                return self._nothing() if spoilt else False
             oldest = head - self._depth + 2
             if n >= oldest:
                 self._target[ALL] = self._slot  # R2
@@ -293,6 +294,7 @@ class RingReader:
                     self.sequence = n
                     self._go_to(n + 1)
                     return True
+                spoilt = True
             room = max(0, min((1 << attempt) - 1, self._depth - 2))  # a quick writer overtakes who begins at the oldest
             self._skip_to(max(n + 1, oldest + room))
         self.torn += 1

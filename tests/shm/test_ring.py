@@ -237,6 +237,17 @@ def test_a_slot_that_contradicts_the_head_is_reported(ring: Ring) -> None:
     assert "no whole record" in reader.trouble
 
 
+def test_a_slot_that_contradicts_is_not_kept(ring: Ring) -> None:
+    writer, reader = ring.writer(), ring.reader()
+    put(writer, 1, 2)
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[(hand.header.first + 2 * hand.header.stride) // 8] = 99
+    assert rest(reader) == [1] and (reader.lost, reader.stamp_ns) == (1, 0)
+    put(writer, 3)
+    assert rest(reader) == [3] and reader.stamp_ns == 1003
+    assert rest(reader) == [] and reader.stamp_ns == 1003  # not there yet: the last one stands
+
+
 @pytest.mark.parametrize("head", [2**64 - 1, 2**62, 1 << 40, 7])
 def test_a_garbage_head_ends_in_no_endless_loop(ring: Ring, head: int) -> None:
     writer, reader = ring.writer(), ring.reader()
@@ -354,6 +365,7 @@ while time.monotonic() < end:
         np.add(add, np.uint64(writer.sequence * 0x9E3779B9), out=data)
         check[...] = data.sum()
         writer.publish(time.monotonic_ns())
+writer.publish(1)  # the last one
 print(writer.sequence)
 """
 STRESS_READER = """
@@ -365,8 +377,8 @@ verb = getattr(reader, sys.argv[3])
 check, data = reader.field("check"), reader.field("data")
 print("ready", flush=True)
 good = bad = backwards = last = 0
-end = time.monotonic() + float(sys.argv[4])
-while time.monotonic() < end:
+end = time.monotonic() + 60
+while reader.stamp_ns != 1 and time.monotonic() < end:
     if verb():
         if int(data.sum()) == int(check[()]): good += 1
         else: bad += 1
@@ -380,14 +392,14 @@ print(good, bad, backwards)
 def test_no_record_is_torn_at_full_speed(world: Any) -> None:
     create_ring(world.name, "io", STRESS, {}, {})
     name = segment_name(world.name, "io", "stress")
-    readers = [world.start(STRESS_READER, name, verb, "1.2") for verb in ("newest", "newest", "next")]
+    readers = [world.start(STRESS_READER, name, verb) for verb in ("newest", "newest", "next")]
     assert all(r.stdout.readline() == "ready\n" for r in readers)
     writer = world.start(STRESS_WRITER, name, "1.0")
     written = int(world.finish(writer))
     counts = [tuple(map(int, world.finish(r).split())) for r in readers]
     world.remove()
     assert written > 1000
-    assert all(good > 0 for good, _, _ in counts), counts
+    assert all(good > 1 for good, _, _ in counts), counts
     assert all((bad, backwards) == (0, 0) for _, bad, backwards in counts), counts
 
 

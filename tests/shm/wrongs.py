@@ -159,7 +159,7 @@ def no_second_look() -> None:
     def following(self: RingReader) -> bool:
         n = self._next
         if self._words[self._at] != n:  # S1
-            return self._next_again()
+            return self._next_again(False)
         self._target[:] = self._slot  # R2
         self.sequence = n
         self._go_to(n + 1)
