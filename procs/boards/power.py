@@ -21,7 +21,8 @@ MILLISECOND = reg.CLOCK_HZ // 1000
 SUPPLY_RAMP = 20 * MILLISECOND  # motor supply good after power is switched on; 10 to 200 ms on real ones
 WAKING = np.uint32(~(reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF) & 0xFFFFFFFF)  # control bits beyond switching off
 AMP_HOLD = 7680 * reg.WATCHDOG_TICKS  # output stages stay off for 40 ms after the supply is good
-RELAY_TRAVEL = 5 * MILLISECOND
+RELAY_TRAVEL = 5 * MILLISECOND  # to close; it falls off quicker: the original test looks after 1 ms
+RELAY_FALL = MILLISECOND // 2
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current
 CURRENT_SMALL = 0x300  # below this from zero nothing is compared
 CURRENT_EXCESS = 0x0900
@@ -157,7 +158,7 @@ class Power:
         """Control words (boards,), 0 for a board that is not addressed; bits 19:0 only."""
         self._switch_power((words & reg.CONTROL_POWER_MASK) != 0, (words >> 18 & 1) != 0, tick)
         relay = np.where((words & reg.CONTROL_RELAY_MASK) != 0, (words >> 16 & 1) != 0, self.relay)
-        self._relay_at[relay != self.relay] = tick + RELAY_TRAVEL
+        self._relay_at = np.where(relay != self.relay, tick + np.where(relay, RELAY_TRAVEL, RELAY_FALL), self._relay_at)
         self.relay = relay
         bits = np.asarray(words)[:, None] >> self._shifts
         first = self._shifts < reg.AXES  # no hardware has more of them in its control word

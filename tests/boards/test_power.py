@@ -257,7 +257,7 @@ def test_relay_closes_after_its_travel_and_ignores_the_watchdog() -> None:
     bus.tick += power.RELAY_TRAVEL
     assert bus.read() & 0x00830000 == 0x00830000
     bus.write(reg.STATUS, reg.CONTROL_RELAY_OFF)
-    bus.tick += power.RELAY_TRAVEL
+    bus.tick += power.RELAY_FALL
     assert bus.read() & 0x00030000 == 0
 
 
