@@ -72,7 +72,7 @@ MISTAKES: list[tuple[Section, str, str, str, str]] = [  # section, hardware, key
         {"firmware": 9, "buses": {"IO1": {"address": "127.1.2.250"}}},
         "QLA1",
         f"{BUS}.address",
-        "board 7 of IO1 would have 127.1.2.257",
+        "board 7 of IO1 has this address plus 7",
         "up to 127.1.2.247",
     ),
     # robots
@@ -158,11 +158,11 @@ def test_two_robots_of_one_name_cannot_be_told_apart(home: Home) -> None:
         ),
         (
             {
-                "a": {"network": "ethernet", "controllers": {"0": {}}},
-                "b": {"network": "ethernet", "controllers": {"0": {}}},
+                "a": {"address": "127.1.1.32", "network": "ethernet", "controllers": {"0": {}}},
+                "b": {"address": "127.1.1.47", "controllers": {"0": {}}},
             },
-            "trocar.emulation.buses.b.network",
-            "would hear each other",
+            "trocar.emulation.buses.b.address",
+            "127.1.1.47 belongs to a",
         ),
         ({str(n): {"controllers": {"0": {}}} for n in range(16)}, "trocar.emulation.buses", "16 buses"),
     ],

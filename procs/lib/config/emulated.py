@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable
+from ipaddress import IPv4Address
 
 from procs.lib import document
 from procs.lib.config.arms import LoadedArm
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
-from procs.lib.config.controllers import EMULATION, BusPlace, bus_files, check_broadcasts, controllers
+from procs.lib.config.controllers import BOARDS, EMULATION, BusPlace, bus_files, check_broadcasts, controllers
 from procs.lib.config.emulation_section import EVERYWHERE, EmulatedBusKeys, EmulationOptions
 from procs.lib.config.io_file import RobotKeys
 from procs.lib.config.problem import Key
@@ -121,13 +122,9 @@ def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
 
 
 def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
-    """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there.
-
-    Boards without FireWire all listen to one multicast address: two such buses would hear each other.
-    """
-    taken: dict[str, str] = {}
+    """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there."""
+    taken: dict[IPv4Address, str] = {}
     place_of = {place.name: place for place in places}
-    ethernet = [bus.io for bus in rows if bus.network == "ethernet"]
     for bus in rows:
         place = place_of[bus.io]
         key: Key = (*place.key, "address")
@@ -135,20 +132,18 @@ def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
             if len(rows) > 1:
                 place.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
             continue
-        head, _, last = bus.address.rpartition(".")
-        shifts = {0} | {row.board_id for row in bus.controllers if row.firmware >= 9}
-        if int(last) + max(shifts) > LAST_OCTET:
-            text = f"board {max(shifts)} of {bus.io} would have {head}.{int(last) + max(shifts)}"
-            place.error(key, text, f"up to {head}.{LAST_OCTET - max(shifts)}")
-        for own in (f"{head}.{int(last) + shift}" for shift in sorted(shifts)):
+        base = IPv4Address(bus.address)
+        shift = max((row.board_id for row in bus.controllers if row.firmware >= 9), default=0)
+        room = LAST_OCTET - int(base) % 256
+        if shift > room:
+            allowed = f"up to {base + room - shift}"
+            place.error(key, f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block", allowed)
+        count = BOARDS if bus.network == "ethernet" else shift + 1  # what is for all is known by its sender there
+        for own in (base + number for number in range(count)):
             if own in taken:
                 place.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
                 break
             taken[own] = bus.io
-    if len(ethernet) > 1:
-        place = place_of[ethernet[1]]
-        text = f"{ethernet[0]} and {ethernet[1]} would hear each other's multicasts"
-        place.error(place.where("network"), text, "ethernet for one bus of a system")
 
 
 def _robots(context: Context, buses: list[BusFiles]) -> dict[str, RobotKeys]:
