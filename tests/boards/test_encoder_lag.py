@@ -102,10 +102,11 @@ _deeds = st.lists(st.one_of(_steps, _steps, _loads, st.tuples(st.just("power up"
 
 
 @settings(max_examples=120, deadline=None)
-@given(lag=st.booleans(), sticky=st.booleans(), deeds=_deeds)
-def test_counters_follow_the_law_of_transitions(lag: bool, sticky: bool, deeds: list[tuple[object, ...]]) -> None:
+@given(lag=st.booleans(), sticky=st.booleans(), first=_loads, deeds=_deeds)
+def test_counters_follow_the_law_of_transitions(
+        lag: bool, sticky: bool, first: tuple[object, ...], deeds: list[tuple[object, ...]]) -> None:
     pair = Pair(Quirks(direction_lag=lag, sticky_overflow=sticky))
-    for deed in deeds:
+    for deed in (first, *deeds):
         match deed:
             case ("step", (float(middle), float(end)), list(samples)):
                 pair.step((middle, end), tuple(samples))
@@ -153,11 +154,27 @@ def test_first_edge_of_all_counts_down() -> None:
     assert pair.word(pair.tick) == 0x7FFFFF
 
 
-def test_overflow_unseen_for_a_whole_step_is_kept() -> None:
+@pytest.mark.parametrize("steps", [((3.5, 0.5),), ((1.5, 3.5), (1.5, 0.5))])
+def test_overflow_undone_between_two_looks_is_kept(steps: tuple[tuple[float, float], ...]) -> None:
     pair = Pair(Quirks(direction_lag=False))
     pair.load(0xFFFFFE)
-    pair.step((3.5, 0.5))  # up over the end and back between two looks
+    for step in steps:  # up over the end and back
+        pair.step(step)
     assert pair.counter.word == pair.word(pair.tick) == reg.ENCODER_OVERFLOW | 0xFFFFFE
+
+
+def test_overflow_after_a_turn_within_a_step_shows_at_once() -> None:
+    pair = Pair(Quirks(direction_lag=False))
+    pair.load(2)
+    pair.step((0.0004, -6.9996))  # one up, then eight down
+    assert pair.counter.word == pair.word(pair.tick) == reg.ENCODER_OVERFLOW | 0xFFFFFB
+
+
+def test_overflow_at_the_highest_speed_shows_at_once() -> None:
+    pair = Pair()
+    pair.load(5000)
+    pair.step((-4999.75, -10000.0004), samples=(24_000, 25_500))  # nearly as fast as the filter lets edges through
+    assert pair.counter.overflow
 
 
 @pytest.mark.parametrize("sticky", [True, False])

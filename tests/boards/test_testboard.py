@@ -234,7 +234,7 @@ _pwm = st.tuples(st.just("pwm"), st.integers(0, 3), st.integers(0, 200) | st.int
 _plays = st.tuples(st.just("play"), st.integers(1, ALL), st.lists(st.integers(0, 0x3FFF), max_size=12).map(tuple))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(deeds=st.lists(st.tuples(st.integers(0, 3000), _writes | _pwm | _plays), max_size=8), every=st.integers(1, 300))
 def test_words_do_not_depend_on_how_often_they_are_read(
         deeds: list[tuple[int, tuple[object, ...]]], every: int) -> None:
