@@ -43,8 +43,13 @@ WRIST_FRICTION = (  # viscous, Coulomb of roll, wrist pitch, wrist yaw, jaw: at 
     (0.0090, 0.0069),
     (0.0088, 0.0110),
 )
-LOOSE = JointInertia(1.0e-3, 0.01, 0.002)  # an axis of a robot that no arm describes: grippers, sensors, set-up joints
+LOOSE = JointInertia(1.0e-3, 0.01, 0.002)  # an axis of a robot that no arm describes: grippers, sensors
 LOOSE_SLIDE = JointInertia(1.0, 10.0, 2.0)
+GRIPPER_RANGE = (-0.2, 1.1)  # rad, of a master's gripper; its file has no limits
+GRIPPER_INITIAL = 0.5
+
+SET_UP_SLIDE = JointInertia(30.0, 200.0, 40.0)  # the column of a set-up arm; brakes and balance are in the friction
+SET_UP_HINGE = JointInertia(2.0, 10.0, 8.0)
 
 LINK_MASS = 0.05  # kg, of links whose file gives none; counter-balanced, so only a trace in the inertia
 LINK_INERTIA = 1.0e-5  # kg·m², about every axis of such a link
@@ -94,6 +99,14 @@ ARMS = {
         ),
         initial=(0.05, 0.10, 0.05, 0.1, 0.1, 0.05, 0.2),
     ),
+    ("SUJ", "Classic"): ArmInertia(
+        joints=(SET_UP_SLIDE, *(SET_UP_HINGE,) * 5),
+        initial=(0.05, -0.6, 1.2, -0.4, 0.2, 0.2),
+    ),
+    ("SUJ", "Si"): ArmInertia(
+        joints=(SET_UP_SLIDE, *(SET_UP_HINGE,) * 5),
+        initial=(0.2, -0.3, 1.2, 0.8, 0.0, 0.0),
+    ),
 }
 
 
@@ -110,5 +123,5 @@ def wrist_inertia(actuator_to_joint: Array) -> tuple[JointInertia, ...]:
 
 def arm_inertia(arm_type: str, generation: str) -> ArmInertia | None:
     """The row of an arm type; None for types without one (their axes are loose). MTML and MTMR count as MTM."""
-    kind = "MTM" if arm_type.startswith("MTM") else arm_type
+    kind = next((k for k in ("MTM", "SUJ") if arm_type.startswith(k)), arm_type)
     return ARMS.get((kind, generation)) or ARMS.get((kind, "Classic"))

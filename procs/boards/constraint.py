@@ -1,0 +1,71 @@
+"""Rows J·q = c that hold exactly: links that follow others, and actuators that a brake holds.
+
+MuJoCo moves all joints as if they were free; afterwards the motion that breaks a row is taken out again along M⁻¹Jᵀ,
+the way the forces of rigid links and brakes would have done it. That is the motion of the system in reduced
+coordinates, to the last digit: no springs, no drift.
+
+Robots do not touch, so the system falls into small blocks, one a robot, that are solved side by side; and M⁻¹ is asked
+for the k-th rows of all robots in one go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One robot's rows (rows, nv) and their values (rows,); `joints` are all of the robot's, in the model."""
+
+    joints: NDArray[np.intp]
+    rows: Array
+    values: Array
+
+
+class Projection:
+    """Keeps the joints of a model on the rows of `blocks`, of which there is at least one."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, blocks: list[Block]) -> None:
+        """Rows of a block must be independent."""
+        self._model, self._data = model, data
+        count, most, joints = len(blocks), max(len(block.rows) for block in blocks), model.nv
+        rows, values = np.zeros((count, most, joints)), np.zeros((count, most))
+        unused = np.zeros((count, most, most))  # a block with fewer rows solves 1·x = 0 in the others
+        self._block_of = np.zeros(joints, dtype=np.intp)
+        for k, block in enumerate(blocks):
+            used = len(block.rows)
+            rows[k, :used], values[k, :used] = block.rows, block.values
+            unused[k, range(used, most), range(used, most)] = 1.0
+            self._block_of[block.joints] = k
+        self._rows, self._values = rows.reshape(count * most, joints), values.reshape(-1)
+        self._unused = unused.reshape(count * most, most)
+        self._of_all_robots = rows.sum(axis=0)
+        self._answers = np.zeros((most, joints))  # M⁻¹Jᵀ, the rows of all robots on top of each other
+        self._error, self._square = np.zeros(count * most), np.zeros((count * most, most))
+        self._errors, self._squares = self._error.reshape(count, most, 1), self._square.reshape(count, most, most)
+        self._shares = np.zeros((joints, most))
+        self._change = np.zeros(joints)
+        self._per_period = 1.0 / model.opt.timestep
+        self._shape = (count, most)
+
+    def apply(self) -> None:
+        """After a step: positions and velocities back onto the rows. M is the one that step was made with."""
+        change, square, shares, answers = self._change, self._square, self._shares, self._answers.T
+        self._rows.dot(self._data.qpos, self._error)
+        np.subtract(self._error, self._values, self._error)
+        mujoco.mj_solveM(self._model, self._data, self._answers, self._of_all_robots)
+        self._rows.dot(answers, square)
+        np.add(square, self._unused, square)
+        solution = np.linalg.solve(self._squares, self._errors)
+        solution.reshape(self._shape).take(self._block_of, 0, shares, "clip")
+        np.multiply(shares, answers, shares)
+        np.add.reduce(shares, axis=1, out=change)
+        np.subtract(self._data.qpos, change, self._data.qpos)
+        np.multiply(change, self._per_period, change)
+        np.subtract(self._data.qvel, change, self._data.qvel)
