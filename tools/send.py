@@ -10,14 +10,14 @@ import typer
 from shm.segment import names_of
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit
+from tools.printing import emit, table
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
 
 
 def send(
     component: Annotated[str, typer.Argument(help="Instance: PSM1, IO1, boards, supervisor…")],
-    command: Annotated[str, typer.Argument(help="Command; a wrong one lists what there is.")],
+    command: Annotated[str, typer.Argument(help="Command; without one, all there are.")] = "",
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Until it is done, not only accepted.")] = False,
     timeout: Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds to wait for an answer.")] = 0.0,
@@ -26,6 +26,8 @@ def send(
 ) -> int:
     """Send a command and print the answer. Numbers are in rad, m, s, N; text goes to commands that take text.
 
+    Without a command: list what the component can be asked.
+
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """
     name = chosen_system(system)
@@ -33,10 +35,12 @@ def send(
     if component not in owners:
         raise unknown("component", component, owners)
     with Remote(name, component) as remote:
-        table = {str(row["name"]): row for row in remote.commands}
-        if command not in table:
-            raise unknown(f"command of {component}", command, table)
-        values, text = parsed(table[command], arguments or [])
+        if not command:
+            return _listed(component, remote.commands, as_json)
+        known = {str(row["name"]): row for row in remote.commands}
+        if command not in known:
+            raise unknown(f"command of {component}", command, known)
+        values, text = parsed(known[command], arguments or [])
         limit = timeout or (60.0 if wait else 2.0)
         reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)
     good = reply.outcome in ("accepted", "done")
@@ -47,6 +51,17 @@ def send(
     else:
         raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
     return 0 if good else 1
+
+
+def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:
+    """Every command of a component with its text, its numbers and what it does."""
+    if as_json:
+        for row in rows:
+            emit({"component": component, **row})
+    else:
+        columns = ("command", "text", "numbers", "")
+        table("", columns, [[str(row.get(key, "")) for key in ("name", "text", "values", "doc")] for row in rows])
+    return 0
 
 
 def parsed(row: dict[str, Any], words: list[str]) -> tuple[list[float], str]:

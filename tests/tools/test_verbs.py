@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from shm.clock import monotonic_ns, pause
+from shm.commands import COMMANDS
 from tests.tools.robot import JOINTS, Played, robot
 from tools import cli
 from tools.errors import Misuse
@@ -268,6 +269,15 @@ def test_send_tells_why_it_was_refused(played: Played) -> None:
     assert result.exit_code == 1
     assert "home is not allowed in DISABLED" in result.stderr
     assert thread.received == [("state_command", [], "home")]  # type: ignore[attr-defined]
+
+
+def test_send_without_a_command_lists_them(played: Played) -> None:
+    result = run("send", "PSM1", "--system", played.name)
+    assert result.exit_code == 0
+    assert any(line.split()[:2] == ["move_jp", "position"] for line in result.stdout.splitlines())
+    rows = [json.loads(line) for line in run("send", "PSM1", "--json", "--system", played.name).stdout.splitlines()]
+    assert [row["name"] for row in rows] == [command.name for command in COMMANDS["arm"]]
+    assert rows[0]["component"] == "PSM1"
 
 
 def test_send_names_the_nearest_command(played: Played) -> None:
