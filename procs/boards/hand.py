@@ -17,6 +17,7 @@ import numpy.typing as npt
 from procs.lib import poses
 
 Floats = npt.NDArray[np.float64]
+MOST = (5000.0, 10.0, 200.0, 1.0, 100.0, 5.0)  # of each field of a grip: far from shaking at steps of 1 ms
 
 
 class Held(Protocol):
@@ -47,9 +48,10 @@ class Grip:
 
     @classmethod
     def of(cls, *values: float) -> Grip:
-        """From the first few fields, none negative; damping that is left out follows the stiffness."""
-        if not all(math.isfinite(value) and value >= 0.0 for value in values):
-            raise ValueError(f"a hand's stiffness, damping and limits are finite and at least 0, not {values}")
+        """From the first few fields; ValueError: too much of one. Damping left out follows the stiffness."""
+        for name, value, most in zip(cls.__slots__, values, MOST, strict=False):
+            if not 0.0 <= value <= most:
+                raise ValueError(f"a hand's {name.replace('_', ' ')} is {value:g}; allowed: 0 to {most:g}")
         usual = cls()
         given = dict(zip(cls.__slots__, values, strict=False))
         for damping, stiffness in (("damping", "stiffness"), ("turning_damping", "turning_stiffness")):

@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.emulation import Emulation
+from procs.boards.hand import Grip, Hands
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
 from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, Mishaps
 from procs.boards.plant import Plant
 from procs.lib.document import System
+from procs.lib.poses import POSE
 from shm.commands import COMMANDS
 from shm.mailbox import Received
 
@@ -68,9 +70,9 @@ Order = Callable[[Words], None]
 class Orders:
     """Carries out commands at once."""
 
-    def __init__(self, incidents: Incidents, instruments: Instruments, mishaps: Mishaps) -> None:
+    def __init__(self, incidents: Incidents, instruments: Instruments, hands: Hands, mishaps: Mishaps) -> None:
         """All of one world."""
-        self._incidents, self._instruments, self._mishaps = incidents, instruments, mishaps
+        self._incidents, self._instruments, self._hands, self._mishaps = incidents, instruments, hands, mishaps
         self._rows = {row.name: row for row in COMMANDS["boards"]}
         # how many numbers a command takes, and what it does
         self._table: dict[str, tuple[tuple[int, ...], Order]] = {
@@ -80,7 +82,7 @@ class Orders:
     def of(cls, system: System, world: Emulation, plant: Plant) -> Orders:
         """For the boards and robots of a system; `plant` is the world's own."""
         incidents = Incidents(world, plant)
-        return cls(incidents, Instruments(system, world, incidents, plant), world.mishaps)
+        return cls(incidents, Instruments(system, world, incidents, plant), Hands(plant), world.mishaps)
 
     def carry_out(self, command: Received) -> None:
         """Do it and answer; a wrong argument refuses it with the reason."""
@@ -109,6 +111,8 @@ class Orders:
             "remove_instrument": ((0,), lambda w: instruments.remove(w.text)),
             "push": ((), lambda w: incidents.push(w.text, w.values.copy())),
             "place": ((), lambda w: incidents.place(w.text, w.values.copy())),
+            "hand": ((POSE, POSE + 2, POSE + 4, POSE + 6), self._hold),
+            "hand_release": ((0,), lambda w: self._hands.release(incidents.known(w.text))),
         }
 
     def _for_robots(self) -> dict[str, tuple[tuple[int, ...], Order]]:
@@ -153,6 +157,10 @@ class Orders:
             "packet_loss": ((1,), lambda w: mishaps.lose_packets(w.number(0, 0.0, 1.0), buses(w.text))),
             "no_mishaps": ((0,), lambda w: mishaps.end()),
         }
+
+    def _hold(self, words: Words) -> None:
+        grip = Grip.of(*words.values[POSE:].tolist()) if len(words.values) > POSE else None
+        self._hands.hold(self._incidents.known(words.text), words.values[:POSE], grip)
 
     def _set_rate(self, words: Words) -> None:
         kind, _, bus = words.text.partition(" ")

@@ -10,7 +10,9 @@ import numpy.typing as npt
 import pytest
 
 from procs.boards.hand import Grip, Hands, wrench
+from procs.boards.plant import Plant
 from procs.lib import poses
+from tests.boards.test_plant import arm, robot, system
 
 Floats = npt.NDArray[np.float64]
 STEP_S = 1e-3
@@ -126,6 +128,26 @@ def test_damping_follows_the_stiffness_unless_it_is_given() -> None:
     soft = Grip.of(50.0)
     assert (soft.stiffness, soft.damping, soft.turning_stiffness) == (50.0, 6.0, 0.4)
     assert Grip.of(50.0, 0.1, 1.0, 0.001, 3.0, 0.2) == Grip(50.0, 0.1, 1.0, 0.001, 3.0, 0.2)
-    for bad in (-1.0, float("nan"), float("inf")):
-        with pytest.raises(ValueError, match="at least 0"):
-            Grip.of(bad)
+    for bad in ((-1.0,), (float("nan"),), (1.0, 11.0), (1.0, 1.0, 1.0, 1.0, 1e9)):
+        with pytest.raises(ValueError, match=r"a hand's .* allowed: 0 to"):
+            Grip.of(*bad)
+
+
+def test_a_masters_gripper_is_led_to_a_pose_and_let_go() -> None:
+    master = arm("MTML", "MTM", "MTML")
+    plant = Plant(system((robot("MTML", "RRRRRRR"),), (master,)))
+    hands, goal, idle = Hands(plant), plant.tip("MTML"), np.zeros(7)
+    goal[:3, 3] += (0.03, -0.02, 0.04)
+    goal[:3, :3] = poses.rotation_from_vector(np.array((0.2, 0.3, -0.25))) @ goal[:3, :3]
+    hands.hold("MTML", poses.pose_from_matrix(goal))
+    for _ in range(1000):
+        plant.step(idle)
+    tip = plant.tip("MTML")
+    assert np.abs(tip[:3, 3] - goal[:3, 3]).max() < 1e-3
+    assert np.abs(poses.rotation_vector(goal[:3, :3] @ tip[:3, :3].T)).max() < 0.02  # what friction leaves
+    hands.release("MTML")
+    assert plant.before_step == []
+    plant.push("MTML", np.array((0.3, 0, 0, 0, 0, 0, 0)))
+    for _ in range(300):
+        plant.step(idle)
+    assert np.abs(plant.tip("MTML")[:3, 3] - goal[:3, 3]).max() > 0.01

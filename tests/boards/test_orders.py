@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
+from procs.boards.hand import Grip, Hands
 from procs.boards.incidents import Incidents
 from procs.boards.mishaps import KINDS
 from procs.boards.orders import Orders
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
+from tools.send import parsed
 
 NAN, INF = float("nan"), float("inf")
 
@@ -25,6 +30,9 @@ class Recorder:
 
     def buses(self, name: str) -> str:
         return f"buses {name}"
+
+    def known(self, robot: str) -> str:
+        return robot
 
     def __getattr__(self, name: str) -> Any:
         def note(*arguments: Any) -> None:
@@ -49,7 +57,7 @@ class Asked:
 
 def _ask(name: str, values: list[float], text: str = "") -> tuple[list[tuple[Any, ...]], str]:
     recorder, command = Recorder(), Asked(name, values, text)
-    Orders(recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
+    Orders(recorder, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
     return recorder.told, command.outcome
 
 
@@ -60,6 +68,9 @@ GOOD = [
     ("remove_instrument", [], "PSM1", ("remove", "PSM1")),
     ("push", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
     ("place", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
+    ("hand", [0.1, 0, 0, 0, 0, 0, 1], "MTML", ("hold", "MTML", [0.1, 0, 0, 0, 0, 0, 1], None)),
+    ("hand", [0, 0, 0, 0, 0, 0, 1, 400, 0.8], "MTML", ("hold", "MTML", [0, 0, 0, 0, 0, 0, 1], Grip.of(400, 0.8))),
+    ("hand_release", [], "MTML", ("release", "MTML")),
     ("amp_fault", [2, 1], "PSM1", ("fail_amplifier", "PSM1", 2, True)),
     ("power_loss", [0], "PSM1", ("lose_supply", "PSM1", False)),
     ("encoder_jump", [1, -40], "PSM1", ("jump_encoder", "PSM1", 1, -40)),
@@ -93,11 +104,25 @@ def test_every_command_of_the_table_is_among_them() -> None:
     assert {name for name, *_ in GOOD} == {command.name for command in COMMANDS["boards"]}
 
 
+def test_every_command_has_an_example_that_works() -> None:
+    rows = {command.name: dataclasses.asdict(command) for command in COMMANDS["boards"]}
+    page = (Path(__file__).resolve().parents[2] / "docs" / "operating.md").read_text(encoding="utf-8")
+    shown = set()
+    for line in re.findall(r"`trocar send boards ([^`]*)`", page):
+        name, *words = line.split()
+        values, text = parsed(rows[name], words)
+        shown.add(name)
+        assert _ask(name, values, text)[1] == "done", line
+    assert shown == rows.keys()
+
+
 @pytest.mark.parametrize(("name", "values", "text", "reason"), [
     ("press", [], "clutch", r"0 numbers; allowed: 1 \(on\)"),
     ("press", [2], "clutch", "number 1 is 2; allowed: 0 to 1"),
     ("press", [0.5], "clutch", "whole"),
     ("bus_reset", [1], "", r"1 numbers; allowed: 0 \(none\)"),
+    ("hand", [0, 0, 0, 0, 0, 0], "MTML", "6 numbers; allowed: 7 or 9 or 11 or 13"),
+    ("hand", [0, 0, 0, 0, 0, 0, 1, 9999, 1], "MTML", "stiffness is 9999; allowed: 0 to 5000"),
     ("amp_fault", [NAN, 1], "PSM1", "number 1 is nan"),
     ("amp_fault", [-1, 1], "PSM1", "number 1 is -1"),
     ("encoder_jump", [1, 2**23 + 1], "PSM1", "number 2"),
@@ -128,6 +153,9 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
     ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 finite numbers"),
     ("board_gone", [3, 1], "", "board 3: say of which bus; there are IO1, IO2"),
+    ("hand", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no such robot; there are PSM1, ECM"),
+    ("hand", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "a pose must be finite"),
+    ("hand_release", [], "", "no name: no such robot; there are PSM1, ECM"),
     ("lose_replies", [1], "IO3", "IO3: no such bus; there are IO1, IO2"),
 ])
 def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
@@ -135,5 +163,5 @@ def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float]
     world = Emulation(two_buses(), plant, START)
     incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
     command = Asked(name, values, text)
-    Orders(incidents, Recorder(), world.mishaps).carry_out(command)  # type: ignore[arg-type]
+    Orders(incidents, Recorder(), Hands(plant), world.mishaps).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason
