@@ -19,6 +19,7 @@ import yaml
 
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.ring import RingReader
 from tools.arms import HOMED, bring
 from tools.errors import Problem
 from tools.processes import lives
@@ -86,19 +87,21 @@ def _measure(file: Path, seconds: float, homed: bool, sets: tuple[str, ...] = ()
 def _watch(system: str, seconds: float) -> dict[str, Any]:
     reader = directory.reader(system, "IO1", "state")
     try:
-        reader.newest()
+        _look(reader)
         first, begin, missed = int(reader.field("cycle")), reader.stamp_ns, _missed(system)
+        seen = begin
         latencies, stamps = [], []
         end = monotonic_ns() + round(seconds * 1e9)
         while monotonic_ns() < end:
             pause(0.5)
-            rows = reader.since(reader.stamp_ns + 1)
-            reader.newest()
+            rows = reader.since(seen + 1)
+            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
             rows = rows[rows["valid"]]
             latencies.append(rows["write_ns"] - rows["recv_ns"])
             stamps.append(rows["stamp_ns"])
         if not sum(len(rows) for rows in stamps):
             raise Problem("io got no good sample from the emulated boards; is the machine busy? (trocar logs)")
+        _look(reader)
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
         return {
@@ -115,6 +118,11 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
         }
     finally:
         reader.close()
+
+
+def _look(reader: RingReader) -> None:
+    if not reader.newest():
+        raise Problem(f"io's state cannot be read: {reader.trouble or 'it has shown none'}; see trocar logs")
 
 
 def _home_all(system: str) -> None:

@@ -101,7 +101,8 @@ def _trace(system: str, begin: int, seconds: float) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         watch = stack.enter_context(Watch(system, ARM))
         remote = stack.enter_context(Remote(system, ARM))
-        watch.look()
+        if not watch.look():
+            raise Problem(_unseen(watch))
         if watch.count != len(CENTRE):
             raise Problem(f"{ARM} has {watch.count} joints; the demo's has an instrument and so {len(CENTRE)}")
         path = circle(Kinematics(arm.chain, arm.tool), np.array(CENTRE), RADIUS_M)
@@ -145,10 +146,16 @@ def _circles(follower: Follower, path: Path, run: Run, watch: Watch, length: flo
 
 def _status(run: Run, watch: Watch) -> str:
     life = next((life for life in lives(run.system) if life.kind == "io"), None)
+    if not watch.look():
+        return _unseen(watch)
     tip = watch.reader.field("local_measured_cp")[:3] * 1e3
     rate, missed = (life.rate_hz, life.missed) if life is not None else (None, 0)
     return (f"{ARM} {watch.state} ({watch.text('sub_state')})  io {number(rate, '.0f')} Hz, {missed} missed  "
             f"tip {tip[0]:+7.2f} {tip[1]:+7.2f} {tip[2]:+8.2f} mm")
+
+
+def _unseen(watch: Watch) -> str:
+    return f"{watch.name}: its state cannot be read: {watch.trouble() or 'it has shown none'}"
 
 
 @contextlib.contextmanager
@@ -165,15 +172,17 @@ def _line() -> Iterator[Callable[[str], None]]:
 
 def _summary(run: Run, follower: Follower, watch: Watch, skipped: int, homed_s: float) -> dict[str, Any]:
     summary = run.summary()
-    watch.look()
-    tracking = follower.tracking
-    if watch.state != "ENABLED" or not watch.homed:
+    tracking, seen = follower.tracking, watch.look()
+    if not seen:
+        summary["problems"].append(_unseen(watch))
+    elif watch.state != "ENABLED" or not watch.homed:
         summary["problems"].append(f"{ARM} ended in {watch.state} ({watch.text('sub_state')})")
     if follower.refused:
         summary["problems"].append(f"{ARM} refused {follower.refused} commands: {follower.refusal}")
     return {
-        "state": watch.state, "is_homed": watch.homed, "homed_after_s": homed_s, "setpoints_skipped": skipped,
-        "names": list(tracking.names), "rms": tracking.rms.tolist(), "max": tracking.most.tolist(), **summary,
+        "state": watch.state if seen else None, "is_homed": seen and watch.homed, "homed_after_s": homed_s,
+        "setpoints_skipped": skipped, "names": list(tracking.names), "rms": tracking.rms.tolist(),
+        "max": tracking.most.tolist(), **summary,
     }
 
 

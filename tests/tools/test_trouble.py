@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import itertools
 import json
 import os
 from collections.abc import Iterator
@@ -15,17 +17,20 @@ from typer.testing import CliRunner, Result
 
 from shm import directory
 from shm.clock import monotonic_ns
-from shm.ring import HEAD, RingWriter
+from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, path_of, segment_name, unlink
 from shm.topics import SETPOINT
 from tests.tools.robot import Played, robot
-from tools import cli
+from tools import bench_io, cli, demo
 from tools.echo import _said
 from tools.errors import Problem
+from tools.following import Follower
+from tools.health import Run
 from tools.processes import cells, lives, remarks
+from tools.remote import Remote
 from tools.topics import catalogue
 from tools.views import open_topic
-from tools.watch import arm_document
+from tools.watch import Watch, arm_document
 
 APP = cli.build()
 SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
@@ -51,11 +56,13 @@ def gone() -> str:
     return f"its writer PSM1 (pid {os.getpid()}) is gone"
 
 
-def tear(played: Played) -> None:
-    """The newest state of PSM1 is half written."""
-    with Segment(segment_name(played.name, "PSM1", "state"), write=True) as hand:
-        words = hand.words()
-        words[(hand.header.first + words[HEAD] % hand.header.depth * hand.header.stride) // 8] = 0
+def tear(played: Played, instance: str = "PSM1") -> None:
+    """The newest state is half written: garbage in a slot that somebody is at."""
+    with Segment(segment_name(played.name, instance, "state"), write=True) as hand:
+        words, header = hand.words(), hand.header
+        at = header.first + words[HEAD] % header.depth * header.stride
+        hand.view[at + 8 : at + header.stride] = b"\xc7" * (header.stride - 8)
+        words[at // 8] = 0
 
 
 def spoil(played: Played, ring: str = "PSM1/state") -> None:
@@ -125,6 +132,69 @@ def test_torn_records_are_told(played: Played) -> None:
     assert "PSM1/state: no record is whole (1 reads found no whole record)" in failed.stderr
     page = " ".join(run(played, "attach", "--once").stdout.split())
     assert "1 reads found no whole record" in page
+
+
+def test_the_demo_takes_no_torn_record_for_its_arm(played: Played) -> None:
+    played.io.publish(monotonic_ns())
+    with pytest.raises(Problem, match=r"PSM1: its state cannot be read: it has shown none"):
+        demo._trace(played.name, monotonic_ns(), 0.0)
+    played.show_arm(state="ENABLED", homed=True)
+    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote, \
+            contextlib.closing(Run(played.name, "IO1")) as watched:
+        assert watch.look()
+        follower = Follower(watch, remote, False)
+        assert "PSM1 ENABLED" in demo._status(watched, watch)
+        assert demo._summary(watched, follower, watch, 0, 1.0)["state"] == "ENABLED"
+        played.show_arm(state="ENABLED", homed=True)
+        played.show_arm(state="ENABLED", homed=True)
+        tear(played)
+        follower.collect()  # the torn one behind the good one is not taken for a fault
+        assert demo._status(watched, watch).startswith("PSM1: its state cannot be read: ")
+        summary = demo._summary(watched, follower, watch, 0, 1.0)
+        assert (summary["state"], summary["is_homed"]) == (None, False)
+        assert "no whole record" in summary["problems"][-1]
+
+
+def test_the_bench_of_io_takes_every_record_once(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
+    stamps, since = itertools.count(1_000_000_000, 1_000_000), RingReader.since
+
+    def publish(*_: object) -> None:
+        for _ in range(5):
+            played.io.field("cycle")[...] += 1
+            played.io.field("valid")[...] = True
+            played.io.field("write_ns")[...] = 1000 * (played.io.sequence % 2)
+            played.io.publish(next(stamps))
+
+    def disturbed(self: RingReader, stamp_ns: int) -> Any:
+        rows = since(self, stamp_ns)
+        publish()  # io does not wait for whoever looks
+        return rows
+
+    publish()
+    monkeypatch.setattr(RingReader, "since", disturbed)
+    monkeypatch.setattr(bench_io, "pause", publish)
+    monkeypatch.setattr(bench_io, "monotonic_ns", itertools.count().__next__)
+    figures = bench_io._watch(played.name, 9e-9)  # eight looks
+    assert figures["cycles"] == 80 and figures["rate_hz"] == pytest.approx(1000.0)
+    assert figures["period_us_p50"] == figures["period_us_p99"] == 1000.0
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_the_bench_of_io_takes_no_torn_record(played: Played, first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def publish(*_: object) -> None:
+        played.io.field("valid")[...] = True
+        played.io.publish(monotonic_ns())
+
+    def torn(*_: object) -> None:
+        publish()
+        tear(played, "IO1")
+
+    (torn if first else publish)()
+    steps = iter((publish, publish if first else torn))
+    monkeypatch.setattr(bench_io, "pause", lambda seconds: next(steps)())
+    monkeypatch.setattr(bench_io, "monotonic_ns", itertools.count().__next__)
+    with pytest.raises(Problem, match=r"io's state cannot be read: \d reads found no whole record"):
+        bench_io._watch(played.name, 3e-9)
 
 
 def test_a_head_that_goes_backwards_is_told(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
