@@ -1,9 +1,9 @@
 """The UDP sockets of the emulated buses: datagrams with the kernel's receive time in, replies out.
 
-A bridge has one address. Ethernet-only, every board has its own, the bus's plus its board id, and all hear multicast;
-so that several systems may run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A
-bus at 0.0.0.0 takes what comes to any address of the machine, as the only controllers on a network would: boards then
-have the addresses that the host gives them.
+A bridge has one address; with Rev 9 its hub listens at that plus its board id, too, which is where hosts go.
+Ethernet-only every board has its own, the bus's plus its board id, and all hear multicast; so that several systems may
+run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A bus at 0.0.0.0 takes what comes to any address
+of the machine, as the only controllers on a network would: boards then have the addresses that the host gives them.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
 MULTICAST: Final = "224.0.0.100"
 ANY: Final = "0.0.0.0"
+OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
 BLOCK: Final = 16  # addresses of an Ethernet-only bus
 _STAMP = struct.Struct("@qq")
 _PACKET_INFO = struct.Struct("@i4s4s")  # interface, local address, destination
@@ -88,6 +89,9 @@ class Endpoints:
                 sock.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
                 with contextlib.suppress(OSError):  # a machine without multicast: a bridge does without
                     _join(sock, "127.0.0.1")
+            elif bus.controllers[0].firmware >= OWN_ADDRESS and bus.controllers[0].board_id:
+                own = _bound(str(IPv4Address(int(IPv4Address(bus.address)) + bus.controllers[0].board_id)))
+                self._doors.append(Door(own, number, GROUP, own))
             return
         base = int(IPv4Address(bus.address))
         for controller in bus.controllers:

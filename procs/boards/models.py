@@ -28,14 +28,13 @@ class Hardware:
     motors: int
     encoders: int
     outputs: int
-    firmwares: tuple[int, ...]
-    fpgas: tuple[int, ...]
+    built: dict[int, tuple[int, ...]]  # firmware and the FPGA versions it was built for
 
 
 HARDWARE: Final = {
-    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, (7, 8, 9), (2, 3)),
-    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, (8, 9), (3,)),
-    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, (8, 9), (3,)),
+    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, {7: (2,), 8: (2, 3), 9: (2, 3)}),
+    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, {8: (3,), 9: (3,)}),
+    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, {8: (3,), 9: (3,)}),
 }
 
 
@@ -60,10 +59,10 @@ class Model:
         if hardware is None:
             raise ValueError(f"{where}: hardware {c.hardware}; allowed: {', '.join(HARDWARE)}")
         fpga = int(c.fpga.removeprefix("V"))
-        if c.firmware not in hardware.firmwares or fpga not in hardware.fpgas:
-            raise ValueError(f"{where}: {c.hardware} with firmware {c.firmware} on FPGA {c.fpga}; allowed: firmware "
-                             f"{', '.join(map(str, hardware.firmwares))}, FPGA "
-                             f"{', '.join(f'V{version}' for version in hardware.fpgas)}")
+        if fpga not in hardware.built.get(c.firmware, ()):
+            allowed = ", ".join(f"{revision} on {' or '.join(f'V{version}' for version in versions)}"
+                                for revision, versions in hardware.built.items())
+            raise ValueError(f"{where}: {c.hardware} with firmware {c.firmware} on FPGA {c.fpga}; allowed: {allowed}")
         if not 0 <= c.board_id <= 15:
             raise ValueError(f"{where}; allowed: 0 to 15")
         expander = hardware.name != "dRA1" and c.firmware >= 8 and float(c.qla) >= 1.5

@@ -71,6 +71,17 @@ def test_multicast_reaches_all_boards_of_the_own_bus_and_the_hub_answers() -> No
         assert host.recvfrom(100) == (b"all", ("127.91.8.64", wire.UDP_PORT))
 
 
+def test_a_rev_9_bridge_is_reached_at_the_bus_and_at_its_hubs_address() -> None:
+    heard: Heard = []
+    bus = Bus("a", "127.91.8.96", (Controller(6, firmware=9), Controller(2, firmware=9)))
+    with served(bus, heard) as endpoints, host_at("127.91.8.96") as host:
+        for last in (96, 102):
+            host.sendto(b"hub", (f"127.91.8.{last}", wire.UDP_PORT))
+            serve_until(endpoints, heard, 1)
+            assert host.recvfrom(100) == (b"hub", (f"127.91.8.{last}", wire.UDP_PORT))
+            heard.clear()
+
+
 def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
     stamps: list[int] = []
 
