@@ -2,8 +2,9 @@
 
 A bridge has one address; with Rev 9 its hub listens at that plus its board id, too, which is where hosts go.
 Ethernet-only every board has its own, the bus's plus its board id, and all hear multicast; so that several systems may
-run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A bus at 0.0.0.0 takes what comes to any address
-of the machine, as the only controllers on a network would: boards then have the addresses that the host gives them.
+run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A bus at 0.0.0.0 takes what
+comes to any address of the machine, as the only controllers on a network would: boards then have the addresses that the
+host gives them.
 """
 
 from __future__ import annotations
