@@ -131,7 +131,11 @@ class Encoders:
         self._when, self._peak, self._end, self._bound = (np.zeros(n) for _ in range(4))
 
     def place(self, x: Floats) -> None:
-        """Take `x` (counts) as the position at power-up: the counters start at mid-range wherever the arm is."""
+        """Take `x` (counts) as the position at power-up: the counters start at mid-range wherever the arm is.
+
+        Real filters start low, so that there a line that is high makes an edge at power-up. Left out: whoever counts
+        on a position preloads it.
+        """
         self._x0[:] = x
         np.floor(x, out=self._whole)
         self._whole_bytes = self._whole.tobytes()
