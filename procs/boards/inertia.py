@@ -34,6 +34,7 @@ class ArmInertia:
     joints: tuple[JointInertia, ...]
     initial: tuple[float, ...]  # actuator positions, rad or m
     shaft: tuple[float, float, float] = (0.0, 0.0, 0.0)  # kg·m² about x y z of the insertion link, z along the shaft
+    homed_at_stop: int = -1  # the joint that the host homes by its lower stop, which is where the file says
 
 
 DISC = JointInertia(4.0e-4, 0.004, 0.004)  # of a PSM without instrument
@@ -98,14 +99,15 @@ ARMS = {
             JointInertia(0.0002, 0.0004, 0.001),
         ),
         initial=(0.05, 0.10, 0.05, 0.1, 0.1, 0.05, 0.2),
+        homed_at_stop=6,
     ),
     ("SUJ", "Classic"): ArmInertia(
         joints=(SET_UP_SLIDE, *(SET_UP_HINGE,) * 5),
         initial=(0.05, -0.6, 1.2, -0.4, 0.2, 0.2),
     ),
     ("SUJ", "Si"): ArmInertia(
-        joints=(SET_UP_SLIDE, *(SET_UP_HINGE,) * 5),
-        initial=(0.2, -0.3, 1.2, 0.8, 0.0, 0.0),
+        joints=(SET_UP_SLIDE, *(SET_UP_HINGE,) * 6),
+        initial=(0.2, -0.3, 1.2, 0.8, 0.0, 0.0, 0.0),
     ),
 }
 
@@ -121,7 +123,13 @@ def wrist_inertia(actuator_to_joint: Array) -> tuple[JointInertia, ...]:
     return tuple(JointInertia(float(a), *friction) for a, friction in zip(armature, WRIST_FRICTION, strict=True))
 
 
-def arm_inertia(arm_type: str, generation: str) -> ArmInertia | None:
-    """The row of an arm type; None for types without one (their axes are loose). MTML and MTMR count as MTM."""
+def arm_inertia(arm_type: str, generation: str, joints: int) -> ArmInertia | None:
+    """The row of an arm type with so many joints; None for types without one (their axes are loose).
+
+    MTML and MTMR count as MTM; set-up arms have more or fewer joints.
+    """
     kind = next((k for k in ("MTM", "SUJ") if arm_type.startswith(k)), arm_type)
-    return ARMS.get((kind, generation)) or ARMS.get((kind, "Classic"))
+    row = ARMS.get((kind, generation)) or ARMS.get((kind, "Classic"))
+    if row is not None and kind == "SUJ":
+        return ArmInertia(row.joints[:joints], row.initial[:joints])
+    return row

@@ -106,7 +106,7 @@ def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | N
 
 def description(arm: Arm | None, actuators: int) -> ArmInertia | None:
     """The table's row for an arm whose robot has so many actuators; None when its axes have to be loose."""
-    row = arm_inertia(arm.type, arm.generation) if arm is not None else None
+    row = arm_inertia(arm.type, arm.generation, len(arm.chain.links)) if arm is not None else None
     if arm is None or row is None or len(row.joints) != len(arm.chain.links) or len(row.initial) != actuators:
         return None
     return row
@@ -118,7 +118,8 @@ def _chain_axes(chain: Chain, row: ArmInertia, bare: bool) -> list[Axis]:
     for i, link in enumerate(chain.links):
         shaft = row.shaft if i == INSERTION else None
         link = dataclasses.replace(link, mass=0.0) if bare else link
-        axes.append(_link_axis(chain.convention, link, i, i - 1, row.joints[i], shaft))
+        axis = _link_axis(chain.convention, link, i, i - 1, row.joints[i], shaft)
+        axes.append(dataclasses.replace(axis, lower=link.lower) if i == row.homed_at_stop else axis)
     if chain.base is not None:
         axes[0] = dataclasses.replace(axes[0], before=np.array(chain.base) @ axes[0].before)
     return axes

@@ -12,12 +12,10 @@ import pytest
 from procs.boards.inertia import ARMS, DISC
 from procs.boards.plant import Plant
 from procs.lib.coupling import coupling
-from procs.lib.document import Actuator, Arm, Emulation, Encoder, Io, Linear, Robot, System
 from procs.lib.kinematics import Kinematics
 from tests import stock
+from tests.boards.robots import LND, PERIOD, arm, psm, robot, system
 
-PERIOD = 1e-3
-LND = "LARGE_NEEDLE_DRIVER_400006"
 PSM_KP = np.array((120.0, 120.0, 6000.0, 6.0, 6.0, 6.0, 6.0))
 PSM_KD = np.array((6.0, 5.0, 200.0, 0.09, 0.09, 0.09, 0.09))
 PSM_EFFORT = np.array((3.3, 3.3, 19.0, 0.34, 0.34, 0.34, 0.34))
@@ -28,50 +26,6 @@ STOCK_KD = {
     ("ECM", "Si"): (30, 30, 500, 3),
     ("MTM", "Classic"): (10, 5, 5, 0.35, 0.028, 0.015, 0.005),
 }
-
-
-def robot(name: str, types: str) -> Robot:
-    one = Linear(1.0, 0.0)
-    actuators = tuple(
-        Actuator(
-            board_id=6 + i // 4,
-            axis_id=i % 4,
-            joint_type="PRISMATIC" if kind == "P" else "REVOLUTE",
-            effort_to_current=0.5,
-            current_to_bits=one,
-            bits_to_current=one,
-            maximum_current=1.0,
-            encoder=Encoder(one, -1.0, 1.0, "FIRMWARE"),
-        )
-        for i, kind in enumerate(types)
-    )
-    return Robot(name, "0", "QLA1", actuators)
-
-
-def arm(name: str, kind: str, file: str, tool: str = "") -> Arm:
-    return Arm(
-        name=name,
-        type=kind,
-        generation="Classic",
-        serial="0",
-        io="IO1",
-        robot=name,
-        simulation="NONE",
-        period_s=1 / 1500,
-        chain=stock.chain(file),
-        tool=stock.tool(tool) if tool else None,
-    )
-
-
-def system(robots: tuple[Robot, ...], arms: tuple[Arm, ...], seed: int = 1) -> System:
-    io = Io("IO1", "udp:127.1.0.16", "broadcast-query-read-write", 1 / 1500, 0.03, True, robots, (), ())
-    return System("test", "", "lockstep", (io,), arms, Emulation(PERIOD, (), seed=seed), ())
-
-
-def psm(tool: str = LND, count: int = 1, seed: int = 1) -> Plant:
-    names = [f"PSM{i + 1}" for i in range(count)]
-    robots = tuple(robot(name, "RRPRRRR") for name in names)
-    return Plant(system(robots, tuple(arm(name, "PSM", "PSM", tool) for name in names), seed))
 
 
 @cache
