@@ -9,6 +9,8 @@ from procs.boards.bus import Bus
 from procs.boards.emulation import Emulation, SensorErrors
 from procs.boards.plant import Plant
 
+MOST_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
+MOST_POSITION = 10.0  # rad or m
 HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
 
@@ -41,12 +43,12 @@ class Incidents:
 
     def push(self, robot: str, efforts: npt.NDArray[np.float64]) -> None:
         """Efforts from outside on a robot's joints, N·m or N, until changed."""
-        self._check(robot, efforts, "efforts")
+        self._check(robot, efforts, "efforts", MOST_EFFORT)
         self._plant.push(robot, efforts)
 
     def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
         """Put a robot's actuators somewhere, rad or m, at rest."""
-        self._check(robot, positions, "positions")
+        self._check(robot, positions, "positions", MOST_POSITION)
         self._plant.place(robot, positions)
 
     # -- faults of robots ----------------------------------------------------------------------------------------------
@@ -143,10 +145,10 @@ class Incidents:
             raise KeyError(f"{robot or 'no name'}: no such robot; there are {', '.join(self._wiring.robots)}")
         return len(self._wiring.slots[cut])
 
-    def _check(self, robot: str, values: npt.NDArray[np.float64], what: str) -> None:
+    def _check(self, robot: str, values: npt.NDArray[np.float64], what: str, most: float) -> None:
         count = self._actuators(robot)
-        if len(values) != count or not np.isfinite(values).all():
-            raise ValueError(f"{robot}: {len(values)} {what}; allowed: {count} finite numbers")
+        if len(values) != count or not (np.abs(values) <= most).all():
+            raise ValueError(f"{robot}: {len(values)} {what}; allowed: {count} from {-most:g} to {most:g}")
 
     def _axis(self, robot: str, axis: int) -> int:
         """Place of an actuator among all of them."""

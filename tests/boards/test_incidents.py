@@ -197,10 +197,13 @@ def test_wrong_names_are_answered_with_what_there_is() -> None:
         incidents.jump_encoder("PSM1", 1, 1)
 
 
-def test_efforts_from_outside_must_fit_the_robot() -> None:
+def test_what_is_done_to_a_robot_must_fit_it() -> None:
     _, incidents = _world()
-    for robot, efforts, reason in (("PSM1", [1.0, 2.0], "2 efforts; allowed: 5 finite"),
-                                   ("ECM", [1.0, float("nan")], "allowed: 2 finite"),
-                                   ("MTML", [1.0], "no such robot; there are PSM1, ECM")):
+    for robot, values, reason in (("PSM1", [1.0, 2.0], "2 efforts; allowed: 5 from -100 to 100"),
+                                  ("ECM", [1.0, float("nan")], "2 efforts; allowed: 2"),
+                                  ("ECM", [1.0, -101.0], "2 efforts; allowed: 2"),
+                                  ("MTML", [1.0], "no such robot; there are PSM1, ECM")):
         with pytest.raises((KeyError, ValueError), match=reason):
-            incidents.push(robot, np.array(efforts))
+            incidents.push(robot, np.array(values))
+    with pytest.raises(ValueError, match="2 positions; allowed: 2 from -10 to 10"):
+        incidents.place("ECM", np.array([0.0, float("inf")]))

@@ -151,7 +151,7 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
     ("press", [1], "camera", "camera: no such input; there are clutch, limit"),
     ("power_loss", [1], "ECM2", "ECM2: no such robot; there are PSM1, ECM"),
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
-    ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 finite numbers"),
+    ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 from -10 to 10"),
     ("board_gone", [3, 1], "", "board 3: say of which bus; there are IO1, IO2"),
     ("hand", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no such robot; there are PSM1, ECM"),
     ("hand", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "a pose must be finite"),
