@@ -48,10 +48,7 @@ class Board:
     def power_up(self, tick: int) -> None:
         """The FPGA is configured anew: the memories and an instrument stay."""
         self._time(tick)
-        instrument = self.dallas.memory
-        self.dallas = Dallas(self.firmware)
-        if instrument is not None:
-            self.dallas.insert(instrument, tick)
+        self.dallas.power_up()
         self._begin()
 
     @property

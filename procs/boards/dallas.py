@@ -66,10 +66,14 @@ class Dallas:
 
     def __init__(self, firmware: int) -> None:
         """At rest, no instrument."""
-        self.enabled = False  # it drives digital output 3
         self._states = _REV_7 if firmware < 8 else _REV_8
         self._probes = firmware >= 8
         self.memory: bytes | None = None  # of the instrument
+        self.power_up()
+
+    def power_up(self) -> None:
+        """The FPGA is configured anew: at rest, and an instrument stays in its place."""
+        self.enabled = False  # it drives digital output 3
         self._chip = b""  # what answers, until `_silent_from`
         self._silent_from = 0
         self._pointer = 0

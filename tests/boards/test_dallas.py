@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -211,6 +213,18 @@ def test_memory_of_an_instrument_has_its_fields_in_place() -> None:
 def test_fields_that_do_not_fit_are_refused(name: str, model: int, version: int) -> None:
     with pytest.raises(ValueError, match="allowed"):
         instrument_memory(name, model, version)
+
+
+def test_power_up_ends_a_read_and_leaves_nothing_of_it() -> None:
+    dallas = present()
+    dallas.write(2, 0)
+    assert not idle(dallas, PROBE + FIRST_BYTE + 10 * READ)
+    reading = weakref.ref(dallas._steps)
+    dallas.power_up()
+    assert reading() is None, "nobody collects cycles in a running process"
+    assert idle(dallas, 2 * PROBE) and chunk(dallas, 2 * PROBE) == bytes(256)
+    dallas.write(2, 3 * PROBE)
+    assert idle(dallas, 1000 * PROBE) and chunk(dallas, 1000 * PROBE) == MEMORY[:256]
 
 
 def test_memory_of_another_size_is_refused() -> None:
