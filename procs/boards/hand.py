@@ -63,16 +63,17 @@ class Grip:
 class Hands:
     """At most one hand a robot. Nothing is paid while there is none."""
 
-    def __init__(self, plant: Held) -> None:
-        """No hand anywhere."""
-        self._plant = plant
+    def __init__(self, plant: Held, robots: tuple[str, ...]) -> None:
+        """No hand anywhere; `robots` have a tip to hold."""
+        self._plant, self._robots = plant, robots
         self._targets: dict[str, tuple[Floats, Grip]] = {}
 
     def hold(self, robot: str, pose: Floats, grip: Grip | None = None) -> None:
         """Pull the tip of a robot to a pose (7,) in its base frame; a grip that is not given stays as it was.
 
-        PoseError, a ValueError, when it is no pose.
+        PoseError, a ValueError, when it is no pose; KeyError names the robots that have a tip.
         """
+        self._look_for(robot)
         target = poses.matrix_from_pose(poses.normalised(pose))
         held = self._targets.get(robot)
         self._targets[robot] = target, grip or (held[1] if held else Grip())
@@ -81,6 +82,7 @@ class Hands:
 
     def release(self, robot: str) -> None:
         """Let go."""
+        self._look_for(robot)
         self._targets.pop(robot, None)
         if not self._targets and self.pull in self._plant.before_step:
             self._plant.before_step.remove(self.pull)
@@ -89,6 +91,10 @@ class Hands:
         """Force and torque of every hand for the step that begins."""
         for robot, (target, grip) in self._targets.items():
             self._plant.pull(robot, wrench(target, grip, self._plant.tip(robot), self._plant.tip_twist(robot)))
+
+    def _look_for(self, robot: str) -> None:
+        if robot not in self._robots:
+            raise KeyError(f"{robot or 'no name'}: no arm to hold; there are {', '.join(self._robots) or 'none'}")
 
 
 def wrench(target: Floats, grip: Grip, tip: Floats, twist: Floats) -> Floats:

@@ -118,11 +118,6 @@ class Incidents:
         on, local = self._bus_of_row[self._row(board, bus)]
         on.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
 
-    def known(self, robot: str) -> str:
-        """The name of a robot, if there is one of that name."""
-        self._actuators(robot)
-        return robot
-
     def buses(self, name: str) -> range:
         """Number of the bus of an io; all of them when it is not named."""
         if not name:

@@ -82,7 +82,8 @@ class Orders:
     def of(cls, system: System, world: Emulation, plant: Plant) -> Orders:
         """For the boards and robots of a system; `plant` is the world's own."""
         incidents = Incidents(world, plant)
-        return cls(incidents, Instruments(system, world, incidents, plant), Hands(plant), world.mishaps)
+        hands = Hands(plant, tuple(arm.robot for arm in system.arms if arm.robot in world.wiring.robots))
+        return cls(incidents, Instruments(system, world, incidents, plant), hands, world.mishaps)
 
     def carry_out(self, command: Received) -> None:
         """Do it and answer; a wrong argument refuses it with the reason."""
@@ -112,7 +113,7 @@ class Orders:
             "push": ((), lambda w: incidents.push(w.text, w.values.copy())),
             "place": ((), lambda w: incidents.place(w.text, w.values.copy())),
             "hand": ((POSE, POSE + 2, POSE + 4, POSE + 6), self._hold),
-            "hand_release": ((0,), lambda w: self._hands.release(incidents.known(w.text))),
+            "hand_release": ((0,), lambda w: self._hands.release(w.text)),
         }
 
     def _for_robots(self) -> dict[str, tuple[tuple[int, ...], Order]]:
@@ -160,7 +161,7 @@ class Orders:
 
     def _hold(self, words: Words) -> None:
         grip = Grip.of(*words.values[POSE:].tolist()) if len(words.values) > POSE else None
-        self._hands.hold(self._incidents.known(words.text), words.values[:POSE], grip)
+        self._hands.hold(words.text, words.values[:POSE], grip)
 
     def _set_rate(self, words: Words) -> None:
         kind, _, bus = words.text.partition(" ")

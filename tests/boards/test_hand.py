@@ -12,10 +12,11 @@ import pytest
 from procs.boards.hand import Grip, Hands, wrench
 from procs.boards.plant import Plant
 from procs.lib import poses
-from tests.boards.test_plant import arm, robot, system
+from tests.boards.robots import arm, robot, system
 
 Floats = npt.NDArray[np.float64]
 STEP_S = 1e-3
+ROBOTS = ("MTML", "MTMR")
 
 
 class Body:
@@ -58,7 +59,7 @@ def _pose(x: float, y: float, z: float, turn: float = 0.0, axis: tuple[float, fl
 
 def test_the_tip_comes_to_the_commanded_pose_and_stays() -> None:
     body = Body()
-    hands = Hands(body)
+    hands = Hands(body, ROBOTS)
     target = _pose(0.03, -0.02, 0.05, 0.9, (0.6, 0.0, 0.8))
     hands.hold("MTML", target)
     body.step(1500)
@@ -69,7 +70,7 @@ def test_the_tip_comes_to_the_commanded_pose_and_stays() -> None:
 
 def test_force_and_torque_stay_within_their_limits() -> None:
     body = Body()
-    hands = Hands(body)
+    hands = Hands(body, ROBOTS)
     hands.hold("MTML", _pose(10.0, -7.0, 3.0, 3.0))
     body.step(50)
     assert body.strongest == pytest.approx([20.0, 0.4])
@@ -87,7 +88,7 @@ def test_a_half_turn_away_is_pulled_around_the_right_axis() -> None:
 
 def test_without_a_hand_nothing_is_asked_before_a_step() -> None:
     body = Body()
-    hands = Hands(body)
+    hands = Hands(body, ROBOTS)
     hands.hold("MTML", _pose(1, 0, 0))
     hands.hold("MTMR", _pose(1, 0, 0))
     hands.release("MTML")
@@ -99,7 +100,7 @@ def test_without_a_hand_nothing_is_asked_before_a_step() -> None:
 
 def test_a_new_pose_keeps_the_grip() -> None:
     body = Body()
-    hands = Hands(body)
+    hands = Hands(body, ROBOTS)
     hands.hold("MTML", _pose(0.001, 0, 0), Grip(stiffness=1000.0))
     hands.hold("MTML", _pose(0.002, 0, 0))
     hands.pull()
@@ -115,12 +116,20 @@ def test_a_new_pose_keeps_the_grip() -> None:
 ])
 def test_what_is_no_pose_is_refused_and_the_hand_stays(pose: list[float], reason: str) -> None:
     body = Body()
-    hands = Hands(body)
+    hands = Hands(body, ROBOTS)
     hands.hold("MTML", _pose(0.01, 0, 0))
     with pytest.raises(ValueError, match=reason):
         hands.hold("MTML", np.array(pose, dtype=float))
     hands.pull()
     assert body.pulled[0] == pytest.approx(2.0)
+
+
+def test_only_arms_can_be_held() -> None:
+    hands = Hands(Body(), ROBOTS)
+    with pytest.raises(KeyError, match="MTML_gripper: no arm to hold; there are MTML, MTMR"):
+        hands.hold("MTML_gripper", _pose(0, 0, 0))
+    with pytest.raises(KeyError, match="there are MTML, MTMR"):
+        hands.release("")
 
 
 def test_damping_follows_the_stiffness_unless_it_is_given() -> None:
@@ -136,7 +145,7 @@ def test_damping_follows_the_stiffness_unless_it_is_given() -> None:
 def test_a_masters_gripper_is_led_to_a_pose_and_let_go() -> None:
     master = arm("MTML", "MTM", "MTML")
     plant = Plant(system((robot("MTML", "RRRRRRR"),), (master,)))
-    hands, goal, idle = Hands(plant), plant.tip("MTML"), np.zeros(7)
+    hands, goal, idle = Hands(plant, ROBOTS), plant.tip("MTML"), np.zeros(7)
     goal[:3, 3] += (0.03, -0.02, 0.04)
     goal[:3, :3] = poses.rotation_from_vector(np.array((0.2, 0.3, -0.25))) @ goal[:3, :3]
     hands.hold("MTML", poses.pose_from_matrix(goal))

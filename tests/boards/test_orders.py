@@ -31,9 +31,6 @@ class Recorder:
     def buses(self, name: str) -> str:
         return f"buses {name}"
 
-    def known(self, robot: str) -> str:
-        return robot
-
     def __getattr__(self, name: str) -> Any:
         def note(*arguments: Any) -> None:
             plain = (a.tolist() if isinstance(a, np.ndarray) else a for a in arguments)
@@ -153,9 +150,9 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
     ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 from -10 to 10"),
     ("board_gone", [3, 1], "", "board 3: say of which bus; there are IO1, IO2"),
-    ("hand", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no such robot; there are PSM1, ECM"),
+    ("hand", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no arm to hold; there are PSM1"),
     ("hand", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "a pose must be finite"),
-    ("hand_release", [], "", "no name: no such robot; there are PSM1, ECM"),
+    ("hand_release", [], "", "no name: no arm to hold; there are PSM1"),
     ("lose_replies", [1], "IO3", "IO3: no such bus; there are IO1, IO2"),
 ])
 def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
@@ -163,5 +160,5 @@ def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float]
     world = Emulation(two_buses(), plant, START)
     incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
     command = Asked(name, values, text)
-    Orders(incidents, Recorder(), Hands(plant), world.mishaps).carry_out(command)  # type: ignore[arg-type]
+    Orders(incidents, Recorder(), Hands(plant, ("PSM1",)), world.mishaps).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason
