@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.doorbell import Places
+from shm.header import SegmentError
 from shm.mailbox import (
     CLIENTS,
     COMMAND_START,
@@ -58,7 +60,10 @@ class Client:
         self._words, self._view = places.words, places.view
         try:
             locks = Places(segment, places.first + CURSOR_BYTES * CURSORS.index("place"), CLIENTS)
-            place = locks.claim(self._fit)
+            try:
+                place = locks.claim(self._fit)
+            except SegmentError:  # then one that is full
+                place = locks.claim(partial(self._fit, room=0))
         except BaseException:
             segment.close()
             raise
@@ -70,14 +75,15 @@ class Client:
         self._seen: int = self._words[self._answered]
         self.lost = 0
 
-    def _fit(self, place: int) -> bool:
-        """Whether a place's cursors make sense; one out of step is left for the owner to put right."""
+    def _fit(self, place: int, room: int = 1) -> bool:
+        """Whether a place's cursors make sense and it has room; one out of step is left for the owner to put right."""
         words, at = self._words, self._map.cursor("sent", place)
         sent, taken = words[at], words[self._map.cursor("taken", place)]
         answered = words[self._map.cursor("answered", place)]
         newest = words[self._map.replies(place)[answered % REPLIES_DEPTH] >> 3]
-        if 0 <= sent - taken <= COMMANDS_DEPTH and sent < LAST_NUMBER and (newest == answered or not answered):
-            return True
+        waiting = sent - taken
+        if 0 <= waiting <= COMMANDS_DEPTH and sent < LAST_NUMBER and (newest == answered or not answered):
+            return bool(waiting + room <= COMMANDS_DEPTH)
         # further out of step, wherever the owner's own copy stands: it looks where a cursor moves
         words[at] = sent + 2 * COMMANDS_DEPTH if FAR <= sent < LAST_NUMBER - 2 * COMMANDS_DEPTH else FAR
         return False

@@ -31,7 +31,8 @@ sent it does not expect it any more. What only stops something is carried out ho
 Trust. The owner runs nothing whose slot was not written for its turn (each command carries its number), and nothing
 whose cursor is out of step (sent − taken not in 0 … depth): it takes taken := sent there, runs nothing, and goes on. A
 client passes over a place whose cursors make no sense, after pushing `sent` out of step so that the owner puts the
-place right.
+place right; it takes one that is full only when there is no other (one that only looks full stays so until the next
+owner).
 
 Memory order: stores M2 → M3, N3 → A1 … A4 and loads N1 → N2, B1 → B2 → B3 in program order (shm/order.py). N3 is stored
 after the loads of N2: a store is never overtaken by, nor overtakes, an earlier load on x86-64.

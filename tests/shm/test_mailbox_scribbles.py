@@ -224,7 +224,12 @@ class NobodyIsSpared(RuleBasedStateMachine):
     def try_out(self, client: Client) -> None:
         """One command there and its answer back."""
         client.poll()
-        number = client.send("power_off", (3,), "mine")
+        try:
+            number = client.send("power_off", (3,), "mine")
+        except MailboxFull:  # it looks full and is not, which the next owner puts right
+            self.replace_owner()
+            client.poll()
+            number = client.send("power_off", (3,), "mine")
         (got,) = [c for _ in range(5) for c in self.owner.drain()]
         assert (got.id, got.text, got.values.tolist()) == (number, "mine", [3.0])
         got.done("fine")
@@ -289,6 +294,35 @@ def test_a_place_out_of_step_is_put_right_and_used_again(
             assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
     owner.close()
     hand.segment.close()
+
+
+def test_a_place_that_looks_full_is_passed_over(system: str) -> None:
+    owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
+    hand.words[hand.cursor("sent", 0)] = 2 * m.COMMANDS_DEPTH
+    assert list(owner.drain()) == []
+    hand.words[hand.cursor("taken", 0)] = m.COMMANDS_DEPTH
+    for place in (1, 0):
+        with contextlib.closing(Client(system, "IO1")) as client:
+            assert client._sent == hand.cursor("sent", place)
+            number = client.send("power_off", (), "now")
+            assert [got.id for got in owner.drain() if got.text == "now"] == [number]
+        owner.close()
+        owner = Mailbox(system, "IO1", "io")
+        owner.refuse_waiting("just started")
+    owner.close()
+    hand.segment.close()
+
+
+def test_what_a_dead_client_filled_its_place_with_is_run(system: str) -> None:
+    owner = Mailbox(system, "IO1", "io")
+    with contextlib.closing(Client(system, "IO1")) as client:
+        for i in range(m.COMMANDS_DEPTH):
+            client.send("power_off", (i,))
+    with contextlib.closing(Client(system, "IO1")) as heir:
+        heir.send("power_off", (-1,))
+        got = [int(c.values[0]) for _ in range(5) for c in owner.drain()]
+    assert sorted(got) == [-1, *range(m.COMMANDS_DEPTH)]
+    owner.close()
 
 
 def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
