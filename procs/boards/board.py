@@ -20,7 +20,6 @@ from procs.lib import registers as reg
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8
 GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0}  # of the releases; Rev 9 tells its commit, clean
-_RELEASES = {8: 0, 9: 0x8533_01D0}  # git description of the released firmware: commit << 4
 _CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from Rev 8 on
 
 

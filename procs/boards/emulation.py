@@ -23,6 +23,7 @@ from procs.lib import wire
 from procs.lib.document import System
 
 Floats = npt.NDArray[np.float64]
+FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
 MOST_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
 
 
@@ -95,6 +96,7 @@ class Emulation:
         self._noise_v = system.emulation.pot_noise_v
         self._random = np.random.default_rng(system.emulation.seed)
         self.begin = self._next = 0  # the step under way, in ticks
+        self._heard = [-FRAME_TICKS] * len(self.buses)  # tick of each bus's last datagram
         axes = len(wiring.slots)
         self._has_robots = axes > 0  # boards may be there for their own sake
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
@@ -172,10 +174,13 @@ class Emulation:
 
         `to` is the board whose own address it was sent to; GROUP: the bus's.
         """
-        tick = ticks_of(receive_ns - self.epoch_ns)
+        tick = max(ticks_of(receive_ns - self.epoch_ns), self._heard[bus] + FRAME_TICKS)
         if tick >= self._next:
             self._until(tick)
-        return self.buses[bus].answer(data, tick, to)
+        wires = self.buses[bus]
+        reply = wires.answer(data, tick, to)
+        self._heard[bus] = wires.now
+        return reply
 
     def board_at(self, bus: int, address: bytes) -> int | None:
         """Id of the board that was given an IP address (four bytes); None: none was."""

@@ -172,6 +172,11 @@ class Outputs:
             levels = levels & ~self._played | entry & LEVELS & self._played
         return levels
 
+    @property
+    def plays_once(self) -> bool:
+        """Whether nothing but a table that ends changes the levels by itself."""
+        return self._waveform.end < NEVER and all(timer.busy_until < NEVER for timer in self._timers)
+
     def playing(self, tick: int) -> bool:
         """Whether outputs follow the table (bit 29 of the digital inputs)."""
         return self._waveform.where(tick) is not None

@@ -11,13 +11,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.outputs import Outputs
+from procs.boards.outputs import MOST_CHANGES, Outputs
 from procs.boards.quadrature import Quadrature
 from procs.lib import registers as reg
 from procs.lib.document import Quirks
 
 VOLTS: Final = 2.25  # at the analog inputs
 FULL_SCALE_V: Final = 4.5
+FEW_CHANGES: Final = 64  # between two looks, 1 ms apart at most
 _ADC_SHIFT, _ADC_MOST = 16, 0xFFFF
 _EVERY_AXIS: Final = (1 << reg.AXES) - 1
 _ALL_SWITCHES: Final = 0xFFF  # negative limits, positive limits, home
@@ -56,7 +57,9 @@ class Loopback:
         """Let the outputs drive the encoders up to `tick`."""
         outputs = self._outputs
         if outputs.busy_until > self._at:
-            changes = outputs.changes(self._at, tick)
+            # A table is followed whole; of outputs that switch for ever, as PWM does, the newest switchings suffice.
+            once = outputs.plays_once
+            changes = outputs.changes(self._at, tick, MOST_CHANGES if once else FEW_CHANGES)
             self._drive(changes.since, changes.levels)
             for at, levels in changes.items:
                 self._drive(at, levels)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,15 @@ def test_commanded_current_flows_and_analog_inputs_have_the_test_voltage() -> No
     bench.write(reg.axis_register(1, reg.DAC), 0x8000_9000)
     assert bench.read(reg.axis_register(1, reg.ADC)) & 0xFFFF == 0x9000
     assert (bench.read(reg.axis_register(1, reg.ADC)) >> 16) * 4.5 / 65535 == pytest.approx(2.25, abs=1e-3)
+
+
+def test_fast_pwm_on_the_test_board_costs_the_boards_little() -> None:
+    bench = Bench(8)
+    for high_low in (0x0001_0002, 0x000A_0005, 0x0064_0064):
+        bench.write(reg.axis_register(0, reg.PWM), high_low)
+        bench.pins(1)
+        before = time.thread_time()
+        for _ in range(100):
+            bench.wait(1000)
+            bench.bus.step(bench.tick)
+        assert time.thread_time() - before < 0.1 * 10, "in CPU time, and generously: 0.1 s of simulated time"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import pytest
 
-from procs.boards.emulation import MOST_STEPS, Emulation, ns_of, ticks_of
+from procs.boards.emulation import FRAME_TICKS, MOST_STEPS, Emulation, ns_of, ticks_of
 from procs.boards.wiring import Wiring
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
@@ -134,3 +135,13 @@ def test_robots_on_boards_that_are_not_there_are_refused() -> None:
     assert system.emulation is not None
     with pytest.raises(ValueError, match="PSM1: board 3 is not on the emulated bus of IO1; it has 9"):
         Wiring(system, EmulationRow(1e-3, (Bus("IO1", "127.0.0.1", (Controller(9),)),)))
+
+
+def test_datagrams_that_were_read_late_still_reach_the_boards_one_after_the_other() -> None:
+    world = Emulation(two_buses(), Rails(7), START)
+    world.advance(START + 8 * MS)
+    ticks = []
+    for late_ns in (9000, 6000, 3000, 0):
+        world.answer(0, wire.quadlet_read(0, reg.STATUS, 1, 1), START + 8 * MS - late_ns)
+        ticks.append(world.buses[0].now)
+    assert all(after - before >= FRAME_TICKS for before, after in itertools.pairwise(ticks))
