@@ -192,7 +192,8 @@ SENTENCES = [
     f"reply slot n mod {mailbox.REPLIES_DEPTH}, {REPLY_SCHEMA.stride} bytes each", "from byte first + 16 on",
     f"0 ≤ sent − taken ≤ {mailbox.COMMANDS_DEPTH} and sent < 2^62", f"sent − taken < {mailbox.COMMANDS_DEPTH}?",
     f"one that is full ({mailbox.COMMANDS_DEPTH})", f"older than {mailbox.LATE_NS / 1e9:g} s by its `stamp_ns`",
-    f"more than {mailbox.MAX_VALUES} values", f"at most the last {mailbox.REPLIES_DEPTH} ", f"values are used, at most {mailbox.MAX_VALUES} |",
+    f"more than {mailbox.MAX_VALUES} values", f"at most the last {mailbox.REPLIES_DEPTH} ",
+    f"values are used, at most {mailbox.MAX_VALUES} |",
     "Record 4 lies in slot 4 mod 3 = 1, at 4096 + 64; slot 2 is busy with record 5, record 3 is in slot 0",
 ]
 
