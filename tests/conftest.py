@@ -118,8 +118,18 @@ def nothing_outlives_the_test() -> Iterator[None]:
 def _present(own: str) -> set[str]:
     segments = {"~".join(parts) for parts in names_of() if re.match(f"{own}[x-]", parts[0])}
     children = set()
-    for child in psutil.Process().children():
+    for pid in _children():
         with contextlib.suppress(psutil.NoSuchProcess):
+            child = psutil.Process(pid)
             if child.status() != psutil.STATUS_ZOMBIE:
                 children.add(f"process {child.pid} ({child.name()})")
     return segments | children
+
+
+def _children() -> list[int]:
+    """Our children. The kernel's lists, where it keeps them, take a thirtieth of a look at all processes."""
+    try:
+        lists = [(task / "children").read_text() for task in Path("/proc/self/task").iterdir()]
+        return [int(pid) for pid in " ".join(lists).split()]
+    except OSError:
+        return [child.pid for child in psutil.Process().children()]
