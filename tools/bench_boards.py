@@ -58,7 +58,7 @@ FIGURES = {
 }
 KINDS = {
     "cycle": "broadcast query, hub read, broadcast write; windows of 3 cycles with 2 physics steps, mean of a cycle",
-    "paused": "after a pause of 2 ms each window, as in real time; the others run without a pause",
+    "paused": "after a pause of 2 ms each window, as in real time; the others one after the other",
     "sockets": "with the server's waiting, receiving and sending on loopback",
     "not counted": "state record (state_record_us), waking up and pacing of the process",
 }

@@ -6,14 +6,14 @@ measurement its percentiles in ns of this thread's CPU time a cycle.
 
 A host drives the boards with broadcast query, hub read and broadcast write at 1500 Hz of simulated time, all amplifiers
 on, every arm swinging a little. A physics step falls into two of three cycles, so what is timed is a window of three
-cycles. The kinds of window follow each other in turn: whatever the machine is up to, it is up to it for all of them.
+cycles. Short blocks of each kind of window follow each other in turn: whatever the machine is up to, it is up to it for
+all of them.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
-import itertools
 import json
 import math
 import socket
@@ -42,6 +42,7 @@ READ_NS, WRITE_NS = 110_000, 250_000  # after the query
 SWING, SWING_SLIDE, SWING_HZ = 0.02, 0.004, 0.5  # rad, m
 MOST_OFF = 0.01  # rad or m off the path: less than the swing
 SWITCH_ON_WINDOWS = 200  # until the amplifiers are on
+BLOCK, WARM_UP = 40, 8  # windows of one kind in a row; the first of them do not count
 PERCENTILES = {"p10": 10, "p50": 50, "p99": 99}
 
 Floats = npt.NDArray[np.float64]
@@ -139,9 +140,6 @@ class Bench:
         self.host = Host(document, world)
         self._publisher = Publisher(directory.writer(system, "boards", "state", "boards"), world)
         self._now, self._windows = 0, 0
-        self._kinds: tuple[tuple[str, Callable[[Sent], int]], ...] = (
-            ("whole", self._whole), ("parts", self._parts), ("sockets", self._sockets), ("paused", self._paused))
-        self._times: dict[str, list[int]] = defaultdict(list)
         buses = document.emulation.buses if document.emulation is not None else ()
         # The boards' time is the host's, whatever the sockets say; asking the kernel for it costs what it always costs.
         self._server = Endpoints(buses, lambda bus, data, _, to: world.answer(bus, data, self._now, to), monotonic_ns,
@@ -152,7 +150,7 @@ class Bench:
         self._buffer = bytearray(2 * wire.MAX_DATA)
         world.answer(0, self.host.switch_on(), 0)
         for _ in range(SWITCH_ON_WINDOWS):
-            self._whole(self._next())
+            self.whole(self._next())
 
     def close(self) -> None:
         """Close the sockets."""
@@ -160,15 +158,18 @@ class Bench:
         self._server.close()
 
     def turn(self, seconds: float) -> dict[str, dict[str, int]]:
-        """All kinds of window in turn for so long; percentiles of each, ns a cycle."""
-        self._times.clear()
+        """Blocks of all kinds of window in turn for so long; percentiles of everything measured, ns a cycle."""
+        times: dict[str, list[int]] = defaultdict(list)
         end = monotonic_ns() + round(seconds * 1e9)
-        for name, measure in itertools.cycle(self._kinds):
-            self._times[name].append(measure(self._next()))
-            if name == "paused" and monotonic_ns() > end:
-                break
+        while not times or monotonic_ns() < end:
+            for measure in (self.whole, self.parts, self.sockets, self.paused):
+                for number in range(BLOCK):
+                    found = measure(self._next())
+                    if number >= WARM_UP:
+                        for name, ns in found.items():
+                            times[name].append(ns)
         self._check()
-        return {name: summary(times) for name, times in self._times.items()}
+        return {name: summary(found) for name, found in times.items()}
 
     def _next(self) -> Sent:
         """The datagrams of the next window."""
@@ -182,22 +183,22 @@ class Bench:
         replies = [self.world.answer(0, data, at) for at, data in self.host.cycle(begin)]
         self.host.check(replies[1] or b"", begin)
 
-    # -- kinds of window: ns of CPU time in it -------------------------------------------------------------------------
+    # -- kinds of window: what was measured, and ns of CPU time in it --------------------------------------------------
 
-    def _whole(self, sent: Sent) -> int:
+    def whole(self, sent: Sent) -> dict[str, int]:
         """Answers and physics, without the sockets."""
         answer = self.world.answer
         begin = thread_time_ns()
         for at, data in sent:
             answer(0, data, at)
-        return thread_time_ns() - begin
+        return {"whole": thread_time_ns() - begin}
 
-    def _paused(self, sent: Sent) -> int:
+    def paused(self, sent: Sent) -> dict[str, int]:
         """The same after a pause as long as the window: as in real time, others have had the caches meanwhile."""
         pause(WINDOW_NS * 1e-9)
-        return self._whole(sent)
+        return {"paused": self.whole(sent)["whole"]}
 
-    def _sockets(self, sent: Sent) -> int:
+    def sockets(self, sent: Sent) -> dict[str, int]:
         """The same with the server's calls of the kernel: wait, receive, send."""
         used = 0
         for number, (at, data) in enumerate(sent):
@@ -208,9 +209,9 @@ class Bench:
             used += thread_time_ns() - begin
             if number % CYCLES == 1 and self._client.recv_into(self._buffer) != self.host.reply_bytes:
                 raise ValueError("the hub's reply came back otherwise over the sockets")
-        return used
+        return {"sockets": used}
 
-    def _parts(self, sent: Sent) -> int:
+    def parts(self, sent: Sent) -> dict[str, int]:
         """Physics, datagrams and state record each by itself; what asking the clock takes is taken off."""
         used = dict.fromkeys(("physics", "query", "read", "write", "record"), 0)
         begin = thread_time_ns()
@@ -229,10 +230,7 @@ class Bench:
             if self.world.board_ns != stepped:
                 timed("record", self._publisher.publish)
             timed(part, self.world.answer, 0, data, at)
-        for name, ns in used.items():
-            self._times[name].append(ns)
-        self._times["answering"].append(used["query"] + used["read"] + used["write"])
-        return sum(used.values()) - used["record"]
+        return {**used, "answering": used["query"] + used["read"] + used["write"]}
 
 
 def summary(windows: list[int]) -> dict[str, int]:
