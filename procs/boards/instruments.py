@@ -10,7 +10,7 @@ from procs.boards.incidents import Incidents
 from procs.boards.plant import Plant
 from procs.lib.document import Arm, System, Tool
 
-_NAME = re.compile(r"(.+?)_(\d{5,})(?:_(\d+))?")  # name, model and, where it was asked for, version
+_NAME = re.compile(r"(.+?)[_:](\d{5,})(?:[_[](\d+)]?)?")  # name, model and, where it was asked for, version
 VERSION = 1  # where none was asked for
 
 
@@ -27,7 +27,7 @@ class Instruments:
     def insert(self, arm_name: str, name: str) -> None:
         """Put an instrument (NAME:MODEL) on an arm, with its adapter; KeyError names what there is."""
         arm = self._system.arm(arm_name)
-        tool = _known(arm, name.replace(":", "_"))
+        tool = _known(arm, name)
         self._plant.insert_tool(arm.name, tool)
         self._show(arm, tool.name)
 
@@ -62,9 +62,10 @@ class Instruments:
 
 def _known(arm: Arm, name: str) -> Tool:
     tools: dict[str, Tool] = {tool.name: tool for tool in (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))}
-    if name not in tools:
+    spelled = {key.replace(":", "_"): tool for key, tool in tools.items()}  # files have either between name and model
+    if name.replace(":", "_") not in spelled:
         raise KeyError(f"{name or 'no name'}: not known to {arm.name}; there are {', '.join(tools) or 'none'}")
-    return tools[name]
+    return spelled[name.replace(":", "_")]
 
 
 def _memory(name: str) -> bytes:

@@ -15,7 +15,7 @@ from procs.lib import registers as reg
 from procs.lib.document import Arm, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
-LND, HOOK = "LARGE_NEEDLE_DRIVER_400006", "PERMANENT_CAUTERY_HOOK_420183_12"
+LND, HOOK = "LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK_420183_12"  # as files spell them, either way
 NODE, ADAPTER, TOOL = 1, 7, 10  # of board 3
 
 
@@ -73,12 +73,13 @@ def _switches(world: Emulation, at: int) -> tuple[int, int]:
     return levels >> ADAPTER & 1, levels >> TOOL & 1
 
 
-@pytest.mark.parametrize("reader", ["psm1_Dallas", "chip 2"])  # by its name, else by the robot's boards
-def test_an_instrument_is_read_until_it_is_taken_off(reader: str) -> None:
+@pytest.mark.parametrize(("reader", "spelled"), [  # by its name, else by the robot's boards
+    ("psm1_Dallas", LND), ("chip 2", "LARGE_NEEDLE_DRIVER_400006")])
+def test_an_instrument_is_read_until_it_is_taken_off(reader: str, spelled: str) -> None:
     world, instruments, plant = _world(reader=reader)
     assert _read(world, 1) is None
     assert _switches(world, 1000) == (0, 1)
-    instruments.insert("PSM1", "LARGE_NEEDLE_DRIVER:400006")
+    instruments.insert("PSM1", spelled)
     assert plant.held == LND
     memory = _read(world, 1001)
     assert memory is not None
@@ -91,17 +92,19 @@ def test_an_instrument_is_read_until_it_is_taken_off(reader: str) -> None:
     assert _switches(world, 3000) == (1, 1)  # the adapter stays
 
 
-def test_what_is_held_at_the_start_is_seen() -> None:
-    world, _, _ = _world(HOOK)
+@pytest.mark.parametrize("held", [HOOK, "PERMANENT_CAUTERY_HOOK:420183[12]"])
+def test_what_is_held_at_the_start_is_seen(held: str) -> None:
+    world, _, _ = _world(held)
     memory = _read(world, 1)
     assert memory is not None
     assert (memory[NAME_AT - 0x80 :][:23], memory[VERSION_AT - 0x80]) == (b"PERMANENT_CAUTERY_HOOK\0", 12)
+    assert int.from_bytes(memory[MODEL_AT - 0x80 :][:4], "big") == 420183
     assert _switches(world, 1000) == (1, 0)
 
 
 def test_unknown_instruments_and_arms_are_refused() -> None:
     world, instruments, plant = _world()
-    with pytest.raises(KeyError, match=f"NEEDLE_1: not known to PSM1; there are {LND}"):
+    with pytest.raises(KeyError, match=f"NEEDLE:1: not known to PSM1; there are {LND}"):
         instruments.insert("PSM1", "NEEDLE:1")
     for act in (instruments.remove, lambda arm: instruments.insert(arm, LND)):
         with pytest.raises(KeyError, match=r"PSM7.*PSM1"):
