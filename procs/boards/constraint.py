@@ -34,6 +34,7 @@ class Projection:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, blocks: list[Block]) -> None:
         """Rows of a block must be independent."""
         self._model, self._data = model, data
+        self._position, self._velocity = data.qpos, data.qvel
         count, most, joints = len(blocks), max(len(block.rows) for block in blocks), model.nv
         rows, values = np.zeros((count, most, joints)), np.zeros((count, most))
         unused = np.zeros((count, most, most))  # a block with fewer rows solves 1·x = 0 in the others
@@ -57,7 +58,7 @@ class Projection:
     def apply(self) -> None:
         """After a step: positions and velocities back onto the rows. M is the one that step was made with."""
         change, square, shares, answers = self._change, self._square, self._shares, self._answers.T
-        self._rows.dot(self._data.qpos, self._error)
+        self._rows.dot(self._position, self._error)
         np.subtract(self._error, self._values, self._error)
         mujoco.mj_solveM(self._model, self._data, self._answers, self._of_all_robots)
         self._rows.dot(answers, square)
@@ -66,6 +67,6 @@ class Projection:
         solution.reshape(self._shape).take(self._block_of, 0, shares, "clip")
         np.multiply(shares, answers, shares)
         np.add.reduce(shares, axis=1, out=change)
-        np.subtract(self._data.qpos, change, self._data.qpos)
+        np.subtract(self._position, change, self._position)
         np.multiply(change, self._per_period, change)
-        np.subtract(self._data.qvel, change, self._data.qvel)
+        np.subtract(self._velocity, change, self._velocity)
