@@ -206,6 +206,19 @@ def test_an_instrument_at_switch_on_stands_within_its_stops(tool: str) -> None:
     assert ((plant.data.qpos >= lower) & (plant.data.qpos <= upper)).all()
 
 
+@pytest.mark.parametrize("file", ["PSM", "PSM_Si", "ECM", "ECM_Si", "MTML", "MTMR"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_arm_stands_well_within_its_limits_at_switch_on(file: str, seed: int) -> None:
+    kind, chain = file[:3], stock.chain(file)
+    types = {"PSM": "RRPRRRR", "ECM": "RRPR", "MTM": "RRRRRRR"}[kind]
+    one = dataclasses.replace(arm(file, kind, file), generation="Si" if file.endswith("Si") else "Classic")
+    plant = Plant(system((robot(file, types),), (one,), seed))
+    joints = coupling(len(types), chain).joint_position(plant.position)[: len(chain.links)]
+    lower, upper = np.array([(link.lower, link.upper) for link in chain.links]).T
+    room = np.array([0.02 if link.joint_type == "prismatic" else 0.1 for link in chain.links])
+    assert ((joints > lower + room) & (joints < upper - room)).all()
+
+
 def test_robots_without_an_arm_are_loose_axes() -> None:
     plant = Plant(system((robot("PSM1", "RRPRRRR"), robot("gripper", "R")), (arm("PSM1", "PSM", "PSM"),)))
     assert plant.axes == 8
