@@ -18,6 +18,7 @@ from procs.boards.waveform import ENTRIES, LEVELS, NEVER, VALID, Waveform
 PLAY: Final = 1 << 31  # written: the masked outputs play the table; read: some output does
 ENTRY_VALID: Final = 1 << 30
 MOST_CHANGES: Final = 4096  # of one call to `changes`
+EVERY_OUTPUT: Final = 0xFF
 _MASK_SHIFT, _EXTRA_SHIFT, _INDEX_SHIFT = 8, 8, 16
 _LONGEST = 0xFFFF  # a 16-bit counter never exceeds it
 
@@ -190,9 +191,12 @@ class Outputs:
         valid = ENTRY_VALID if self._waveform.table[at[0]] & VALID else 0
         return value | at[0] << _INDEX_SHIFT | valid | PLAY
 
-    def changes(self, after: int, until: int, limit: int = MOST_CHANGES) -> Changes:
-        """Every change of the levels in (after, until] since the last write; the newest `limit` at most."""
-        sources: tuple[Timer | Waveform, ...] = (*self._timers, self._waveform)
+    def changes(self, after: int, until: int, limit: int = MOST_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
+        """Every change of the levels in (after, until] since the last write; the newest `limit` at most.
+
+        `of`: as if there were no outputs but these, so that fast PWM on others costs and hides nothing.
+        """
+        sources = self._sources(of)
         ends = [source.count(until) for source in sources]
 
         def ahead(tick: int) -> int:
@@ -208,15 +212,23 @@ class Outputs:
             since = late
         ticks = {source.at(k) for end, source in zip(ends, sources, strict=True)
                  for k in range(source.count(since), end)}
-        items, levels = [], self.levels(since)
+        items, levels = [], self.levels(since) & of
         last = levels
         for tick in sorted(ticks):
-            if (now := self.levels(tick)) != last:
+            if (now := self.levels(tick) & of) != last:
                 items.append((tick, now))
                 last = now
         return Changes(since, levels, tuple(items), total - ahead(since))
 
+    def settled(self, of: int) -> int:
+        """From this tick on these outputs change no more by themselves."""
+        return max((source.busy_until for source in self._sources(of)), default=0)
+
+    def _sources(self, of: int) -> list[Timer | Waveform]:
+        """What makes these outputs change."""
+        timers: list[Timer | Waveform] = [timer for k, timer in enumerate(self._timers) if of >> k & 1]
+        return [*timers, self._waveform] if self._played & of else timers
+
     def _foresee(self, tick: int) -> None:
         self._written = tick
-        table = 0 if self._waveform.end < 0 else min(self._waveform.end + 1, NEVER)
-        self.busy_until = max(table, *(timer.busy_until for timer in self._timers))
+        self.busy_until = max(self._waveform.busy_until, *(timer.busy_until for timer in self._timers))

@@ -63,6 +63,11 @@ class Waveform:
         before = self._elapsed if k == 0 else 0
         return (self._index + k) % ENTRIES, tick - self._starts[k] + before
 
+    @property
+    def busy_until(self) -> int:
+        """From this tick on nothing is played any more."""
+        return 0 if self.end < 0 else min(self.end + 1, NEVER)
+
     def count(self, tick: int) -> int:
         """Number of entries (the one that ends it included) that have come up by `tick` since the plan was made."""
         if tick < self._laps_from:

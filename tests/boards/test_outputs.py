@@ -195,6 +195,20 @@ def test_changes_begin_with_the_last_write() -> None:
     assert outputs.changes(50, 130).since == 100
 
 
+def test_changes_of_some_outputs_are_not_hidden_by_fast_pwm_on_others() -> None:
+    outputs = Outputs()
+    outputs.configure(2, 1 << 16 | 1, 0)
+    outputs.configure(0, 4915 << 16, 0)
+    outputs.write(0xF05, 100)
+    minutes = 600 * 1000 * MS
+    assert outputs.changes(100, minutes, of=0b0011).items == ((5017, 0),)
+    assert (outputs.settled(0b0011), outputs.settled(0b0010), outputs.settled(0b0100)) == (5017, 0, NEVER)
+    outputs.write_table(0, [VALID | 99 << 8 | 1, VALID | 99 << 8 | 2, 0], minutes)
+    outputs.write(PLAY | 0x100, minutes)
+    assert (outputs.settled(0b0001), outputs.settled(0b0010)) == (minutes + 201, 0)
+    assert outputs.changes(minutes, minutes + 300, of=0b0001).items == ((minutes + 100, 0),)
+
+
 def test_extra_inputs_are_read_beside_the_outputs() -> None:
     outputs = Outputs()
     outputs.write(0xF03, 0)
