@@ -43,8 +43,9 @@ class Play:
 
     def place(self, robot: slice) -> None:
         """The motors of a robot are put in the middle of their play, at rest."""
-        here = (self._places >= robot.start) & (self._places < robot.stop)
+        here = np.flatnonzero((self._places >= robot.start) & (self._places < robot.stop))
         self.lead[here], self._speed[here] = 0.0, 0.0
+        self._friction.relax(here)
 
     def transmit(self, effort: Array, velocity: Array) -> None:
         """Motors' efforts in, in place what arrives at the joints; `velocity` is the joints' (all at the actuators)."""

@@ -77,7 +77,9 @@ def test_a_pull_lasts_one_step_and_adds_up() -> None:
         one.step(np.zeros(7))
     np.testing.assert_allclose(plant.velocity, twin.velocity, atol=1e-12)
     speed = plant.velocity[:3].copy()
-    run(plant, np.zeros(7), 50)
+    run(plant, np.zeros(7), 49)
+    plant.pull("PSM1", np.zeros(6))
+    plant.step(np.zeros(7))
     np.testing.assert_allclose(plant.velocity[:3], speed, atol=1e-2 * np.abs(speed).max())
 
 
@@ -170,6 +172,21 @@ def test_a_gripper_stays_where_a_person_puts_it() -> None:
         run(plant, np.zeros(8), 200)
         np.testing.assert_allclose(plant.position[at], opening, atol=1e-12)
         np.testing.assert_allclose(plant.pot_position[at], opening, atol=1e-12)
+
+
+@pytest.mark.parametrize("backlash", [(), (0.01,) * 7])
+def test_an_arm_that_is_put_somewhere_is_at_rest_there(backlash: tuple[float, ...]) -> None:
+    plant, place = psm(LND, 1, 1, Likeness("PSM1", backlash=backlash)), np.array((0.2, 0.1, 0.12, 0.1, 0.1, 0.1, 0.1))
+    for push in (0.04, 2.0):
+        plant.push("PSM1", np.array((push, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        run(plant, np.array((0.02, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0)), 100)
+        plant.push("PSM1", np.zeros(7))
+        plant.place("PSM1", place)
+        for _ in range(2):
+            np.testing.assert_allclose(plant.position, place, atol=1e-12)
+            np.testing.assert_allclose(plant.velocity, 0.0, atol=1e-12)
+            np.testing.assert_allclose(plant.pot_position, place, atol=1e-12)
+            plant.step(np.zeros(7))
 
 
 def test_placing_one_robot_leaves_the_others_moving() -> None:
