@@ -84,6 +84,9 @@ def test_set_up_arms_reach_where_the_originals_say_and_stay(data: Data) -> None:
         start = plant.position.copy()
         run(plant, np.zeros(plant.axes), 100)
         np.testing.assert_array_equal(plant.position, start)
+        plant.push("SUJ", np.full(plant.axes, 4.0))
+        run(plant, np.zeros(plant.axes), 100)
+        np.testing.assert_allclose(plant.position, start, atol=1e-4)
 
 
 def holding(plant: Plant, name: str, position: np.ndarray) -> np.ndarray:

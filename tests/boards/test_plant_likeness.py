@@ -148,6 +148,13 @@ def test_potentiometers_on_the_joints_do_not_see_the_play() -> None:
     np.testing.assert_allclose(pair.actuator_position(pots), start, atol=1e-12)
 
 
+def test_potentiometers_on_the_motors_see_the_play() -> None:
+    plant = psm("", 1, 1, Likeness("PSM1", backlash=GAP, pot_offset=(0.01,) * 7))
+    creep(plant, np.array((0.03, 0.036, 0.23, *(0.0024,) * 4)))
+    np.testing.assert_allclose(plant.pot_position, plant.position + 0.01, atol=1e-12)
+    assert np.abs(plant.position - plant.data.qpos).min() > 1e-4
+
+
 def test_play_survives_an_instrument_change() -> None:
     plant = psm("", 1, 1, Likeness("PSM1", backlash=GAP))
     run(plant, PUSH, 50)
