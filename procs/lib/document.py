@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from procs.lib.decoding import decode
+from procs.lib.emulated import Likeness as Likeness
+from procs.lib.emulated import SetupJoints as SetupJoints
 
 Matrix = tuple[tuple[float, ...], ...]
 T = TypeVar("T")
@@ -114,6 +116,19 @@ class DigitalInput:
 
 
 @dataclass(frozen=True, slots=True)
+class DigitalOutput:
+    """One digital output of a board; a duration of 0 is for ever."""
+
+    name: str
+    board_id: int
+    bit_id: int
+    is_pwm: bool = False
+    high_s: float = 0.0  # for how long it stays high, then it turns by itself
+    low_s: float = 0.0
+    pwm_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class InstrumentReader:
     """A `dallas_chips` entry: the board that reads the memory of the instrument on an arm."""
 
@@ -171,6 +186,7 @@ class Io:
     arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
     spin_us: float = 0.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
+    digital_outputs: tuple[DigitalOutput, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,19 +307,6 @@ class Bus:
 
 
 @dataclass(frozen=True, slots=True)
-class Likeness:
-    """How an emulated robot differs from its files: what a controller does not know of a real one."""
-
-    robot: str
-    friction: float = 1.0  # factor on the friction of every joint
-    inertia: float = 1.0  # factor on the motors' inertia
-    mass: float = 1.0  # factor on the masses of the links
-    payload: float = 0.0  # kg at the tip
-    backlash: tuple[float, ...] = ()  # play between actuator and joint, rad or m, by actuator
-    pot_offset: tuple[float, ...] = ()  # error of the potentiometers, rad or m, by actuator
-
-
-@dataclass(frozen=True, slots=True)
 class Emulation:
     """Everything the `boards` process stands in for; `System.emulated` gives the robots on it."""
 
@@ -313,6 +316,7 @@ class Emulation:
     pot_noise_v: float = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     likenesses: tuple[Likeness, ...] = ()
+    setup_joints: tuple[SetupJoints, ...] = ()
     # Where the IO files have more on these buses than the system's own processes drive: all there is.
     ios: tuple[Io, ...] = ()
     arms: tuple[Arm, ...] = ()

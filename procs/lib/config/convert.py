@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.lib import document
-from procs.lib.config.io_file import ActuatorKeys, BrakeKeys, DallasKeys, DigitalInputKeys, LinearKeys, RobotKeys
+from procs.lib import document, emulated
+from procs.lib.config.io_file import (
+    ActuatorKeys,
+    BrakeKeys,
+    DallasKeys,
+    DigitalInputKeys,
+    DigitalOutputKeys,
+    LinearKeys,
+    RobotKeys,
+)
 from procs.lib.config.kinematic_file import DhKeys, LinkKeys, ToolFile
 from procs.lib.config.pid_file import PidFile, PidKeys
+from procs.lib.config.setup_file import SetupArmKeys
 
 
 def robot(keys: RobotKeys, source: str) -> document.Robot:
@@ -90,6 +99,19 @@ def digital_input(keys: DigitalInputKeys) -> document.DigitalInput:
     )
 
 
+def digital_output(keys: DigitalOutputKeys) -> document.DigitalOutput:
+    """One digital output."""
+    return document.DigitalOutput(
+        name=keys.name,
+        board_id=keys.board_id,
+        bit_id=keys.bit_id,
+        is_pwm=keys.is_PWM,
+        high_s=keys.high_duration,
+        low_s=keys.low_duration,
+        pwm_hz=keys.PWM_frequency,
+    )
+
+
 def pid(keys: PidFile, robot_name: str, arm_name: str, source: str) -> document.Pid:
     """The gains of one robot."""
     return document.Pid(robot_name, arm_name, tuple(_pid_axis(axis) for axis in keys.pid), source)
@@ -161,4 +183,17 @@ def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
         engage_upper=keys.tool_engage_position.upper,
         snake=keys.snake_like,
         source=source,
+    )
+
+
+def setup_arm(keys: SetupArmKeys) -> emulated.SetupArm:
+    """One passive arm of the set-up joints."""
+    return emulated.SetupArm(
+        name=keys.name,
+        plug=keys.plug_number,
+        primary=tuple(zip(keys.primary_scales, keys.primary_offsets, strict=True)),
+        secondary=tuple(zip(keys.secondary_scales, keys.secondary_offsets, strict=True)),
+        release_current=keys.brake_release_current,
+        lifts=keys.type == "Motorized PSM",
+        position=keys.simulated_position or (),
     )

@@ -21,6 +21,7 @@ from procs.lib.config.instances import RESERVED, build_processes
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
 from procs.lib.config.search import SearchPath, expanded, is_folder, search_path
+from procs.lib.config.setup_joints import with_setup_joints
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import PROTOCOLS, SystemFile
 from procs.lib.config.trocar_section import TrocarSection
@@ -107,7 +108,8 @@ def _load(
     check_buses(context, buses)
     check_consoles(context, source, content)
     _note_what_waits(context, content)
-    return _assemble(context, source, list(buses.values()), arms, options, emulated, name, bus_address)
+    system = _assemble(context, source, list(buses.values()), arms, options, emulated, name, bus_address)
+    return with_setup_joints(context, source, content, system)
 
 
 def _is_old_console(source: Source) -> bool:
@@ -262,4 +264,5 @@ def _io(
         arm_lost_power_off_s=io_options.arm_lost_power_off_s,
         spin_us=io_options.spin_us,
         instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
+        digital_outputs=tuple(convert.digital_output(row) for file in files for row in file.digital_outputs),
     )
