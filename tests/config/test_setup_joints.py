@@ -101,10 +101,9 @@ def test_mistakes_in_the_file_are_named(cart: Cart, name: str, old: str, new: st
         ('"bit_id" : 3,\n            "board_id" : 12,\n            "is_PWM"',
          '"bit_id" : 4, "board_id" : 12,\n            "is_PWM"'),
         ('"name" : "SUJ",', '"name" : "SUJ1",'),
-        ('"axis_id" : 3,', '"axis_id" : -1,'),
         ('"hardware_version" : "QLA1"', '"hardware_version" : "dRA1"'),
     ],
-    ids=["output missing", "output elsewhere", "no such output", "no robot", "no axis", "no outputs"],
+    ids=["output missing", "output elsewhere", "no such output", "no robot", "no outputs"],
 )
 def test_without_all_that_it_takes_there_are_no_setup_joints(cart: Cart, old: str, new: str) -> None:
     cart.spoil(IO, old, new)

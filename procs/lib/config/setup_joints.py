@@ -55,11 +55,11 @@ def _fitted(
     outputs = [named[name] for name in OUTPUTS if name in named]
     boards = [actuator.board_id for actuator in robot.actuators] + [output.board_id for output in outputs]
     axes, bits = [actuator.axis_id for actuator in robot.actuators], [output.bit_id for output in outputs]
-    if len(set(boards)) != 1 or len(set(axes)) != PLUGS or len(bits) != len(OUTPUTS):
+    if len(set(boards)) != 1 or len(axes) != PLUGS or len(bits) != len(OUTPUTS):
         return None
     buses = system.emulation.buses if system.emulation is not None else ()
     hardware = [c.hardware for bus in buses if bus.io == io.name for c in bus.controllers if c.board_id == boards[0]]
-    if not hardware or min(axes) < 0 or max(*axes, *bits) >= _ROOM.get(hardware[0], 0):
+    if not hardware or max(*axes, *bits) >= _ROOM.get(hardware[0], 0):
         return None
     arms = tuple(convert.setup_arm(arm) for arm in content.arms)
     reset, increment, pwm, disable = bits
