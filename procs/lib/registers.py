@@ -93,6 +93,22 @@ STATUS_IO_EXPANDER: Final = 1 << 12  # Rev 8 on, QLA >= 1.5
 STATUS_AMP_ON_SHIFT: Final = 8  # one bit an axis: the amplifier is really on
 STATUS_SAFETY_SHIFT: Final = 4  # one bit an axis: cut because measured and commanded current differed
 STATUS_AMP_LOW_SHIFT: Final = 0  # Rev 7: enable request; Rev 8 and 9: the amplifier-on bits again
+# of a DQLA: a bit for each of its QLAs, the second one's above the first one's
+STATUS_DQLA_QUAD_DAC: Final = 1 << 21
+STATUS_DQLA_MV_GOOD: Final = 1 << 14
+STATUS_DQLA_CONFIGURED: Final = 1 << 12  # the DQLA's own I/O expanders
+STATUS_DQLA_DOUT_CONFIGURED: Final = 1 << 10
+STATUS_DQLA_DOUT_BIDIRECTIONAL: Final = 1 << 8
+STATUS_DQLA_SAFETY_VOLTAGE: Final = 1 << 6
+STATUS_DQLA_MOTOR_SUPPLY: Final = 1 << 4  # comparator
+STATUS_DQLA_WAVEFORM_ACTIVE: Final = 1 << 3
+STATUS_DQLA_EXPANDER: Final = 1 << 0
+# of a dRA1
+STATUS_ECM: Final = 1 << 22
+STATUS_PRELOADED: Final = 1 << 3  # encoders were preloaded since the ESPM began
+STATUS_ESPM_SUPPLY: Final = 1 << 2
+STATUS_ESPM_REACHES_ARM: Final = 1 << 1
+STATUS_ESPM: Final = 1 << 0
 
 # -- control (status register, written): a value bit counts only with its mask bit -------------------------------------
 CONTROL_AMP_SHIFT: Final = 0
@@ -106,6 +122,8 @@ CONTROL_AMPS_OFF: Final = 0x0000_0F00
 CONTROL_REBOOT: Final = 0x0030_0000
 CONTROL_RELAY_MASK: Final = 1 << 17
 CONTROL_POWER_MASK: Final = 1 << 19
+CONTROL_DOUT_TEST: Final = 1 << 24  # find out anew what hardware the digital outputs have
+CONTROL_EXPANDER_TEST: Final = 1 << 23  # Rev 8 on: whether there is an I/O expander
 CONTROL_REAL_TIME_BITS: Final = 0x000F_FFFF  # Rev 7 and 8 take no more than these out of a real-time block
 
 # -- digital inputs (register 0x0A and quad 2 of a real-time block); nibbles hold axis 1 in their lowest bit -----------
@@ -116,6 +134,7 @@ INPUT_ENCODER_A_SHIFT: Final = 24
 INPUT_ENCODER_B_SHIFT: Final = 20
 INPUT_ENCODER_INDEX_SHIFT: Final = 16
 INPUT_DOUT_SHIFT: Final = 12  # register polarity: 1 is a low pin
+INPUT_DOUT_FAR_SHIFT: Final = 28  # of the second QLA of a DQLA, whose limits and home lie in 27:16
 INPUT_NEGATIVE_LIMIT_SHIFT: Final = 8
 INPUT_POSITIVE_LIMIT_SHIFT: Final = 4
 INPUT_HOME_SHIFT: Final = 0
@@ -128,10 +147,19 @@ DAC_AMP_ENABLE: Final = 1 << 28  # Rev 8 on
 DAC_BOARD_SHIFT: Final = 24  # Rev 7 block write: board id
 DAC_MODE_SHIFT: Final = 24  # Rev 8 on: 0 current, 1 voltage
 DAC_VALUE_MASK: Final = 0xFFFF
+DAC_READ_REV_7: Final = 0x0030_0000  # of a value read back, once there was one
+MODE_CURRENT: Final = 0
+MODE_VOLTAGE: Final = 1
 
 # -- motor configuration and status (Rev 8 on) -------------------------------------------------------------------------
 MOTOR_CONFIG_POWER_UP: Final = 0x0178_0418
 MOTOR_CONFIG_NO_SAFETY_CHECK: Final = 1 << 31
+MOTOR_CONFIG_FOLLOWER_ON: Final = 1 << 30  # the follower amplifier is never disabled
+MOTOR_CONFIG_VOLTAGE: Final = 1 << 25  # read: there is a voltage mode; written: set the delay
+MOTOR_CONFIG_CURRENT: Final = 1 << 24  # read: always; written: set the current limit
+MOTOR_CONFIG_DELAY_SHIFT: Final = 16  # eight bits of MOTOR_CONFIG_DELAY_TICKS each
+MOTOR_CONFIG_DELAY_TICKS: Final = 1024
+MOTOR_CONFIG_LIMIT_MASK: Final = 0x7FFF
 MOTOR_STATUS_POWER_UP: Final = 0x0010_8000
 MOTOR_STATUS_AMP_ON: Final = 1 << 29
 MOTOR_STATUS_AMP_REQUESTED: Final = 1 << 28
@@ -139,6 +167,7 @@ MOTOR_STATUS_MODE_SHIFT: Final = 24
 MOTOR_STATUS_CURRENT_CONTROL: Final = 1 << 20
 MOTOR_STATUS_SAFETY: Final = 1 << 17
 MOTOR_STATUS_AMP_FAULT: Final = 1 << 16
+MOTOR_STATUS_FAULT_SHIFT: Final = 16  # dRA1: a code of four bits
 
 # -- encoder -----------------------------------------------------------------------------------------------------------
 ENCODER_ZERO: Final = 0x80_0000
