@@ -28,13 +28,14 @@ class Hardware:
     motors: int
     encoders: int
     outputs: int
+    inputs: int  # levels of the digital inputs where nothing is connected: they are pulled up
     built: dict[int, tuple[int, ...]]  # firmware and the FPGA versions it was built for
 
 
 HARDWARE: Final = {
-    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, {7: (2,), 8: (2, 3), 9: (2, 3)}),
-    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, {8: (3,), 9: (3,)}),
-    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, {8: (3,), 9: (3,)}),
+    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, 0x0000_0FFF, {7: (2,), 8: (2, 3), 9: (2, 3)}),
+    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, 0x0FFF_0FFF, {8: (3,), 9: (3,)}),
+    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, 0x0001_FFFF, {8: (3,), 9: (3,)}),
 }
 
 
@@ -50,6 +51,7 @@ class Model:
     serial: str
     expander: bool  # QLA from 1.5 on with Rev 8: voltage mode, safety line
     quirks: Quirks
+    robot_serial: str = ""  # of the Si arm around a dRA1, as the arm's own memory has it: p292409.cal
 
     @classmethod
     def of(cls, node: int, controller: Controller) -> Model:
@@ -66,7 +68,7 @@ class Model:
         if not 0 <= c.board_id <= 15:
             raise ValueError(f"{where}; allowed: 0 to 15")
         expander = hardware.name != "dRA1" and c.firmware >= 8 and float(c.qla) >= 1.5
-        return cls(c.board_id, node, hardware, c.firmware, fpga, c.serial, expander, c.quirks)
+        return cls(c.board_id, node, hardware, c.firmware, fpga, c.serial, expander, c.quirks, c.robot_serial)
 
     @property
     def layout(self) -> blocks.Layout:

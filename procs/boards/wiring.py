@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.lines import INPUTS_OPEN
-from procs.boards.models import models_of, width_of
+from procs.boards.models import HARDWARE, models_of, width_of
 from procs.lib.document import Actuator, Brake, Emulation, Linear, System
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
@@ -98,6 +97,8 @@ class Wiring:
         self.brakes = self._brakes(system)
         self.inputs = {i.name: Input(self._row(io.name, i.board_id, i.name), i.bit_id, i.pressed_value)
                        for io in system.ios for i in io.digital_inputs}
+        hardware = {self.rows[bus.io, c.board_id]: c.hardware for bus in emulation.buses for c in bus.controllers}
+        self._open = [HARDWARE[hardware[row]].inputs for row in range(len(hardware))]
         # where the topic's boards (document order) lie among the rows
         self.topic_rows = np.array([self.rows[bus.io, c.board_id] for bus in emulation.buses for c in bus.controllers],
                                    dtype=np.intp)
@@ -129,11 +130,11 @@ class Wiring:
 
     def released(self) -> npt.NDArray[np.uint32]:
         """Digital inputs (rows,) with nothing pressed: what is named has its released level, the rest is open."""
-        levels = np.full(len(self.rows), INPUTS_OPEN, dtype=np.uint32)
+        levels = self._open.copy()
         for button in self.inputs.values():
-            if button.pressed:
-                levels[button.row] &= np.uint32(~(1 << button.bit) & 0xFFFFFFFF)
-        return levels
+            bit = 1 << button.bit
+            levels[button.row] = levels[button.row] & ~bit | (0 if button.pressed else bit)
+        return np.array(levels, dtype=np.uint32)
 
     def count_of(self, robot: str) -> int:
         """How many actuators a robot has."""
