@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.bus import GROUP, Bus
+from procs.boards.currents import CURRENT_EXCESS
 from procs.boards.lines import Lines
 from procs.boards.mishaps import Mishaps
-from procs.boards.power import CURRENT_EXCESS
 from procs.boards.wiring import Wiring
 from procs.lib import registers as reg
 from procs.lib import wire
@@ -262,15 +262,18 @@ class Emulation:
         np.copyto(self._adc, volts, casting="unsafe")
 
     def _check_currents(self, tick: int) -> None:
-        """The boards' current check, left out while no current is near being too much and none was."""
+        """The boards' current check, left out while no current is near being too much and none was.
+
+        A voltage has no commanded current to compare with, and digital amplifiers are stricter.
+        """
         compared, over = self._compared, self._over
         np.subtract(self._bits[1:], self._middle, compared)
         np.absolute(compared, compared)
         np.subtract(compared[0], compared[1], compared[0])
         np.greater(compared[0], self._excess, over)
         is_over = bool(np.count_nonzero(over))
-        if is_over or self._is_over:
-            for bus in self.buses:
+        for bus in self.buses:
+            if is_over or self._is_over or bus.firmware.motors.checks_always:
                 bus.check_currents(tick)
         self._is_over = is_over
 

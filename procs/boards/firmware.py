@@ -14,7 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.board import Board
+from procs.boards.differences import Differences
 from procs.boards.encoder import Encoders
+from procs.boards.espm import ARM, BOARD, CONTROL, NOTHING, Espm
+from procs.boards.expander import Expanders
 from procs.boards.lines import Lines
 from procs.boards.models import Model
 from procs.boards.motors import Motors
@@ -23,6 +26,9 @@ from procs.boards.samples import Samples
 from procs.boards.testboard import Loopback
 from procs.lib import registers as reg
 
+_MISSING = {  # registers and regions that read 0
+    "DQLA": (reg.DATA_BUFFER,),
+    "dRA1": (reg.DIGITAL_OUTPUT, reg.DALLAS, reg.IO_EXPANDER, reg.DALLAS_MEMORY, reg.WAVEFORM)}
 NO_PINS = np.uint32(~(reg.ENCODER_PIN_A | reg.ENCODER_PIN_B | reg.ENCODER_PIN_INDEX) & 0xFFFF_FFFF)
 
 
@@ -35,22 +41,28 @@ class Firmware:
         self.count, self.width = len(models), int(lines.dac.shape[1])
         self.ids = tuple(model.board_id for model in models)
         self.boards = tuple(Board(model) for model in models)
-        self.power = Power(self.ids, lines.on)
+        self.power = Power(models, lines.on)
         self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models))
-        self.motors = Motors(models, lines, self.power, self.boards)
+        self.motors = Motors(models, lines, self.power)
         self.samples = Samples(models, self.width)
+        self._differences = Differences(models, lines, self.power, self.motors, self.samples)
+        self._espms = {row: Espm(row, self.boards[row], lines, self.power, self.motors, self.samples)
+                       for row, model in enumerate(models) if model.hardware.name == "dRA1"}
+        self._expanders = {row: Expanders(model.hardware.name == "DQLA", model.expander)
+                           for row, model in enumerate(models) if model.firmware > 7 and row not in self._espms}
         self._loops = {row: Loopback(board.digital, quirks=board.model.quirks) for row, board in enumerate(self.boards)
                        if testboard and board.model.hardware.outputs}
         self._every = tuple(range(self.count))
         self._seen_changes = -1
         self._outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
         self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection go on by themselves
+        self.collecting = False  # some board collects data
+        self._no_control = np.zeros(self.count, dtype=np.uint32)
         self._hides_pins = any(model.firmware == 7 for model in models)
         self._pins = np.array([[0xFFFF_FFFF if model.firmware > 7 else NO_PINS] * self.width for model in models],
                               dtype=np.uint32)
-        self._has_others = any(model.hardware.name != "QLA1" for model in models)
-        self._input_mask = np.array([0xFFFF_FFFF if model.hardware.name == "QLA1" else 0 for model in models],
-                                    dtype=np.uint32)
+        for row in self._every:
+            self._show_quiet(row, 0)
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -91,10 +103,10 @@ class Firmware:
         if self._lively:
             self._follow(tick)
         np.bitwise_or(samples.inputs, self._outputs, samples.inputs)
-        if self._has_others:
-            np.bitwise_and(samples.inputs, self._input_mask, samples.inputs)
         samples.adc[...] = self.lines.adc
-        np.bitwise_or(power.motor_flags, self.lines.dac, samples.motor_status)
+        np.bitwise_or(power.motor_flags, self.motors.command, samples.motor_status)
+        if self._differences.there:
+            self._differences.show(self._outputs)
 
     def _loop_back(self, row: int, tick: int) -> None:
         """What a board's own outputs and currents bring it back through the loop-back board."""
@@ -113,9 +125,15 @@ class Firmware:
         return board.collection.collecting or board.digital.busy_until > tick
 
     def _show_quiet(self, row: int, tick: int) -> None:
-        board, samples = self.boards[row], self.samples
-        self._outputs[row] = ((board.digital.levels(tick) & 0xF) << reg.INPUT_DOUT_SHIFT
-                              | board.digital.playing(tick) * reg.INPUT_WAVEFORM_ACTIVE)
+        board, samples, name = self.boards[row], self.samples, self.models[row].hardware.name
+        if name != "dRA1":
+            levels, playing = board.digital.levels(tick), board.digital.playing(tick)
+            self._outputs[row] = (levels & 0xF) << reg.INPUT_DOUT_SHIFT
+            if name == "DQLA":  # temperatures of its second QLA where the others have the state of the collection
+                self._outputs[row] |= (levels >> reg.AXES & 0xF) << reg.INPUT_DOUT_FAR_SHIFT
+                self._differences.playing[row] = playing
+                return
+            self._outputs[row] |= playing * reg.INPUT_WAVEFORM_ACTIVE
         low = int(samples.temperatures[row]) & 0xFFFF
         samples.temperatures[row] = board.collection.status(tick) << 16 | low
 
@@ -127,26 +145,53 @@ class Firmware:
 
     def set_temperatures(self, row: int, word: int) -> None:
         """What a board's sensors show from now on: amplifier pair 1 << 8 | pair 2, 0.5 °C each."""
-        self.samples.temperatures[row] = int(self.samples.temperatures[row]) & 0xFFFF_0000 | word & 0xFFFF
+        samples, name = self.samples, self.models[row].hardware.name
+        if name == "DQLA":  # both QLAs show the same
+            samples.temperatures[row] = (word & 0xFFFF) * 0x1_0001
+        elif name == "QLA1":
+            samples.temperatures[row] = int(samples.temperatures[row]) & 0xFFFF_0000 | word & 0xFFFF
 
     # -- real-time commands --------------------------------------------------------------------------------------------
 
     def execute(self, words: npt.NDArray[np.uint32], control: npt.NDArray[np.uint32], rows: Sequence[int],
-                tick: int) -> None:
-        """Motor command words (boards, width), then control words (boards,) of boards `rows`; 0 for the others."""
+                tick: int, written: npt.NDArray[np.bool_] | None = None,
+                executed: npt.NDArray[np.bool_] | None = None) -> None:
+        """Motor command words (boards, width), then control words (boards,) of boards `rows`; 0 for the others.
+
+        Where not every axis gets a word, and not every board a control word, `written` and `executed` say which do.
+        """
         if len(rows) == self.count:
             self.power.refresh_all(tick)
         else:
             for row in rows:
                 self.power.refresh(row, tick)
-        self.motors.execute(words, control, tick)
+        self.motors.execute(words, control, tick, written, executed)
+        if self.motors.collects or self.collecting:
+            self._collect(words, rows, written, tick)
+
+    def _collect(self, words: npt.NDArray[np.uint32], rows: Sequence[int], written: npt.NDArray[np.bool_] | None,
+                 tick: int) -> None:
+        """Command words begin, go on with and end the collection of data."""
+        for row in rows:
+            model, collection = self.models[row], self.boards[row].collection
+            if model.hardware.name == "DQLA":
+                continue
+            for axis in range(model.hardware.motors):
+                word = int(words[row, axis])
+                concerns = word & reg.DAC_COLLECT or (collection.collecting and collection.channel == axis + 1)
+                if concerns and (written is None or written[row, axis]):
+                    if not collection.collecting:
+                        collection.sampled(self.samples.sampled_at(row))
+                    collection.command(axis + 1, word, tick, int(self.lines.adc[row, axis]) & 0xFFFF)
+                    self._touched(row, tick)
+        self.collecting = any(board.collection.collecting for board in self.boards)
 
     # -- registers -----------------------------------------------------------------------------------------------------
 
     def read(self, row: int, address: int, tick: int) -> int:
         """Value of a register of the board in `row`; 0 for what is not there."""
-        samples, channel = self.samples, address >> 4
-        if 0 < channel <= self.models[row].hardware.motors:
+        samples, channel, model = self.samples, address >> 4, self.models[row]
+        if 0 < channel <= model.hardware.motors:
             return self._read_axis(row, channel - 1, address & 0xF, tick)
         if address == reg.WATCHDOG:
             return int(self.power.watchdog_counts[row]) | self.boards[row].show_watchdog
@@ -154,27 +199,43 @@ class Firmware:
             self.sample(tick)
             return int((samples.status if address == reg.STATUS else samples.inputs)[row])
         if address == reg.TEMPERATURE:
-            return int(samples.temperatures[row]) & 0xFFFF
-        return self.boards[row].read(address, tick)
+            whole = model.hardware.name == "DQLA" or (row in self._espms and model.firmware == 8)
+            return int(samples.temperatures[row]) & (0xFFFF_FFFF if whole else 0xFFFF)
+        if address == reg.IO_EXPANDER and row in self._expanders:
+            return self._expanders[row].read(self._ports(row))
+        if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
+            self.sample(tick)
+            return self._espms[row].read(address, tick)
+        missing = _MISSING.get(model.hardware.name, ())
+        return 0 if address in missing or address & 0xF000 in missing else self.boards[row].read(address, tick)
+
+    def _ports(self, row: int) -> tuple[int, int]:
+        """Ports 7:0 and 9:8 of the I/O expander on the QLA whose chip was addressed."""
+        qla = self._expanders[row].qla
+        low = self.motors.expander_outputs(row, reg.AXES * qla)
+        return low, int(self.motors.comparators()[row, qla]) << 1 | int(self.power.chain_open[row])
 
     def _read_axis(self, row: int, axis: int, offset: int, tick: int) -> int:
-        if offset in (reg.DAC, reg.MOTOR_CONFIG):
-            return self.motors.read(row, axis, offset)
+        model, samples = self.models[row], self.samples
+        nothing = NOTHING if row in self._espms else 0
+        if offset == reg.DAC:
+            return self.motors.read_command(row, axis)
+        if offset == reg.MOTOR_CONFIG:
+            return nothing or self.motors.read_config(row, axis)
         if offset == reg.PWM:
-            return self.boards[row].digital.control(axis) if axis < self.models[row].hardware.outputs else 0
-        samples = self.samples
+            return self.boards[row].digital.control(axis) if axis < model.hardware.outputs else nothing
         if offset in (reg.ADC, reg.MOTOR_STATUS):
-            if offset == reg.MOTOR_STATUS and self.models[row].firmware == 7:
+            if offset == reg.MOTOR_STATUS and model.firmware == 7:
                 return 0
             self.sample(tick)
             return int((samples.adc if offset == reg.ADC else samples.motor_status)[row, axis])
-        if axis >= self.models[row].hardware.encoders:
+        words = (reg.PERIOD, reg.QUARTER_1, reg.QUARTER_5, reg.RUNNING)
+        if offset not in (reg.ENCODER_PRELOAD, reg.ENCODER, *words):
+            return nothing
+        if axis >= model.hardware.encoders:
             return 0
         if offset == reg.ENCODER_PRELOAD:
             return int(self.encoders.preload[self.width * row + axis])
-        words = (reg.PERIOD, reg.QUARTER_1, reg.QUARTER_5, reg.RUNNING)
-        if offset != reg.ENCODER and offset not in words:
-            return 0
         self.sample(tick)
         return int(samples.positions[row, axis] if offset == reg.ENCODER
                    else samples.velocities[row, words.index(offset), axis])
@@ -190,6 +251,11 @@ class Firmware:
         elif address == reg.WATCHDOG:
             self.boards[row].show_watchdog = value & 1 << 31 if self.models[row].firmware > 7 else 0
             self.power.set_watchdog(row, value, tick)
+        elif address == reg.IO_EXPANDER and row in self._expanders:
+            self._expanders[row].address(value)
+            self._expanders[row].write(value, self._ports(row))
+        elif row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
+            self._espms[row].write(address, value, tick)
         else:
             self._before_outputs_change(row, tick)
             self.boards[row].write(address, value, tick, relayed)
@@ -210,11 +276,23 @@ class Firmware:
             if axis < model.hardware.encoders:
                 self.encoders.observe(tick)
                 self.encoders.load(np.array([self.width * row + axis]), np.array([value & reg.ENCODER_MASK]))
+                self.power.preload(row, tick)
                 if row in self._loops and axis < reg.AXES:
                     self._loops[row].preload(axis, value, tick)
-        else:
-            self.motors.write(row, axis, offset, value, tick)
-            self._touched(row, tick)
+        elif offset == reg.DAC:
+            self._command(row, axis, value, tick)
+        elif offset == reg.MOTOR_CONFIG:
+            self.motors.configure(row, axis, value, tick)
+
+    def _command(self, row: int, axis: int, value: int, tick: int) -> None:
+        """One motor command word by itself; Rev 7 does not look at its valid bit."""
+        words = np.zeros((self.count, self.width), dtype=np.uint32)
+        words[row, axis] = value | (reg.DAC_VALID if self.models[row].firmware == 7 else 0)
+        written = np.zeros(words.shape, dtype=np.bool_)
+        written[row, axis] = True
+        self.motors.execute(words, self._no_control, tick, written)
+        if self.motors.collects or self.collecting:
+            self._collect(words, (row,), written, tick)
 
     # -- blocks --------------------------------------------------------------------------------------------------------
 
@@ -227,6 +305,10 @@ class Firmware:
             return self.samples.block(row)[:size].ljust(size, b"\0")
         if address < reg.HUB:  # no block reads here but the real-time block
             return struct.pack(f">{size // 4}I", *[self.read(row, address + k & 0xFFF, tick) for k in range(size // 4)])
+        if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
+            return struct.pack(f">{size // 4}I", *[self.read(row, address + k, tick) for k in range(size // 4)])
+        if address & 0xF000 in _MISSING.get(self.models[row].hardware.name, ()):
+            return bytes(size)
         return self.boards[row].read_block(address, size, tick)
 
     def stamp(self, rows: tuple[int, ...], tick: int) -> None:
@@ -242,6 +324,10 @@ class Firmware:
     def write_block(self, row: int, address: int, data: bytes, tick: int) -> None:
         """Block write beyond the real-time one; the board's watchdog starts anew."""
         self.power.refresh(row, tick)
+        if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
+            for k, (value,) in enumerate(struct.iter_unpack(">I", data[: len(data) & ~3])):
+                self._espms[row].write(address + k, value, tick)
+            return
         self._before_outputs_change(row, tick)
         self.boards[row].write_block(address, data, tick)
         self._touched(row, tick)
@@ -254,6 +340,10 @@ class Firmware:
         self.encoders.observe(tick)
         self.encoders.power_up(row)
         self.motors.power_up(row)
+        if row in self._espms:
+            self._espms[row].power_up()
+        if row in self._expanders:
+            self._expanders[row].power_up()
         self.boards[row].power_up(tick)
         if row in self._loops:
             self._loops[row].power_up(self.boards[row].digital, tick)

@@ -51,6 +51,10 @@ class Samples:
         for row in rows:
             sampled[row] = tick
 
+    def sampled_at(self, row: int) -> int:
+        """Tick of a board's last sample; -1: never."""
+        return self._sampled[row]
+
     def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:
         """Where the hub blocks of boards `rows` lie, one after the other; for `take`."""
         found = self._selections.get(rows)

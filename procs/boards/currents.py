@@ -1,0 +1,65 @@
+"""The check of motor currents in QLAs: too much of it for 50 ms, and the amplifier is cut.
+
+In current mode the measured current may exceed the commanded one by 0x900, whatever their signs; small currents, and
+commands near full scale, are not compared. In voltage mode it may not exceed the configured limit. A counter of 24 bits
+counts the ticks of too much current one after the other: where an amplifier is enabled again and the current is
+still too much, it is cut at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.lib import registers as reg
+
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+
+NEVER = 1 << 62
+CURRENT_TRIP = 2_457_600  # 50 ms of too much current
+CURRENT_SMALL = 0x300  # below this from zero nothing is compared
+CURRENT_EXCESS = 0x0900
+CURRENT_NEAR_FULL = 0xF6FF
+COUNTER = 1 << 24  # the counter goes on and begins anew
+
+
+class Currents:
+    """Since when each axis has too much current, and when that trips; arrays (boards, width)."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        """Nothing flows."""
+        self.trip_at = np.full(shape, NEVER, dtype=np.int64)
+        self._over_since = np.full(shape, NEVER, dtype=np.int64)
+
+    def compare(self, tick: int, asked: Ints, measured: Ints, unchecked: Flags, limits: Ints | None) -> bool:
+        """Currents (offset binary) that hold from `tick` on; `limits` are those of axes in voltage mode, else -1.
+
+        Whether anything is or was too much.
+        """
+        mirrored = np.maximum(asked, 0xFFFF - asked)
+        over = np.maximum(measured, 0xFFFF - measured) > mirrored + CURRENT_EXCESS
+        if limits is None and not over.any():
+            if self._over_since[0, 0] == NEVER and (self._over_since == NEVER).all():
+                return False
+            self._over_since.fill(NEVER)
+            self.trip_at.fill(NEVER)
+            return True
+        amount = np.abs(measured - reg.CURRENT_ZERO)
+        over &= amount >= CURRENT_SMALL
+        over &= (mirrored < CURRENT_NEAR_FULL) & ~unchecked
+        if limits is not None:
+            over = np.where(limits >= 0, amount > limits, over)
+        self._over_since = np.where(over, np.minimum(self._over_since, tick), NEVER)
+        self.arm(tick)
+        return True
+
+    def arm(self, tick: int) -> None:
+        """Trip when the counters say so; those that are full already trip at once."""
+        counted = (tick - self._over_since) % COUNTER
+        due = np.where(counted < CURRENT_TRIP, tick + CURRENT_TRIP - counted, tick + 1)
+        self.trip_at = np.where(self._over_since <= tick, due, NEVER)
+
+    def forget(self, row: int) -> None:
+        """The counters of a board begin at 0."""
+        self._over_since[row] = self.trip_at[row] = NEVER
