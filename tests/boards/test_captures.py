@@ -51,7 +51,7 @@ def compared(capture: Capture, generation: int, replies: Replies) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("name", ALL[3:])
+@pytest.mark.parametrize("name", ALL)
 def test_boards_answer_as_the_captured_ones(data: Data, name: str) -> None:
     capture = captured(data, name)
     bus = bus_of(capture)
