@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from procs.boards.inertia import WRIST_FRICTION
+from procs.boards.mechanics import MARGIN, MARGIN_SLIDE
 from procs.boards.plant import Plant
 from procs.lib.coupling import coupling
 from procs.lib.document import Chain, Likeness, Tool
@@ -96,6 +97,15 @@ def test_stops_of_an_si_arm_hold_motors_and_weight(direction: float) -> None:
     beyond = direction * (plant.position - np.array(limits))
     assert (beyond >= 0.0).all()
     assert (beyond[:3] <= (0.032, 0.032, 0.004)).all(), "the margin, and hardly more"
+
+
+@pytest.mark.parametrize("kind", ["PSM", "ECM"])
+def test_an_si_arm_that_fell_lies_firmly_on_its_stops(kind: str) -> None:
+    plant = si(kind, endoscope=1.8)
+    run(plant, np.zeros(plant.axes), 3000)
+    _, pitch, insertion, *_ = stock.chain(f"{kind}_Si").links
+    assert plant.position[1] == pytest.approx(pitch.upper + MARGIN, abs=1e-3)
+    assert plant.position[2] == pytest.approx(insertion.upper + MARGIN_SLIDE, abs=1e-4)
 
 
 @pytest.mark.parametrize(("kind", "tool"), [("PSM", ""), ("PSM", LND_SI), ("PSM", SNAKE), ("ECM", "")])
