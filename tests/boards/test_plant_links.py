@@ -104,7 +104,7 @@ def test_an_si_arm_that_fell_lies_firmly_on_its_stops(kind: str) -> None:
     plant = si(kind, endoscope=1.8)
     run(plant, np.zeros(plant.axes), 3000)
     _, pitch, insertion, *_ = stock.chain(f"{kind}_Si").links
-    assert plant.position[1] == pytest.approx(pitch.upper + MARGIN, abs=1e-3)
+    assert plant.position[1] == pytest.approx(pitch.lower - MARGIN, abs=1e-3)
     assert plant.position[2] == pytest.approx(insertion.upper + MARGIN_SLIDE, abs=1e-4)
 
 
