@@ -192,6 +192,8 @@ class Power:
 
     def set_watchdog(self, row: int, counts: int, tick: int) -> None:
         """Write the period register; 0 switches the watchdog off."""
+        if self.watchdog_counts[row] == counts & 0xFFFF:
+            return  # some hosts write it every cycle
         self.watchdog_counts[row] = counts & 0xFFFF
         self._settle(tick)
 
