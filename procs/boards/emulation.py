@@ -17,6 +17,7 @@ from procs.boards.bus import GROUP, Bus
 from procs.boards.currents import CURRENT_EXCESS
 from procs.boards.lines import Lines
 from procs.boards.mishaps import Mishaps
+from procs.boards.setup_joints import fit
 from procs.boards.wiring import Wiring
 from procs.lib import registers as reg
 from procs.lib import wire
@@ -86,6 +87,7 @@ class Emulation:
             part = self.lines.part(self._firsts[-1], len(described.controllers))
             self.buses.append(Bus(described.controllers, part, network=described.network,
                                   testboard=described.testboard))
+        self.setup_joints = fit(system, wiring, self.buses)
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.sensor_errors: SensorErrors | None = None  # None: they tell the truth
@@ -244,6 +246,8 @@ class Emulation:
         self._world.pot_position.take(self._axis_of, None, volts, "clip")
         np.multiply(volts, self._volts[0], volts)
         np.add(volts, self._volts[1], volts)
+        for joints in self.setup_joints.values():
+            volts[joints.slots] = joints.step(flowing, self.lines.on.reshape(-1))
         if self._noise_v > 0.0:
             volts += self._random.normal(0.0, self._noise_v, self.current.size)[self._axis_of]
         measured[:] = flowing

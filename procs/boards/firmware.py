@@ -18,6 +18,7 @@ from procs.boards.differences import Differences
 from procs.boards.encoder import Encoders
 from procs.boards.espm import ARM, BOARD, CONTROL, NOTHING, Espm
 from procs.boards.expander import Expanders
+from procs.boards.interface_board import InterfaceBoard
 from procs.boards.lines import Lines
 from procs.boards.models import Model
 from procs.boards.motors import Motors
@@ -25,6 +26,7 @@ from procs.boards.power import Power
 from procs.boards.samples import Samples
 from procs.boards.testboard import Loopback
 from procs.lib import registers as reg
+from procs.lib.emulated import SetupJoints
 
 _MISSING = {  # registers and regions that read 0
     "DQLA": (reg.DATA_BUFFER,),
@@ -52,6 +54,7 @@ class Firmware:
                            for row, model in enumerate(models) if model.firmware > 7 and row not in self._espms}
         self._loops = {row: Loopback(board.digital, quirks=board.model.quirks) for row, board in enumerate(self.boards)
                        if testboard and board.model.hardware.outputs}
+        self._interfaces: dict[int, InterfaceBoard] = {}
         self._every = tuple(range(self.count))
         self._seen_changes = -1
         self._outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
@@ -63,6 +66,14 @@ class Firmware:
                               dtype=np.uint32)
         for row in self._every:
             self._show_quiet(row, 0)
+
+    def fit(self, row: int, joints: SetupJoints) -> InterfaceBoard | None:
+        """Put the interface board of set-up joints on a board; None where a loop-back board is."""
+        if row in self._loops:
+            return None
+        board = self.boards[row]
+        self._interfaces[row] = made = InterfaceBoard(joints, board.digital, quirks=board.model.quirks)
+        return made
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -76,6 +87,8 @@ class Firmware:
         self.power.until(tick)
         for row in self._loops:
             self._loop_back(row, tick)
+        for interface in self._interfaces.values():
+            interface.until(tick)
         for row in self._lively:
             collection = self.boards[row].collection
             if collection.collecting:
@@ -98,6 +111,9 @@ class Firmware:
         np.bitwise_or(encoders.pins, self.lines.inputs, samples.inputs)
         for row in self._loops:
             self._loop_back(row, tick)
+        for row, interface in self._interfaces.items():
+            samples.inputs[row] = interface.fill(tick, int(samples.inputs[row]), samples.positions[row],
+                                                 samples.velocities[row])
         if self._hides_pins:
             np.bitwise_and(samples.positions, self._pins, samples.positions)
         if self._lively:
@@ -264,6 +280,8 @@ class Firmware:
     def _before_outputs_change(self, row: int, tick: int) -> None:
         if row in self._loops:
             self._loops[row].until(tick)
+        if row in self._interfaces:
+            self._interfaces[row].before_write(tick)
 
     def _write_axis(self, row: int, axis: int, offset: int, value: int, tick: int) -> None:
         model = self.models[row]
@@ -279,6 +297,8 @@ class Firmware:
                 self.power.preload(row, tick)
                 if row in self._loops and axis < reg.AXES:
                     self._loops[row].preload(axis, value, tick)
+                if row in self._interfaces:
+                    self._interfaces[row].preload(axis, value, tick)
         elif offset == reg.DAC:
             self._command(row, axis, value, tick)
         elif offset == reg.MOTOR_CONFIG:
@@ -347,4 +367,6 @@ class Firmware:
         self.boards[row].power_up(tick)
         if row in self._loops:
             self._loops[row].power_up(self.boards[row].digital, tick)
+        if row in self._interfaces:
+            self._interfaces[row].power_up(self.boards[row].digital, tick)
         self._touched(row, tick)

@@ -1,0 +1,119 @@
+"""The interface board of Classic set-up joints: it lets one board read 64 voltages, and drives the lift.
+
+A counter picks which of 16 voltages of each passive arm its analog input shows. It is cleared while the reset output
+is low, counts when the increment output rises, and shows its four bits on line A of the encoders. Lines B are low: the
+lift's amplifier has no fault. That amplifier is driven by a PWM output, whose middle is rest, while its disable output
+is low.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.outputs import Outputs
+from procs.boards.quadrature import Quadrature
+from procs.lib import registers as reg
+from procs.lib.document import Quirks
+from procs.lib.emulated import SetupJoints
+
+CHANNELS: Final = 16
+_FAITHFUL: Final = Quirks()
+
+Quads = npt.NDArray[np.uint32]
+
+
+class InterfaceBoard:
+    """On the board that owns `outputs`. `before_write` must be called before each write to them, with its tick."""
+
+    def __init__(self, described: SetupJoints, outputs: Outputs, tick: int = 0, quirks: Quirks = _FAITHFUL) -> None:
+        """As after power-up of both boards at `tick`."""
+        self.axes = described.axes
+        self._reset, self._increment = 1 << described.reset, 1 << described.increment
+        self._of = self._reset | self._increment
+        self._pwm, self._disable = described.pwm, described.disable
+        self._quirks = quirks
+        self.channel = 0
+        self.driven = 0.0  # ticks for which the lift was driven, full power up counting 1, full power down -1
+        shown = sum(1 << axis for axis in self.axes if axis < reg.AXES)  # no other axis is in the digital inputs
+        self._others = ~(shown << reg.INPUT_ENCODER_A_SHIFT | shown << reg.INPUT_ENCODER_B_SHIFT)
+        self._levels = outputs.levels(tick) & self._of
+        self._start(outputs, tick)
+
+    def _start(self, outputs: Outputs, tick: int) -> None:
+        self._outputs, self._at = outputs, tick
+        self._power = 0.0
+        self._settled = 0  # from this tick on the counter's outputs rest
+        self._is_written = True
+        self._lines = tuple(Quadrature(tick, self.channel >> k & 1, 0, quirks=self._quirks) for k in range(reg.AXES))
+
+    def power_up(self, outputs: Outputs, tick: int) -> None:
+        """The FPGA is configured anew and has new outputs; the counter stands where it was."""
+        self.until(tick)
+        self._start(outputs, tick)
+        self.until(tick)
+
+    def before_write(self, tick: int) -> None:
+        """Something that may be an output is about to be written."""
+        self.until(tick)
+        self._is_written = True
+
+    def until(self, tick: int) -> None:
+        """Let the outputs do up to `tick` what they do."""
+        if self._is_written or self._settled > self._at:
+            self._follow(tick)
+        if self._power:
+            self.driven += self._power * (tick - self._at)
+        self._at = tick
+
+    def _follow(self, tick: int) -> None:
+        changes = self._outputs.changes(self._at, tick, of=self._of)
+        self._see(changes.since, changes.levels)
+        for at, levels in changes.items:
+            self._see(at, levels)
+        self._settled = self._outputs.settled(self._of)
+        self._is_written = False
+        self._power = self._lift_power(tick)
+
+    def _see(self, tick: int, levels: int) -> None:
+        """The counter's outputs have these levels from `tick` on, in register polarity: 1 is a low pin."""
+        rises = self._levels & ~levels & self._increment
+        self._levels = levels
+        channel = 0 if levels & self._reset else (self.channel + bool(rises)) % CHANNELS
+        if channel != self.channel:
+            self.channel = channel
+            for k, line in enumerate(self._lines):
+                line.change(tick, channel >> k & 1, 0)
+
+    def _lift_power(self, tick: int) -> float:
+        """-1 to 1, as the outputs are now."""
+        levels, control = self._outputs.levels(tick), self._outputs.control(self._pwm)
+        if not levels >> self._disable & 1:
+            return 0.0
+        high, low = control & 0xFFFF, control >> 16  # counts of the pin's levels, the inverse of the register's
+        if high and low:
+            return (high - low) / (high + low + 4)  # each lasts two ticks longer
+        held_high = not levels >> self._pwm & 1 if high == low else low > 0
+        return 1.0 if held_high else -1.0
+
+    def preload(self, axis: int, value: int, tick: int) -> None:
+        """The preload register of an axis is written."""
+        if axis in self.axes:
+            self.until(tick)
+            line = self._lines[self.axes.index(axis)]
+            line.observe(tick)
+            line.load(0, value & reg.ENCODER_MASK)
+
+    def fill(self, tick: int, inputs: int, positions: Quads, velocities: Quads) -> int:
+        """Put its axes' words at `tick` into `positions` (width,) and `velocities` (4, width); the digital inputs."""
+        self.until(tick)
+        shown = 0
+        for k, (axis, line) in enumerate(zip(self.axes, self._lines, strict=True)):
+            line.observe(tick)
+            positions[axis] = line.position()
+            velocities[:, axis] = line.velocity(tick)
+            if axis < reg.AXES:
+                shown |= (self.channel >> k & 1) << reg.INPUT_ENCODER_A_SHIFT + axis
+        return inputs & self._others | shown

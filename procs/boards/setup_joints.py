@@ -1,0 +1,165 @@
+"""Classic set-up joints: passive arms whose joints have two potentiometers each, brakes, and one of them a lift.
+
+They move when somebody moves them, and only while a current holds their brakes off. A host sees them through the
+interface board: six primary potentiometers of every arm, six secondary ones, and four other voltages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.bus import Bus
+from procs.boards.interface_board import CHANNELS, InterfaceBoard
+from procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
+from procs.lib import registers as reg
+from procs.lib.document import System
+from procs.lib.emulated import Linear, SetupArm
+from procs.lib.emulated import SetupJoints as Described
+
+JOINTS: Final = 6
+PLUGS: Final = 4
+POT_V: Final = 4.5  # across the potentiometers
+LIFT_M_S: Final = 0.1  # at full power; the original software gives it a fifth
+SUPPLY_V, BRAKE_OHM, BRAKE_DIVIDER = 48.0, 16.0, 11.0  # half the supply is at either end of a brake without current
+LIFT_BIAS_V: Final = 2.5  # and both currents of the lift at rest
+_SECONDARY, _SPARE, _BRAKE, _LAST = JOINTS, 12, 14, 15  # channels
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+
+class SetupJoints:
+    """The arms of one patient cart."""
+
+    def __init__(self, described: Described, board: InterfaceBoard, slots: npt.NDArray[np.intp],
+                 status: npt.NDArray[np.uint32]) -> None:
+        """At the positions of the document; `slots` are those of plugs 1 to 4 in currents and voltages.
+
+        `status` (1,) is the status word of their board.
+        """
+        self.slots = slots
+        self._board, self._status = board, status
+        self._arms = {arm.name: arm for arm in described.arms}
+        self._voltages = np.zeros((PLUGS, CHANNELS))
+        self._voltages[PLUGS - 1, _SPARE : _LAST] = LIFT_BIAS_V
+        self._positions = {arm.name: tuple(_middle(arm)) for arm in described.arms}
+        for name, arm in self._arms.items():
+            self._settle(name, arm.position or self._positions[name])
+        release = np.zeros(PLUGS)
+        for arm in described.arms:
+            release[arm.plug - 1] = abs(arm.release_current)
+        self._lets_go = np.where(release > 0.0, BRAKE_LETS_GO * release, np.inf)
+        self._holds_off = np.where(release > 0.0, BRAKE_HOLDS_OFF * release, np.inf)
+        self._released = np.zeros(PLUGS, dtype=np.bool_)
+        self._lifted = [arm for arm in described.arms if arm.lifts]
+        self._driven = board.driven
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self._arms)
+
+    def positions(self, arm: str) -> tuple[float, ...]:
+        """Where an arm's six joints are, m and rad."""
+        return self._positions[self._arm(arm).name]
+
+    def is_released(self, arm: str) -> bool:
+        """Whether the brakes of an arm let it go."""
+        return bool(self._released[self._arm(arm).plug - 1])
+
+    def place(self, arm: str, positions: Sequence[float], *, by_force: bool = False) -> None:
+        """Move an arm's six joints somewhere, m and rad.
+
+        ValueError while its brakes hold, unless `by_force`.
+        """
+        found = self._arm(arm)
+        if len(positions) != JOINTS or not all(math.isfinite(value) for value in positions):
+            raise ValueError(f"{arm}: {len(positions)} positions; allowed: {JOINTS} finite numbers")
+        if not by_force and not self._released[found.plug - 1]:
+            raise ValueError(f"{arm}: its brakes hold; a current has to let them go")
+        self._settle(arm, positions)
+
+    def _arm(self, name: str) -> SetupArm:
+        if name not in self._arms:
+            raise KeyError(f"{name or 'no name'}: no such set-up arm; there are {', '.join(self._arms)}")
+        return self._arms[name]
+
+    def _settle(self, name: str, positions: Sequence[float]) -> None:
+        arm = self._arms[name]
+        self._positions[name] = tuple(map(float, positions))
+        row = self._voltages[arm.plug - 1]
+        for first, pots in ((0, arm.primary), (_SECONDARY, arm.secondary)):
+            row[first : first + JOINTS] = [(position - offset) / scale if scale else 0.0
+                                           for position, (scale, offset) in zip(positions, pots, strict=True)]
+
+    # -- what the board does and sees, once a physics step -------------------------------------------------------------
+
+    def step(self, flowing: Floats, on: Flags) -> Floats:
+        """Voltages at the analog inputs of plugs 1 to 4 from now on, while these currents flow in these amplifiers."""
+        current, on = flowing[self.slots], on[self.slots]
+        size = np.abs(current)
+        self._released = size >= np.where(self._released, self._holds_off, self._lets_go)
+        self._show_brakes(np.where(on, (SUPPLY_V + BRAKE_OHM * current) / (2.0 * BRAKE_DIVIDER), 0.0))
+        driven, self._driven = self._board.driven - self._driven, self._board.driven
+        if driven and self._status[0] & reg.STATUS_MV_GOOD:
+            self._lift(driven * LIFT_M_S * reg.TICK_S)
+        return self._voltages[:, self._board.channel]
+
+    def _show_brakes(self, volts: Floats) -> None:
+        """The interface board takes plugs the other way round here, and the last one's input has them elsewhere."""
+        self._voltages[: PLUGS - 1, _BRAKE] = volts[:0:-1]
+        self._voltages[PLUGS - 1, _LAST] = volts[0]
+
+    def _lift(self, way: float) -> None:
+        for arm in self._lifted:
+            first, *others = self._positions[arm.name]
+            lower, upper = _reach(arm, 0)
+            self._settle(arm.name, (min(max(first + way, lower), upper), *others))
+
+
+def _reach(arm: SetupArm, joint: int) -> tuple[float, float]:
+    """Between which positions both potentiometers of a joint show where it is."""
+    ranges = [_range(pots[joint]) for pots in (arm.primary, arm.secondary)]
+    return max(low for low, _ in ranges), min(high for _, high in ranges)
+
+
+def _range(pot: Linear) -> tuple[float, float]:
+    scale, offset = pot
+    return min(offset, offset + scale * POT_V), max(offset, offset + scale * POT_V)
+
+
+def _middle(arm: SetupArm) -> list[float]:
+    return [sum(_reach(arm, joint)) / 2.0 for joint in range(JOINTS)]
+
+
+def fit(system: System, wiring: Wiring, buses: Sequence[Bus]) -> dict[str, SetupJoints]:
+    """Hang the set-up joints of a system on their boards; by the name of their robot."""
+    fitted: dict[str, SetupJoints] = {}
+    if system.emulation is None:
+        return fitted
+    number = {described.io: index for index, described in enumerate(system.emulation.buses)}
+    for described in system.emulation.setup_joints:
+        bus, row = buses[number[described.io]], wiring.rows[described.io, described.board_id]
+        local = bus.ids.index(described.board_id)
+        board = bus.firmware.fit(local, described)
+        if board is None:
+            continue  # the test board is there instead
+        slots = np.array([wiring.width * row + axis for axis in described.axes], dtype=np.intp)
+        status = bus.power.status[local : local + 1]
+        fitted[described.name] = SetupJoints(described, board, slots, status)
+        for arm in described.arms:
+            _plug_in(described, arm, row, wiring, bus, local)
+    return fitted
+
+
+def _plug_in(described: Described, arm: SetupArm, row: int, wiring: Wiring, bus: Bus, local: int) -> None:
+    """A plug pulls the negative limit of its axis low, unless the files have another use for that input."""
+    far, axis = divmod(described.axes[arm.plug - 1], reg.AXES)  # a DQLA's second QLA has its inputs 16 bits up
+    bit = reg.INPUT_NEGATIVE_LIMIT_SHIFT + axis + 16 * far
+    if not any((button.row, button.bit) == (row, bit) for button in wiring.inputs.values()):
+        bus.lines.inputs[local] &= np.uint32(~(1 << bit) & 0xFFFF_FFFF)
