@@ -43,7 +43,7 @@ class Plant:
         self._robots = tuple(robot for io in system.ios for robot in io.robots)
         self._arms = {arm.robot: arm for arm in system.arms if arm.robot and arm.simulation != "KINEMATIC"}
         self._by_name = {arm.name: arm for arm in system.arms}
-        self._links = dict(links or {})
+        self._links = {arm.name: arm.links for arm in system.arms if arm.links is not None} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
         self._slices = _slices(self._robots)
         self._like = _likenesses(system.emulation, self._robots)

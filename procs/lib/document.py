@@ -257,6 +257,7 @@ class Arm:
     simulation: str  # NONE or KINEMATIC
     period_s: float
     chain: Chain
+    links: Chain | None = None  # of an Si arm as they really are, with masses (kinematic_gc)
     tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
     tool: Tool | None = None
     tools: tuple[Tool, ...] = ()  # what MANUAL and AUTOMATIC detection choose from

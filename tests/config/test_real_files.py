@@ -153,3 +153,13 @@ def _demo() -> Path:
 def test_stock_gains_are_read_for_all_axes(name: str) -> None:
     result = check_file(stock.find(f"dvrk-share/pid/sawControllersPID-{name}.json"))
     assert (result.kind, result.problems) == ("pid", ())
+
+
+def test_si_arms_bring_the_links_that_weigh_along() -> None:
+    for name, links in (("PSM1", 7), ("ECM", 6)):
+        path = stock.find(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
+        system = load_system(path, search=[stock.find("dvrk-share")], boards="emulated").system
+        assert system is not None
+        (arm,) = system.emulated().arms
+        assert arm.links is not None and len(arm.links.links) == links
+        assert sum(link.mass for link in arm.links.links) > 1.0

@@ -101,6 +101,7 @@ class _Parts:
 
     arm_file: Opened[ArmFile]
     chain: document.Chain | None
+    links: document.Chain | None
     robot: tuple[Opened[IoFile], int, RobotKeys] | None
     pid: Opened[PidFile] | None
 
@@ -123,7 +124,7 @@ def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None
         pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
     if opened is None:
         return None
-    return _Parts(opened, arm_chain(context, opened), robot, pid)
+    return _Parts(opened, arm_chain(context, opened), real_links(context, opened, family), robot, pid)
 
 
 def _open_arm_file(context: Context, place: ArmPlace, model: type[AnyArmFile]) -> Opened[AnyArmFile] | None:
@@ -146,6 +147,16 @@ def arm_chain(context: Context, opened: Opened[AnyArmFile]) -> document.Chain | 
         file = getattr(opened.content, name, "")
         if file:
             context.find(opened.source, (name,), (file,), search)
+    return load_chain(context, path) if path else None
+
+
+def real_links(context: Context, opened: Opened[AnyArmFile], family: str) -> document.Chain | None:
+    """The links of an Si arm as they really are: the file for its weight, or the stock one where that can be found."""
+    content, search = opened.content, context.search.first(opened.source.path.parent)
+    if content.generation != "Si" or family == "MTM":
+        return None
+    stock = f"kinematic/{family}_Si_physical.json"
+    path = search.find(content.kinematic_gc or stock)  # a file that is named and missing has been told of
     return load_chain(context, path) if path else None
 
 
@@ -236,6 +247,7 @@ def _loaded(
         simulation=keys.simulation,
         period_s=keys.period,
         chain=parts.chain,
+        links=parts.links,
         tool_detection=detection,
         tool=tool,
         tools=tuple(tools.values()),
