@@ -13,13 +13,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.outputs import Outputs
+from procs.boards.outputs import MOST_CHANGES, Outputs
 from procs.boards.quadrature import Quadrature
+from procs.boards.waveform import NEVER
 from procs.lib import registers as reg
 from procs.lib.document import Quirks
 from procs.lib.emulated import SetupJoints
 
 CHANNELS: Final = 16
+FEW_CHANGES: Final = 128  # followed between two looks at outputs that switch for ever, which no host has them do
 _FAITHFUL: Final = Quirks()
 
 Quads = npt.NDArray[np.uint32]
@@ -32,8 +34,8 @@ class InterfaceBoard:
         """As after power-up of both boards at `tick`."""
         self.axes = described.axes
         self._reset, self._increment = 1 << described.reset, 1 << described.increment
-        self._of = self._reset | self._increment
-        self._pwm, self._disable = described.pwm, described.disable
+        self._pwm, self._disable = described.pwm, 1 << described.disable
+        self._of = self._reset | self._increment | self._disable
         self._quirks = quirks
         self.channel = 0
         self.driven = 0.0  # ticks for which the lift was driven, full power up counting 1, full power down -1
@@ -64,39 +66,46 @@ class InterfaceBoard:
         """Let the outputs do up to `tick` what they do."""
         if self._is_written or self._settled > self._at:
             self._follow(tick)
+        self._go_on(tick)
+
+    def _follow(self, tick: int) -> None:
+        self._settled = self._outputs.settled(self._of)
+        limit = MOST_CHANGES if self._settled < NEVER else FEW_CHANGES
+        changes = self._outputs.changes(self._at, tick, limit, of=self._of)
+        self._go_on(changes.since)
+        if self._is_written or changes.levels != self._levels:
+            self._see(changes.levels)
+        for at, levels in changes.items:
+            self._go_on(at)
+            self._see(levels)
+        self._is_written = False
+
+    def _go_on(self, tick: int) -> None:
+        """Nothing happens until `tick`."""
         if self._power:
             self.driven += self._power * (tick - self._at)
         self._at = tick
 
-    def _follow(self, tick: int) -> None:
-        changes = self._outputs.changes(self._at, tick, of=self._of)
-        self._see(changes.since, changes.levels)
-        for at, levels in changes.items:
-            self._see(at, levels)
-        self._settled = self._outputs.settled(self._of)
-        self._is_written = False
-        self._power = self._lift_power(tick)
-
-    def _see(self, tick: int, levels: int) -> None:
-        """The counter's outputs have these levels from `tick` on, in register polarity: 1 is a low pin."""
+    def _see(self, levels: int) -> None:
+        """The outputs have these levels from now on, in register polarity: 1 is a low pin."""
         rises = self._levels & ~levels & self._increment
         self._levels = levels
+        self._power = 0.0 if not levels & self._disable else self._lift_power()
         channel = 0 if levels & self._reset else (self.channel + bool(rises)) % CHANNELS
         if channel != self.channel:
             self.channel = channel
             for k, line in enumerate(self._lines):
-                line.change(tick, channel >> k & 1, 0)
+                line.change(self._at, channel >> k & 1, 0)
 
-    def _lift_power(self, tick: int) -> float:
-        """-1 to 1, as the outputs are now."""
-        levels, control = self._outputs.levels(tick), self._outputs.control(self._pwm)
-        if not levels >> self._disable & 1:
-            return 0.0
+    def _lift_power(self) -> float:
+        """-1 to 1 by the duty of the PWM output."""
+        control = self._outputs.control(self._pwm)
         high, low = control & 0xFFFF, control >> 16  # counts of the pin's levels, the inverse of the register's
         if high and low:
             return (high - low) / (high + low + 4)  # each lasts two ticks longer
-        held_high = not levels >> self._pwm & 1 if high == low else low > 0
-        return 1.0 if held_high else -1.0
+        if high == low:
+            return -1.0 if self._outputs.levels(self._at) >> self._pwm & 1 else 1.0
+        return 1.0 if low else -1.0  # it turns to the level that has no count, and stays
 
     def preload(self, axis: int, value: int, tick: int) -> None:
         """The preload register of an axis is written."""

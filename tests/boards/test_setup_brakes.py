@@ -1,0 +1,179 @@
+"""What moves Classic set-up joints: hands while their brakes are released, and the lift."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from procs.boards.setup_joints import LIFT_M_S
+from procs.lib import registers as reg
+from procs.lib.document import System
+from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, Host, cart, described, with_arms
+
+
+@pytest.fixture(scope="module")
+def plain() -> System:
+    return cart()
+
+
+@pytest.fixture
+def host(plain: System) -> Host:
+    made = Host(plain)
+    made.reset()
+    return made
+
+
+# -- brakes ------------------------------------------------------------------------------------------------------------
+
+
+def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: Host) -> None:
+    host.power_on()
+    before = host.joints.positions("ECM")
+    with pytest.raises(ValueError, match="ECM: its brakes hold"):
+        host.joints.place("ECM", PLACES["ECM"])
+    assert host.joints.positions("ECM") == before
+    host.current(1, 1.1)
+    assert not host.joints.is_released("ECM"), "not enough"
+    host.current(1, 1.5)
+    host.joints.place("ECM", PLACES["ECM"])
+    assert host.joints.positions("ECM") == PLACES["ECM"]
+    assert [host.joints.is_released(arm) for arm in host.joints.arms] == [True, False, False, False]
+    host.current(1, 0.9)
+    assert host.joints.is_released("ECM"), "less keeps it released"
+    host.current(1, 0.0)
+    with pytest.raises(ValueError, match="brakes hold"):
+        host.joints.place("ECM", PLACES["ECM"])
+
+
+def test_brakes_hold_when_power_goes(host: Host) -> None:
+    host.power_on()
+    host.current(3, 2.2)
+    assert host.joints.is_released("PSM2")
+    host.write(reg.STATUS, reg.CONTROL_POWER_OFF)
+    host.wait(3)
+    assert not host.joints.is_released("PSM2")
+
+
+def test_the_ramp_of_the_original_releases_and_holds(host: Host) -> None:
+    host.power_on()
+    amps, when = 0.0, []
+    for target in (2.2, 0.0):
+        while amps != target:
+            amps = min(amps + 0.04, target) if target else max(amps - 0.04, target)  # 8 A/s, every 5 ms
+            host.current(2, amps)
+            host.wait(2)
+            when.append((amps, host.joints.is_released("PSM1")))
+    released = [amps for amps, free in when if free]
+    assert released[0] == pytest.approx(0.8 * 2.2, abs=0.05) and released[-1] == pytest.approx(0.5 * 2.2, abs=0.05)
+
+
+def test_brakes_without_a_release_current_always_hold(plain: System) -> None:
+    joints = described(plain)
+    arms = tuple(dataclasses.replace(arm, release_current=0.0) for arm in joints.arms)
+    host = Host(with_arms(plain, *arms))
+    host.power_on()
+    for amps in (0.0, 2.2):
+        host.current(2, amps)
+        assert not host.joints.is_released("PSM1")
+
+
+@pytest.mark.parametrize(("arm", "positions", "error", "says"), [
+    ("PSM4", (0.0,) * 6, KeyError, "ECM, PSM1, PSM2, PSM3"),
+    ("", (0.0,) * 6, KeyError, "no name: no such set-up arm"),
+    ("PSM1", (0.0,) * 4, ValueError, "4 positions; allowed: 6 finite numbers"),
+    ("PSM1", (0.0, np.nan, 0.0, 0.0, 0.0, 0.0), ValueError, "finite"),
+])
+def test_wrong_places_are_refused(host: Host, arm: str, positions: tuple[float, ...], error: type[Exception],
+                                  says: str) -> None:
+    with pytest.raises(error, match=says):
+        host.joints.place(arm, positions, by_force=True)
+
+
+def test_positions_beyond_a_potentiometer_end_at_its_rails(host: Host) -> None:
+    host.joints.place("PSM1", (5.0, -9.0, 0.0, 0.0, 0.0, 0.0), by_force=True)
+    host.sweep()
+    assert host.volts[1, 0] == pytest.approx(4.5, abs=1e-3) and host.volts[1, 1] == 0.0
+
+
+# -- the lift ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def lift(host: Host) -> Callable[[], float]:
+    """Height of the arm with a lift; its amplifier is powered."""
+    host.power_on()
+    host.pwm(0.5)
+    host.look()
+    host.set(DISABLE, False)
+    host.wait(2)
+    return lambda: host.joints.positions("PSM3")[0]
+
+
+@pytest.mark.parametrize(("velocity", "sign"), [(1.0, 1), (-1.0, -1), (0.3, 0.3), (0.0, 0)])
+def test_the_lift_follows_the_duty_of_its_pwm(
+        host: Host, lift: Callable[[], float], velocity: float, sign: float) -> None:
+    others = {arm: host.joints.positions(arm) for arm in ("ECM", "PSM1", "PSM2")}
+    before, rest = lift(), host.joints.positions("PSM3")[1:]
+    host.pwm(0.5 + 0.1 * velocity)
+    host.wait(2000)
+    assert lift() - before == pytest.approx(sign * 2.0 * 0.2 * LIFT_M_S, rel=0.02, abs=1e-9)
+    assert host.joints.positions("PSM3")[1:] == rest
+    assert others == {arm: host.joints.positions(arm) for arm in others}
+
+
+def test_the_lift_rests_when_disabled_or_without_supply(host: Host, lift: Callable[[], float]) -> None:
+    host.pwm(0.6)
+    host.wait(10)
+    host.look()
+    host.set(DISABLE, True)
+    host.wait(2)
+    before = lift()
+    host.wait(500)
+    assert lift() == before
+    host.look()
+    host.set(DISABLE, False)
+    host.wait(10)
+    assert lift() > before
+    host.write(reg.STATUS, reg.CONTROL_POWER_OFF)
+    host.wait(2)
+    before = lift()
+    host.wait(500)
+    assert lift() == before
+
+
+def test_outputs_as_after_power_up_leave_the_lift_alone(host: Host) -> None:
+    host.power_on()
+    before = host.joints.positions("PSM3")
+    host.pwm(0.6)
+    host.wait(500)
+    assert host.joints.positions("PSM3") == before
+
+
+@pytest.mark.parametrize(("duty", "volts"), [(0.95, 4.5), (0.05, 0.0)])
+def test_the_lift_stops_where_a_potentiometer_ends(
+        host: Host, lift: Callable[[], float], duty: float, volts: float) -> None:
+    host.pwm(duty)
+    host.wait(20_000)
+    end = lift()
+    host.wait(500)
+    assert lift() == end
+    host.reset()
+    host.sweep()
+    ends = host.volts[3, [0, JOINTS]]
+    assert np.abs(ends - volts).min() < 1e-3 and ((ends > 0.0) | (ends == volts)).all()
+
+
+def test_an_output_that_is_held_drives_the_lift_fully(host: Host, lift: Callable[[], float]) -> None:
+    before = lift()
+    host.one_shot(PWM)
+    host.look()
+    host.set(PWM, True)
+    host.wait(1000)
+    up = lift() - before
+    host.look()
+    host.set(PWM, False)
+    host.wait(2000)
+    assert up == pytest.approx(LIFT_M_S, rel=0.01) and lift() - before == pytest.approx(-LIFT_M_S, rel=0.02)
