@@ -55,7 +55,6 @@ class InterfaceBoard:
         """The FPGA is configured anew and has new outputs; the counter stands where it was."""
         self.until(tick)
         self._start(outputs, tick)
-        self.until(tick)
 
     def before_write(self, tick: int) -> None:
         """Something that may be an output is about to be written."""
@@ -72,7 +71,6 @@ class InterfaceBoard:
         self._settled = self._outputs.settled(self._of)
         limit = MOST_CHANGES if self._settled < NEVER else FEW_CHANGES
         changes = self._outputs.changes(self._at, tick, limit, of=self._of)
-        self._go_on(changes.since)
         if self._is_written or changes.levels != self._levels:
             self._see(changes.levels)
         for at, levels in changes.items:

@@ -214,6 +214,38 @@ def test_nothing_depends_on_how_often_it_is_looked_at(deeds: list[tuple[int, tup
     assert often.driven == pytest.approx(rare.driven)
 
 
+@pytest.mark.parametrize(("high", "low", "level", "power"), [
+    (614, 614, 0, 0.0), (98, 298, 0, -0.5), (298, 98, 1, 0.5),
+    (0, 0, 0, 1.0), (0, 0, 1, -1.0), (0, 50, 1, 1.0), (50, 0, 0, -1.0)])
+def test_the_lift_has_the_mean_of_its_output(high: int, low: int, level: int, power: float) -> None:
+    outputs = Outputs()
+    board = InterfaceBoard(PINS, outputs)
+    board.before_write(100)
+    outputs.configure(PWM, low << 16 | high, 100)
+    outputs.write(0xC00 | level << PWM, 100)
+    board.until(1100)
+    assert board.driven == 0.0, "it is disabled"
+    board.before_write(1100)
+    outputs.write(0xC00 | 1 << DISABLE | level << PWM, 1100)
+    board.until(2100)
+    assert board.driven == pytest.approx(1000 * power)
+    board.power_up(Outputs(), 3100)
+    board.until(9000)
+    assert board.driven == pytest.approx(2000 * power)
+
+
+def test_lines_show_the_channel_and_no_fault_after_power_up() -> None:
+    outputs = Outputs()
+    board = InterfaceBoard(PINS, outputs)
+    for k in range(10):
+        board.before_write(100 * k)
+        outputs.write(0x200 | (k + 1) % 2 << INCREMENT, 100 * k)
+    board.power_up(Outputs(), 2000)
+    words = np.zeros((5, PLUGS), dtype=np.uint32)
+    assert board.fill(2100, 0xFFFF_FFFF, words[0], words[1:]) == 0xF50F_FFFF
+    assert [int(word) >> 28 & 3 for word in words[0]] == [1, 0, 1, 0]
+
+
 class Watched(Outputs):
     """Notes how many changes were looked at."""
 
