@@ -154,13 +154,18 @@ class Emulation:
         self._now, self._end, self._motion = (np.zeros((2, count)) for _ in range(3))
         self._change = np.zeros(count)
         self._spans = np.array((np.full(count, float(self._span)), np.full(count, 2.0 * self._span)))
+        # Rows as arrays of their own: indexing makes a new one every time, which costs as much as using it.
+        self._words, (self._pot_volts, self._measured, self._commanded) = self._bits[:2], self._bits
+        self._currents, (self._measured_off, self._commanded_off) = self._bits[1:], self._compared
+        self._mean, self._h = self._motion
+        self._now_rows, self._end_rows = tuple(self._now), tuple(self._end)
         if self._has_robots:
-            self._where(self._now)
+            self._where(self._now, self._now_rows)
 
-    def _where(self, now: Floats) -> None:
+    def _where(self, now: Floats, rows: tuple[Floats, ...]) -> None:
         """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
-        self._world.position.take(self._axis_of, None, now[0], "clip")
-        self._world.velocity.take(self._axis_of, None, now[1], "clip")
+        self._world.position.take(self._axis_of, None, rows[0], "clip")
+        self._world.velocity.take(self._axis_of, None, rows[1], "clip")
         np.multiply(now, self._counts[0], now)
         np.add(now, self._counts[1], now)
 
@@ -237,7 +242,8 @@ class Emulation:
 
     def _sense(self) -> None:
         """The currents that flow, and what the converters make of them and of the potentiometers."""
-        words, (volts, measured, commanded), flowing = self._bits[:2], self._bits, self._flowing
+        words, volts, measured, commanded = self._words, self._pot_volts, self._measured, self._commanded
+        flowing = self._flowing
         np.copyto(commanded, self._dac)
         np.multiply(commanded, self._amps[0], flowing)
         np.add(flowing, self._amps[1], flowing)
@@ -271,10 +277,10 @@ class Emulation:
         A voltage has no commanded current to compare with, and digital amplifiers are stricter.
         """
         compared, over = self._compared, self._over
-        np.subtract(self._bits[1:], self._middle, compared)
+        np.subtract(self._currents, self._middle, compared)
         np.absolute(compared, compared)
-        np.subtract(compared[0], compared[1], compared[0])
-        np.greater(compared[0], self._excess, over)
+        np.subtract(self._measured_off, self._commanded_off, self._measured_off)
+        np.greater(self._measured_off, self._excess, over)
         is_over = bool(np.count_nonzero(over))
         for bus in self.buses:
             if is_over or self._is_over or bus.firmware.motors.checks_always:
@@ -284,12 +290,12 @@ class Emulation:
     def _move(self) -> None:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
         now, end, motion, change = self._now, self._end, self._motion, self._change
-        self._where(end)
+        rows, mean, h = self._now_rows, self._mean, self._h
+        self._where(end, self._end_rows)
         np.subtract(end, now, motion)
         np.divide(motion, self._spans, motion)  # mean velocity and h
-        mean, h = motion
         np.multiply(h, self._spans[0], change)
         np.subtract(mean, change, mean)  # the velocity at the beginning
-        self._now, self._end = end, now
+        self._now, self._end, self._now_rows, self._end_rows = end, now, self._end_rows, rows
         for bus, cut in self._cut:
-            bus.encoders.follow(self.begin, self._span, now[0, cut], mean[cut], h[cut])
+            bus.encoders.follow(self.begin, self._span, rows[0][cut], mean[cut], h[cut])

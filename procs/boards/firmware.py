@@ -19,7 +19,7 @@ from procs.boards.encoder import Encoders
 from procs.boards.espm import ARM, BOARD, CONTROL, NOTHING, Espm
 from procs.boards.expander import Expanders
 from procs.boards.interface_board import InterfaceBoard
-from procs.boards.lines import Lines
+from procs.boards.lines import INPUTS_OPEN, Lines
 from procs.boards.models import Model
 from procs.boards.motors import Motors
 from procs.boards.power import Power
@@ -38,7 +38,7 @@ class Firmware:
     """The boards of `models` (ascending id), wired to the world by `lines` (a row a board)."""
 
     def __init__(self, models: tuple[Model, ...], lines: Lines, *, testboard: bool = False) -> None:
-        """Boards as after power-up at tick 0; `testboard`: the first four axes hang on a loop-back board each."""
+        """Boards as after power-up at tick 0; `testboard`: every QLA hangs on a loop-back board."""
         self.models, self.lines = models, lines
         self.count, self.width = len(models), int(lines.dac.shape[1])
         self.ids = tuple(model.board_id for model in models)
@@ -52,11 +52,14 @@ class Firmware:
                        for row, model in enumerate(models) if model.hardware.name == "dRA1"}
         self._expanders = {row: Expanders(model.hardware.name == "DQLA", model.expander)
                            for row, model in enumerate(models) if model.firmware > 7 and row not in self._espms}
-        self._loops = {row: Loopback(board.digital, quirks=board.model.quirks) for row, board in enumerate(self.boards)
-                       if testboard and board.model.hardware.outputs}
+        # A test board for every four outputs: a DQLA has two.
+        self._loops = {row: tuple(Loopback(board.digital, first=first, quirks=board.model.quirks)
+                                  for first in range(0, board.model.hardware.outputs, reg.AXES))
+                       for row, board in enumerate(self.boards) if testboard and board.model.hardware.outputs}
         self._interfaces: dict[int, InterfaceBoard] = {}
         self._every = tuple(range(self.count))
         self._seen_changes = -1
+        self._motor_words = np.zeros(lines.dac.shape, dtype=np.uint32)
         self._outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
         self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection go on by themselves
         self.collecting = False  # some board collects data
@@ -120,15 +123,22 @@ class Firmware:
             self._follow(tick)
         np.bitwise_or(samples.inputs, self._outputs, samples.inputs)
         samples.adc[...] = self.lines.adc
-        np.bitwise_or(power.motor_flags, self.motors.command, samples.motor_status)
+        np.bitwise_or(power.motor_flags, self.motors.command, self._motor_words)  # a scattered result costs twice
+        samples.motor_status[...] = self._motor_words
         if self._differences.there:
             self._differences.show(self._outputs)
 
     def _loop_back(self, row: int, tick: int) -> None:
-        """What a board's own outputs and currents bring it back through the loop-back board."""
-        samples, axes, loop = self.samples, slice(0, reg.AXES), self._loops[row]
-        samples.inputs[row] = loop.fill(tick, samples.positions[row, axes], samples.velocities[row, :, axes])
-        self.lines.adc[row, axes] = loop.adc(self.lines.dac[row, axes], self.lines.on[row, axes])
+        """What a board's own outputs and currents bring it back through its loop-back boards."""
+        samples, lines = self.samples, self.lines
+        for half, loop in enumerate(self._loops[row]):
+            axes = slice(half * reg.AXES, (half + 1) * reg.AXES)
+            inputs = loop.fill(tick, samples.positions[row, axes], samples.velocities[row, :, axes])
+            if half:
+                lines.inputs[row] = int(lines.inputs[row]) & 0xFFFF | (inputs & INPUTS_OPEN) << reg.INPUT_FAR_SHIFT
+            else:
+                samples.inputs[row] = inputs
+            lines.adc[row, axes] = loop.adc(lines.dac[row, axes], lines.on[row, axes])
 
     def _follow(self, tick: int) -> None:
         """What changes by itself on boards whose outputs play or that collect data."""
@@ -206,13 +216,17 @@ class Firmware:
 
     def read(self, row: int, address: int, tick: int) -> int:
         """Value of a register of the board in `row`; 0 for what is not there."""
+        self.sample(tick)
+        return self._look(row, address, tick)
+
+    def _look(self, row: int, address: int, tick: int) -> int:
+        """The same, with the sample made."""
         samples, channel, model = self.samples, address >> 4, self.models[row]
         if 0 < channel <= model.hardware.motors:
-            return self._read_axis(row, channel - 1, address & 0xF, tick)
+            return self._look_at_axis(row, channel - 1, address & 0xF)
         if address == reg.WATCHDOG:
             return int(self.power.watchdog_counts[row]) | self.boards[row].show_watchdog
         if address in (reg.STATUS, reg.DIGITAL_INPUT):
-            self.sample(tick)
             return int((samples.status if address == reg.STATUS else samples.inputs)[row])
         if address == reg.TEMPERATURE:
             whole = model.hardware.name == "DQLA" or (row in self._espms and model.firmware == 8)
@@ -220,7 +234,6 @@ class Firmware:
         if address == reg.IO_EXPANDER and row in self._expanders:
             return self._expanders[row].read(self._ports(row))
         if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
-            self.sample(tick)
             return self._espms[row].read(address, tick)
         missing = _MISSING.get(model.hardware.name, ())
         return 0 if address in missing or address & 0xF000 in missing else self.boards[row].read(address, tick)
@@ -231,7 +244,7 @@ class Firmware:
         low = self.motors.expander_outputs(row, reg.AXES * qla)
         return low, int(self.motors.comparators()[row, qla]) << 1 | int(self.power.chain_open[row])
 
-    def _read_axis(self, row: int, axis: int, offset: int, tick: int) -> int:
+    def _look_at_axis(self, row: int, axis: int, offset: int) -> int:
         model, samples = self.models[row], self.samples
         nothing = NOTHING if row in self._espms else 0
         if offset == reg.DAC:
@@ -243,7 +256,6 @@ class Firmware:
         if offset in (reg.ADC, reg.MOTOR_STATUS):
             if offset == reg.MOTOR_STATUS and model.firmware == 7:
                 return 0
-            self.sample(tick)
             return int((samples.adc if offset == reg.ADC else samples.motor_status)[row, axis])
         words = (reg.PERIOD, reg.QUARTER_1, reg.QUARTER_5, reg.RUNNING)
         if offset not in (reg.ENCODER_PRELOAD, reg.ENCODER, *words):
@@ -252,7 +264,6 @@ class Firmware:
             return 0
         if offset == reg.ENCODER_PRELOAD:
             return int(self.encoders.preload[self.width * row + axis])
-        self.sample(tick)
         return int(samples.positions[row, axis] if offset == reg.ENCODER
                    else samples.velocities[row, words.index(offset), axis])
 
@@ -278,8 +289,8 @@ class Firmware:
             self._touched(row, tick)
 
     def _before_outputs_change(self, row: int, tick: int) -> None:
-        if row in self._loops:
-            self._loops[row].until(tick)
+        for loop in self._loops.get(row, ()):
+            loop.until(tick)
         if row in self._interfaces:
             self._interfaces[row].before_write(tick)
 
@@ -295,8 +306,8 @@ class Firmware:
                 self.encoders.observe(tick)
                 self.encoders.load(np.array([self.width * row + axis]), np.array([value & reg.ENCODER_MASK]))
                 self.power.preload(row, tick)
-                if row in self._loops and axis < reg.AXES:
-                    self._loops[row].preload(axis, value, tick)
+                if row in self._loops:
+                    self._loops[row][axis // reg.AXES].preload(axis % reg.AXES, value, tick)
                 if row in self._interfaces:
                     self._interfaces[row].preload(axis, value, tick)
         elif offset == reg.DAC:
@@ -323,10 +334,12 @@ class Firmware:
             self.samples.stamp((row,), tick)
             self._sampled((row,), tick)
             return self.samples.block(row)[:size].ljust(size, b"\0")
-        if address < reg.HUB:  # no block reads here but the real-time block
-            return struct.pack(f">{size // 4}I", *[self.read(row, address + k & 0xFFF, tick) for k in range(size // 4)])
-        if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
-            return struct.pack(f">{size // 4}I", *[self.read(row, address + k, tick) for k in range(size // 4)])
+        of_arm = row in self._espms and address >> 12 in (CONTROL, ARM, BOARD)
+        if of_arm or address < reg.HUB:  # registers in a row: one sample for all of them
+            self.sample(tick)
+            region = address & 0xF000
+            quads = [self._look(row, region | address + k & 0xFFF, tick) for k in range(size // 4)]
+            return struct.pack(f">{size // 4}I", *quads)
         if address & 0xF000 in _MISSING.get(self.models[row].hardware.name, ()):
             return bytes(size)
         return self.boards[row].read_block(address, size, tick)
@@ -365,8 +378,8 @@ class Firmware:
         if row in self._expanders:
             self._expanders[row].power_up()
         self.boards[row].power_up(tick)
-        if row in self._loops:
-            self._loops[row].power_up(self.boards[row].digital, tick)
+        for loop in self._loops.get(row, ()):
+            loop.power_up(self.boards[row].digital, tick)
         if row in self._interfaces:
             self._interfaces[row].power_up(self.boards[row].digital, tick)
         self._touched(row, tick)

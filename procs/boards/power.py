@@ -221,7 +221,7 @@ class Power:
 
     def heeds(self, words: Quads) -> bool:
         """Whether control words would change anything: switching off what is off, as an idle host does, does not."""
-        if not words.any():
+        if not np.count_nonzero(words):  # a tenth of the price of `any`
             return False
         return bool((words & WAKING).any() or self.wanted.any() or self.enabled.any())
 

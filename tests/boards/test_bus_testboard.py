@@ -13,6 +13,7 @@ from procs.lib import wire
 from procs.lib.document import Controller, Quirks
 
 US = 49.152
+MS = 49152
 
 
 class Bench:
@@ -109,3 +110,20 @@ def test_fast_pwm_on_the_test_board_costs_the_boards_little() -> None:
             bench.wait(1000)
             bench.bus.step(bench.tick)
         assert time.thread_time() - before < 0.1 * 10, "in CPU time, and generously: 0.1 s of simulated time"
+
+
+def test_a_dqla_has_a_loop_back_board_on_each_of_its_qlas() -> None:
+    bus = Bus((Controller(3, "DQLA", 8, "V3"),), testboard=True)
+    tick = 0
+
+    def read(address: int) -> int:
+        response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
+        assert isinstance(response, wire.Response)
+        return response.value
+
+    for register, inputs, moved in ((0xF0, 0x0000_0FFF, 4), (0x0F, 0x0FFF_0000, 0), (0x00, 0x0FFF_0FFF, 0)):
+        tick += MS
+        bus.answer(wire.quadlet_write(0, reg.DIGITAL_OUTPUT, 0xFF00 | register, 1, 1), tick)
+        tick += MS
+        assert read(reg.DIGITAL_INPUT) & 0x0FFF_0FFF == inputs
+        assert bool(read(reg.axis_register(moved, reg.ENCODER)) & reg.ENCODER_PIN_A) == (moved == 0 and register == 0)
