@@ -230,7 +230,8 @@ def test_played_trajectory_gives_the_reference_velocities() -> None:
 
 _writes = st.tuples(st.just("write"), st.integers(1, ALL), st.integers(0, ALL))
 _pwm = st.tuples(st.just("pwm"), st.integers(0, 3), st.integers(0, 200) | st.integers(0, 200).map(lambda n: n << 16)
-                 | st.tuples(*[st.integers(190, 400)] * 2).map(lambda n: n[0] << 16 | n[1]))  # followed switching by switching
+                 # slow enough to be followed switching by switching
+                 | st.tuples(*[st.integers(190, 400)] * 2).map(lambda n: n[0] << 16 | n[1]))
 _plays = st.tuples(st.just("play"), st.integers(1, ALL), st.lists(st.integers(0, 0x3FFF), max_size=12).map(tuple))
 
 
