@@ -223,7 +223,7 @@ def test_mixed_firmware_needs_the_sequential_protocol(home: Home) -> None:
 
 def test_the_made_firmwares_are_those_the_boards_play() -> None:
     for name, made in MADE_FOR.items():
-        assert tuple(made) == HARDWARE[name].firmwares
+        assert tuple(made) == tuple(HARDWARE[name].built)
         assert {fpga for fpgas in made.values() for fpga in fpgas} == {f"V{number}" for number in HARDWARE[name].fpgas}
 
 
