@@ -29,7 +29,7 @@ import numpy.typing as npt
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.loop import Publisher
-from procs.boards.plant import Plant
+from procs.boards.robots.plant import Plant
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
 from procs.lib.document import System, from_json

@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.bus import GROUP, Bus
-from procs.boards.currents import CURRENT_EXCESS
-from procs.boards.lines import Lines
+from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.controllers.currents import CURRENT_EXCESS
+from procs.boards.controllers.lines import Lines
 from procs.boards.mishaps import Mishaps
 from procs.boards.setup_joints import fit
 from procs.boards.wiring import Wiring

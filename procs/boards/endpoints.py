@@ -20,7 +20,7 @@ from ipaddress import IPv4Address
 from operator import itemgetter
 from typing import Final, cast
 
-from procs.boards.bus import GROUP
+from procs.boards.controllers.bus import GROUP
 from procs.boards.mishaps import Mishaps
 from procs.lib.document import Bus
 from procs.lib.wire import UDP_PORT, Buffer

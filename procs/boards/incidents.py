@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.bus import Bus
+from procs.boards.controllers.bus import Bus
 from procs.boards.emulation import Emulation, SensorErrors
-from procs.boards.plant import Plant
+from procs.boards.robots.plant import Plant
 
 MOST_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
 MOST_POSITION = 10.0  # rad or m

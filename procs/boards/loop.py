@@ -11,7 +11,7 @@ from procs import runtime
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.orders import Orders
-from procs.boards.plant import Plant
+from procs.boards.robots.plant import Plant
 from shm.ring import RingWriter
 
 BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken

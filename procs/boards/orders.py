@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.emulation import Emulation
-from procs.boards.hand import Grip, Hands
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
 from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, Mishaps
-from procs.boards.plant import Plant
+from procs.boards.robots.hand import Grip, Hands
+from procs.boards.robots.plant import Plant
 from procs.lib.document import System
 from procs.lib.poses import POSE
 from shm.commands import COMMANDS

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.bus import Bus
-from procs.boards.interface_board import CHANNELS, InterfaceBoard
+from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.interface_board import CHANNELS, InterfaceBoard
 from procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
 from procs.lib import registers as reg
 from procs.lib.document import System

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.models import HARDWARE, models_of, width_of
+from procs.boards.controllers.models import HARDWARE, models_of, width_of
 from procs.lib.document import Actuator, Brake, Emulation, Linear, System
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.boards import bus as wired
+from procs.boards.controllers import bus as wired
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller, Quirks

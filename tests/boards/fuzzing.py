@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procs.boards.bus import GROUP
-from procs.boards.models import HARDWARE
+from procs.boards.controllers.bus import GROUP
+from procs.boards.controllers.models import HARDWARE
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
 from procs.lib.document import Bus, Controller

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.bus import Bus
+from procs.boards.controllers.bus import Bus
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs.boards.bus import GROUP
+from procs.boards.controllers.bus import GROUP
 from procs.boards.endpoints import MULTICAST, Endpoints
 from procs.lib import wire
 from procs.lib.document import Bus, Controller

@@ -16,10 +16,10 @@ import numpy as np
 import psutil
 import pytest
 
-from procs.boards.bus import GROUP
+from procs.boards.controllers.bus import GROUP
+from procs.boards.controllers.models import HARDWARE
 from procs.boards.emulation import Emulation
-from procs.boards.models import HARDWARE
-from procs.boards.plant import Plant
+from procs.boards.robots.plant import Plant
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
 from procs.lib.config import load_system

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from procs.boards.dallas import MODEL_AT, NAME_AT, VERSION_AT
+from procs.boards.devices.dallas import MODEL_AT, NAME_AT, VERSION_AT
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.hand import Grip, Hands
 from procs.boards.incidents import Incidents
 from procs.boards.mishaps import KINDS
 from procs.boards.orders import Orders
+from procs.boards.robots.hand import Grip, Hands
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
 from tools.send import parsed

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from procs.boards.controllers.interface_board import FEW_CHANGES, InterfaceBoard
+from procs.boards.devices.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, Changes, Outputs
+from procs.boards.devices.waveform import VALID
 from procs.boards.emulation import Emulation
-from procs.boards.interface_board import FEW_CHANGES, InterfaceBoard
-from procs.boards.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, Changes, Outputs
 from procs.boards.setup_joints import SetupJoints
-from procs.boards.waveform import VALID
 from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller, System

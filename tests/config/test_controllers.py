@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.models import HARDWARE
+from procs.boards.controllers.models import HARDWARE
 from procs.lib import document
 from procs.lib.config import load_system
 from procs.lib.config.controllers import MADE_FOR

@@ -1,0 +1,287 @@
+"""Datagrams in, datagrams out: which board of a bus an Ethernet packet reaches, who answers, and what is dropped.
+
+As a bridge (any firmware and FPGA) only the board with node 0 is plugged into the network, the hub; it relays to the
+others over FireWire. Ethernet-only (Rev 9 on FPGA V3) every board is plugged in, with an address of its own; what is
+for all comes by multicast, and the hub, which is nearest to the host, answers a broadcast query by itself.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from procs.boards.controllers.commands import Commands
+from procs.boards.controllers.firmware import Firmware
+from procs.boards.controllers.hub import Hub
+from procs.boards.controllers.lines import Lines
+from procs.boards.controllers.models import models_of, width_of
+from procs.boards.devices.network import DESTINATION_ERROR
+from procs.lib import registers as reg
+from procs.lib import wire
+from procs.lib.document import Controller
+
+RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
+REBOOT_TICKS = reg.CLOCK_HZ  # a board is away for 1 s while its FPGA is configured anew
+GROUP = -1  # addressed to all boards: broadcast or multicast
+NEVER = 1 << 62
+REPORT_TICKS = 1600  # Ethernet-only: about 32 µs a board until all blocks have gone round
+
+_Head = tuple[int, int, int, int]  # control flags, generation, first quadlet, address
+_HEAD = struct.Struct(">BBIII")
+_QUAD = struct.Struct(">I")
+_REPLY = struct.Struct(">IIIII")
+_DATA_AT = 22  # payload of a block write
+_READS = (wire.QUADLET_READ, wire.BLOCK_READ)
+
+
+class Bus:
+    """The controllers of one bus; the first one listed is the hub."""
+
+    def __init__(self, controllers: tuple[Controller, ...], lines: Lines | None = None, *,
+                 network: str = "bridge", testboard: bool = False) -> None:
+        """Boards as after power-up at tick 0; `lines` (rows by ascending board id) connect them to the world,
+        and `testboard` to the loop-back board of the original test programs.
+
+        ValueError for controllers there never were, and for Ethernet-only ones that need FireWire.
+        """
+        models = models_of(controllers)
+        if network == "ethernet" and (bad := [m for m in models if m.firmware < 9 or m.fpga != 3]):
+            raise ValueError(f"board {bad[0].board_id}: firmware {bad[0].firmware} on FPGA V{bad[0].fpga}; "
+                             "Ethernet-only buses need firmware 9 on FPGA V3")
+        lines = lines or Lines.of(len(models), width_of(models))
+        self.firmware = firmware = Firmware(models, lines, testboard=testboard)
+        self.power, self.encoders, self.lines = firmware.power, firmware.encoders, lines
+        self.boards, self.count, self.ids = firmware.boards, firmware.count, firmware.ids
+        self.over_ethernet = network == "ethernet"
+        self.generation = 1
+        self.now = 0  # tick of the newest datagram or step
+        self.packets = 0
+        self.errors = 0
+        self.hub_memory = Hub(firmware, self.over_ethernet)
+        self._commands = Commands(firmware)
+        self._nodes = sorted(range(self.count), key=lambda row: models[row].node)  # rows by place on the cable
+        self._hub = self._nodes[0]
+        self._revision = [model.firmware for model in models]
+        self._gone = [False] * self.count  # without power: not on the bus
+        self._silent_until = [0] * self.count  # on the bus, but its FPGA is being configured
+        self._next_return = NEVER
+        self._node_of = [0] * self.count
+        self._row_of: dict[int, int] = {}
+        self._row_of_id = {board: row for row, board in enumerate(self.ids)}
+        self._every = tuple(range(self.count))
+        self._number_nodes()
+
+    def _number_nodes(self) -> None:
+        """Nodes are counted along the cable, over the boards that have power."""
+        on_bus = [row for row in self._nodes if not self._gone[row]]
+        self._row_of = {} if self.over_ethernet else dict(enumerate(on_bus))
+        for node, row in enumerate(on_bus):
+            self._node_of[row] = 0 if self.over_ethernet else node
+            self.boards[row].network.phy.bus_reset(self._node_of[row])
+        self._see_who_is_there()
+
+    def _see_who_is_there(self) -> None:
+        there = [row for row in self._every if not self._gone[row] and not self._silent_until[row]]
+        self._there = tuple(there) if len(there) < self.count else self._every
+        self._next_return = min((tick for tick in self._silent_until if tick), default=NEVER)
+
+    # -- what happens to the bus ---------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """A FireWire bus reset: another generation, and nodes numbered anew."""
+        self.generation = (self.generation + 1) & 0xFF
+        self._number_nodes()
+
+    def take_away(self, row: int, gone: bool) -> None:
+        """A board loses its power, or is back as after power-up; the others are numbered anew."""
+        self._gone[row] = gone
+        self._silent_until[row] = 0
+        if gone:
+            self.power.cut(row, self.now)
+        else:
+            self.firmware.power_up(row, self.now)
+        self.reset()
+
+    def withhold(self, row: int, times: int) -> None:
+        """A board does not report to the next broadcast queries."""
+        self.hub_memory.withheld[row] = times
+
+    def spoil_sequence(self, row: int, times: int) -> None:
+        """A board reports to the next broadcast queries with another sequence number."""
+        self.hub_memory.spoiled[row] = times
+
+    def set_temperatures(self, row: int, word: int) -> None:
+        """What a board's sensors show: amplifier pair 1 << 8 | pair 2, 0.5 °C each."""
+        self.firmware.set_temperatures(row, word)
+
+    def step(self, tick: int) -> None:
+        """A physics step ends at `tick`."""
+        self.now = max(self.now, tick)
+        self.firmware.step(self.now)
+        self._let_return()
+
+    def check_currents(self, tick: int) -> None:
+        """Currents and commands hold from `tick` on: compare them."""
+        self.firmware.check_currents(tick)
+
+    def _let_return(self) -> None:
+        if self._next_return <= self.now:
+            for row in self._every:
+                if 0 < self._silent_until[row] <= self.now:
+                    self._silent_until[row] = 0
+                    self.firmware.power_up(row, self.now)
+            self.reset()
+
+    def board_at(self, address: bytes) -> int | None:
+        """Id of the board that was given an IP address (four bytes); None: none was."""
+        ip = int.from_bytes(address, "little")  # the register has the last octet on top
+        return next((board.model.board_id for board in self.boards if board.network.ip == ip), None)
+
+    # -- datagrams -----------------------------------------------------------------------------------------------------
+
+    def answer(self, data: wire.Buffer, tick: int, to: int = GROUP) -> wire.Buffer | None:
+        """Do what a datagram that arrived at `tick` asks; the reply, or None. A reply is good until the next call.
+
+        `to` is the board id whose address it was sent to; GROUP for broadcast, multicast and a bridge's own address.
+        """
+        size = len(data)
+        if size < 18:
+            self.errors += 1
+            return None
+        flags, generation, q0, _, address = _HEAD.unpack_from(data)
+        self.now = tick = max(self.now, tick)
+        if self._next_return <= tick:
+            self._let_return()
+        if q0 >> 22 != wire.BUS:
+            self.errors += 1
+            self.boards[self._hub].network.errors |= DESTINATION_ERROR
+            return None
+        self.packets += 1
+        self.firmware.until(tick)
+        if not self.over_ethernet:
+            if self._hub not in self._there:
+                return None
+            return self._receive(self._hub, data, (flags, generation, q0, address & 0xFFFF), tick)
+        head = (flags, generation, q0, address & 0xFFFF)
+        if to == GROUP and q0 >> 16 & 0x3F == wire.BROADCAST and q0 >> 4 & 0xF not in _READS:
+            return self._write(self._there, q0 >> 4 & 0xF, data, head, GROUP, tick)
+        reply = None
+        for row in self._there if to == GROUP else (self._row_of_id.get(to, -1),):
+            if row in self._there:
+                reply = self._receive(row, data, head, tick) or reply
+        return reply
+
+    def _receive(self, row: int, data: wire.Buffer, head: _Head, tick: int) -> wire.Buffer | None:
+        """A datagram reaches the board in `row` by Ethernet."""
+        flags, generation, q0, _ = head
+        node, tcode, stays = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, flags & wire.NO_FORWARD
+        is_read, everyone, late = tcode in _READS, node == wire.BROADCAST, self._revision[row] > 8
+        if generation != self.generation and not everyone and not (late and stays):
+            return struct.pack(">BBBBHH", *self._trailer(flags if late else 0, wire.DROPPED)) if is_read else None
+        own = self.ids[row] if late and stays else self._node_of[row]
+        local = node == own or everyone
+        if late and everyone and is_read:
+            local = bool(stays) and row == self._hub
+        relayed = node != own and not stays and not self.over_ethernet
+        if is_read:
+            target = row if local else self._row_of.get(node) if relayed else None
+            return None if target not in self._there else self._read(target, tcode, data, head, tick)
+        if everyone:
+            rows: tuple[int, ...] = self._there if relayed else (row,)
+        else:
+            target = row if local else self._row_of.get(node) if relayed else None
+            rows = (target,) if target in self._there else ()
+        return self._write(rows, tcode, data, head, row, tick)
+
+    def _trailer(self, flags: int, state: int = 0) -> tuple[int, ...]:
+        """Echo of the control flags (Rev 9), and the state of the bus."""
+        network_error = wire.ETHERNET_ERROR if self.boards[self._hub].network.errors else 0
+        return ((flags & wire.NO_FORWARD) << 4 | state | network_error, self.generation, 0, self.errors & 0xFF,
+                RECEIVE_TICKS, ANSWER_TICKS)
+
+    # -- reads ---------------------------------------------------------------------------------------------------------
+
+    def _read(self, row: int, tcode: int, data: wire.Buffer, head: _Head,
+              tick: int) -> wire.Buffer | None:
+        flags, _, q0, address = head
+        late = self._revision[row] > 8
+        source = self.ids[row] if late and flags & wire.NO_FORWARD else self._node_of[row]
+        echo = flags if self._revision[self._hub] > 8 else 0
+        label = wire.HOST_ID << 16 | q0 & 0xFC00
+        if tcode == wire.QUADLET_READ:
+            value = self._quadlet(row, address, tick)
+            return _REPLY.pack(label | wire.QUADLET_RESPONSE << 4, (0xFFC0 | source) << 16, 0, value, 0) + struct.pack(
+                ">BBBBHH", *self._trailer(echo))
+        length = (_QUAD.unpack_from(data, 14)[0] >> 16 if len(data) >= 22 else 0) & ~3
+        if not 0 < length <= wire.MAX_DATA:
+            return None
+        reply = (label | wire.BLOCK_RESPONSE << 4, (0xFFC0 | source) << 16, 0, length << 16, 0)
+        memory = self.hub_memory
+        if address == reg.HUB and length == (memory.quads + 1) * 4:
+            return memory.answer(reply, self._trailer(echo), tick)
+        if reg.HUB <= address < reg.QUERY:
+            block = memory.read(address - reg.HUB, length // 4, tick)
+        else:
+            block = self.firmware.read_block(row, address, length, tick)
+        return b"".join((_REPLY.pack(*reply), block, bytes(4), struct.pack(">BBBBHH", *self._trailer(echo))))
+
+    def _quadlet(self, row: int, address: int, tick: int) -> int:
+        if reg.HUB <= address < reg.QUERY:
+            return int.from_bytes(self.hub_memory.read(address - reg.HUB, 1, tick), "big")
+        if address >> 2 == reg.QUERY >> 2:
+            return self.hub_memory.read_register(row, address & 3)
+        return self.firmware.read(row, address, tick)
+
+    # -- writes --------------------------------------------------------------------------------------------------------
+
+    def _write(self, rows: tuple[int, ...], tcode: int, data: wire.Buffer, head: _Head,
+               receiver: int, tick: int) -> wire.Buffer | None:
+        address, size = head[3], len(data)
+        if tcode == wire.BLOCK_WRITE and size >= _DATA_AT + 4:
+            length = min(_QUAD.unpack_from(data, 14)[0] >> 16, size - _DATA_AT) & ~3
+            if address == reg.REAL_TIME:
+                self._commands.write(rows, data, _DATA_AT, length // 4, tick)
+            else:
+                for row in rows:
+                    self.firmware.write_block(row, address, bytes(data[_DATA_AT : _DATA_AT + length]), tick)
+        elif tcode == wire.QUADLET_WRITE and size >= 22:
+            value = _QUAD.unpack_from(data, 14)[0]
+            if address == reg.QUERY:
+                return self._query(rows, value, head, receiver, tick)
+            self._write_quadlet(rows, address, value, receiver, tick)
+        else:
+            self.errors += 1
+        return None
+
+    def _write_quadlet(self, rows: tuple[int, ...], address: int, value: int, receiver: int, tick: int) -> None:
+        resets = [self.boards[row].network.phy.bus_resets for row in rows]
+        for row in rows:
+            if address == reg.STATUS and value & reg.CONTROL_REBOOT == reg.CONTROL_REBOOT:
+                self.power.cut(row, tick)
+                self._silent_until[row] = tick + REBOOT_TICKS
+            else:
+                self.firmware.write(row, address, value, tick, receiver not in (row, GROUP))
+        if address == reg.STATUS:
+            self._see_who_is_there()
+        elif address == reg.PHY_REQUEST and resets != [self.boards[row].network.phy.bus_resets for row in rows]:
+            self.reset()
+
+    def _query(self, rows: tuple[int, ...], value: int, head: _Head, receiver: int,
+               tick: int) -> wire.Buffer | None:
+        """A broadcast query; over Ethernet the hub answers it once all blocks are there."""
+        flags, _, q0, _ = head
+        memory, hub = self.hub_memory, self._hub
+        if not self.over_ethernet:
+            if len(rows) == len(self._there):
+                self.power.refresh_all(tick)
+                memory.query(value, hub, tick)
+            return None
+        if not flags & wire.NO_FORWARD:
+            return None
+        for row in rows:
+            if value >> self.ids[row] & 1:
+                self.power.refresh(row, tick)
+        if hub not in rows or not memory.query(value, hub, tick) or not value >> self.ids[hub] & 1:
+            return None
+        reply = (wire.HOST_ID << 16 | q0 & 0xFC00 | wire.BLOCK_RESPONSE << 4, (0xFFC0 | self.ids[hub]) << 16, 0,
+                 (memory.quads + 1) << 18, 0)
+        return memory.answer(reply, self._trailer(flags), tick + REPORT_TICKS * self.count)

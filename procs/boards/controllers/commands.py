@@ -1,0 +1,137 @@
+"""Real-time block writes: from the groups on the wire to motor command words and control words of all boards.
+
+What of a group reaches a board's registers depends on its firmware:
+
+Rev 7: groups of five; all four command words bear the id of their board, those with the valid bit are written.
+Rev 8: groups say in their head whose they are and how long. All command words are written where any of them has a valid
+or mask bit, else none.
+Both take bits 19:0 of a control word, and write it where it is not 0 or no command word was.
+Rev 9: as they come, and whatever is in them, command words and, at the group's end, the control word are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.firmware import Firmware
+from procs.lib import registers as reg
+from procs.lib import wire
+
+_BIG_QUAD = np.dtype(">u4")
+_WORTH_WRITING = reg.DAC_VALID | reg.DAC_AMP_MASK
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """One board's part of a block; `control` is None where the group ends before it."""
+
+    row: int
+    words: list[int]
+    control: int | None
+
+
+class Commands:
+    """Decodes groups; a board takes those that bear its id, whoever else gets them, too."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        """For the boards of `firmware`."""
+        self._firmware = firmware
+        models = firmware.models
+        shape = (firmware.count, firmware.width)
+        self._words = np.zeros(shape, dtype=np.uint32)
+        self._written = np.zeros(shape, dtype=np.bool_)
+        self._control = np.zeros(firmware.count, dtype=np.uint32)
+        self._executed = np.zeros(firmware.count, dtype=np.bool_)
+        self._row_of = dict(zip(firmware.ids, range(firmware.count), strict=True))
+        self._every = tuple(range(firmware.count))
+        # The write of a running host: one group for every board, in order.
+        sizes = {(model.firmware > 7, model.write_quads) for model in models}
+        self._quads = 0
+        if sizes == {(True, firmware.width + 2)}:
+            self._quads = firmware.count * (firmware.width + 2)
+            self._groups = np.zeros((firmware.count, firmware.width + 2), dtype=np.uint32)
+            heads = [model.board_id << 8 | model.write_quads for model in models]
+            self._heads = np.array(heads, dtype=np.uint32).tobytes()
+            self._group_words, self._group_control = self._groups[:, 1:-1], self._groups[:, -1]
+        # Where enables lie in command words alone, and for data collection, it matters whether a word is written.
+        self._particular = any(model.firmware == 8 and model.hardware.name != "QLA1" for model in models)
+        self._late = np.array([model.firmware > 8 for model in models])
+
+    def write(self, rows: tuple[int, ...], data: wire.Buffer, at: int, count: int, tick: int) -> None:
+        """A block of `count` quadlets at byte `at` of a datagram reaches boards `rows`."""
+        quads = np.frombuffer(data, _BIG_QUAD, count, at)
+        if 0 < count == self._quads and len(rows) == len(self._every):
+            groups = self._groups
+            groups[...] = quads.reshape(groups.shape)
+            if groups[:, 0].tobytes() == self._heads:
+                written = self._worth_writing() if self._particular or self._firmware.collecting else None
+                self._firmware.execute(self._group_words, self._group_control, self._every, tick, written)
+                return
+        words = quads.tolist()
+        self._begin()
+        addressed: set[int] = set()
+        for group in (*self._step_through(rows, words), *self._match(rows, words)):
+            if group.row in addressed:  # a second one for the same board: after the first
+                self._execute(addressed, tick)
+                addressed = set()
+            addressed.add(group.row)
+            self._enter(group)
+        if addressed:
+            self._execute(addressed, tick)
+
+    def _worth_writing(self) -> npt.NDArray[np.bool_] | None:
+        """Axes that Rev 8 sends their command word, of a block for all boards; None: all of them."""
+        boards = ((self._group_words & np.uint32(_WORTH_WRITING)) != 0).any(axis=1) | self._late
+        return None if boards.all() else np.repeat(boards[:, None], self._group_words.shape[1], axis=1)
+
+    def _begin(self) -> None:
+        for array in (self._words, self._written, self._control, self._executed):
+            array.fill(0)
+
+    def _execute(self, rows: set[int], tick: int) -> None:
+        self._firmware.execute(self._words, self._control, sorted(rows), tick, self._written, self._executed)
+        self._begin()
+
+    def _enter(self, group: Group) -> None:
+        row, count, revision = group.row, len(group.words), self._firmware.models[group.row].firmware
+        if revision > 8:
+            written, executed = [True] * count, group.control is not None
+        else:
+            any_worth = any(word & (_WORTH_WRITING if revision == 8 else reg.DAC_VALID) for word in group.words)
+            written = [bool(word & reg.DAC_VALID) if revision == 7 else any_worth for word in group.words]
+            executed = bool((group.control or 0) & reg.CONTROL_REAL_TIME_BITS) or not any_worth
+        self._words[row, :count] = group.words
+        self._written[row, :count] = written
+        self._control[row] = group.control or 0
+        self._executed[row] = executed
+
+    def _step_through(self, rows: tuple[int, ...], words: list[int]) -> Iterator[Group]:
+        """Rev 8 on; a length of 0 ends the block."""
+        at = 0
+        while at < len(words) and words[at] & 0xFF:
+            board, length = words[at] >> 8 & 0xF, words[at] & 0xFF
+            row = self._row_of.get(board, -1)
+            model = self._firmware.models[row]
+            if row in rows and model.firmware > 7 and length >= 2:
+                end, motors = at + length, model.hardware.motors
+                whole = end <= len(words)
+                if model.firmware > 8:
+                    group = words[at + 1 : min(end - 1, at + 1 + motors)]
+                    yield Group(row, group, words[end - 1] if whole else None)
+                elif length >= motors + 2 and at + motors + 1 < len(words):  # else it never comes to the control word
+                    yield Group(row, words[at + 1 : at + 1 + motors], words[at + motors + 1])
+            at += length
+
+    def _match(self, rows: tuple[int, ...], words: list[int]) -> Iterator[Group]:
+        """Rev 7."""
+        old = [row for row in rows if self._firmware.models[row].firmware == 7]
+        size = reg.AXES + 1
+        for at in range(0, len(words) - size + 1 if old else 0, size):
+            boards = {word >> reg.DAC_BOARD_SHIFT & 0xF for word in words[at : at + reg.AXES]}
+            row = self._row_of.get(boards.pop(), -1)
+            if not boards and row in old:
+                yield Group(row, words[at : at + reg.AXES], words[at + reg.AXES])

@@ -1,0 +1,172 @@
+"""The hub memories of all boards of a bus, which hold the same: what a broadcast query collected.
+
+A query names boards by a mask and gives a sequence number. Each board samples and sends its block to all others, so
+that one read of any board's hub memory tells about all. Over FireWire the boards report one after the other, each when
+all with lower ids have; over Ethernet each reports as soon as it can, and the board asked has its own block first.
+Rev 8 and 9 put blocks one after the other as they come; Rev 7 has a place for every board, where the block of one that
+does not report is still the old one.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.firmware import Firmware
+from procs.lib import blocks
+from procs.lib import registers as reg
+
+BUS_BOARDS = 16
+FIRST_UPDATE, NEXT_UPDATE = 150, 500  # FireWire: ticks after a query until the first board, and each next one, reported
+FIRST_UPDATE_ETHERNET, NEXT_UPDATE_ETHERNET = 400, 4000  # ticks of 125 MHz
+READ_TICKS = 24  # a hub read takes so long a board
+HUB_AT = 20  # payload of a block response
+_QUAD = struct.Struct(">I")
+_END = struct.Struct(">IIBBBBHH")  # timing quadlet, data CRC, trailer
+
+
+class Hub:
+    """Hub memory, laid out where the reply to a hub read has it."""
+
+    def __init__(self, firmware: Firmware, over_ethernet: bool) -> None:
+        """Empty."""
+        self._firmware, self._over_ethernet = firmware, over_ethernet
+        models = firmware.models
+        most = sum(model.read_quads + 1 for model in models)
+        room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
+        self.reply = bytearray(HUB_AT + 4 * room + _END.size)
+        self._memory = np.frombuffer(self.reply, dtype=">u4", offset=HUB_AT)
+        self._native = np.zeros(most, dtype=np.uint32)
+        self.quads = 0  # of the blocks of the last query
+        self._complete = False
+        self._queried = self.sequence = self.mask = 0
+        self.withheld = [0] * firmware.count  # how many blocks of a board will be missing
+        self.spoiled = [0] * firmware.count  # how many will bear another sequence number
+        self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
+        self._whole = sum(self._bits)
+        self._time_mask = min(model.layout.time_mask for model in models)
+        self._timing_mask: int = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
+        self._sizes = np.array([(model.read_quads + 1) << 24 if model.firmware > 7 else 0 for model in models],
+                               dtype=np.uint32)
+        self._has_long = any(model.firmware == 7 for model in models)
+        self._long = np.array([0xFFFF_0000 if model.firmware == 7 else 0x00FF_0000 for model in models],
+                              dtype=np.uint32)
+        self._has_places = all(model.firmware == 7 for model in models)
+        self._places = np.zeros((BUS_BOARDS, blocks.layout_of(7).hub_quads), dtype=np.uint32)
+        self._plan_for(self._whole, 0)
+
+    def _plan_for(self, mask: int, first: int) -> None:
+        """Prepare queries with this mask; `first` is the row that is asked over Ethernet."""
+        rows = [row for bit, row in self._bits.items() if mask & bit]
+        lost = [board for board in range(BUS_BOARDS) if mask >> board & 1 and 1 << board not in self._bits]
+        whole = not lost
+        if self._over_ethernet:
+            rows.sort(key=lambda row: row != first)
+        elif lost:  # whoever comes after it waits for ever
+            rows = [row for row in rows if self._firmware.ids[row] < lost[0]]
+        self._set_plan(mask, first, rows, whole)
+
+    def _set_plan(self, mask: int, first: int, rows: list[int], whole: bool) -> None:
+        self._plan, self._rows, self._can_complete = (mask, first), tuple(rows), whole
+        start, step = ((FIRST_UPDATE_ETHERNET, NEXT_UPDATE_ETHERNET) if self._over_ethernet
+                       else (FIRST_UPDATE, NEXT_UPDATE))
+        times = self._sizes.copy()
+        for place, row in enumerate(rows):
+            times[row] |= start + step * place & self._time_mask
+        # Short sequence numbers are looked up; the long ones of Rev 7 need their upper half added.
+        sequence = np.arange(256, dtype=np.uint32)[:, None] << 16
+        self._headers = times + sequence
+        self._selection = self._firmware.samples.selection(self._rows) if rows else None
+        self._length = 0 if self._selection is None else len(self._selection)
+        self._out = self._native[: self._length]
+        self._reporting = [self._firmware.ids[row] for row in rows]
+        self._asked = [board for board in range(BUS_BOARDS) if mask >> board & 1]
+        if self._has_places:
+            self._length = len(self._asked) * self._places.shape[1]
+        self._target = self._memory[: self._length]
+
+    def query(self, value: int, first: int, tick: int) -> bool:
+        """Register 0x1800 is written: sample all boards of the mask. True when every one of them reported."""
+        firmware, (sequence, mask) = self._firmware, (value >> 16, value & 0xFFFF)
+        if (mask, first) != self._plan:
+            self._plan_for(mask, first)
+        if any(self.withheld):
+            return self._query_with_gaps(value, first, tick)
+        self.sequence, self.mask, self._queried = sequence, mask, tick
+        self.quads, self._complete = self._length, self._can_complete
+        if self._selection is None:
+            self._show_places()
+            return self._complete
+        firmware.sample(tick)
+        firmware.stamp(self._rows, tick)
+        head = firmware.samples.head
+        head[...] = self._headers[sequence & 0xFF]
+        if self._has_long:
+            np.bitwise_or(head, np.uint32(sequence >> 8 << 24) & self._long & np.uint32(0xFF00_0000), head)
+        if any(self.spoiled):
+            self._spoil(head)
+        firmware.samples.take(self._selection, self._out)
+        if self._has_places:
+            self._places[self._reporting] = self._out.reshape(-1, self._places.shape[1])
+            self._show_places()
+        else:
+            self._target[...] = self._out
+        return self._complete
+
+    def _show_places(self) -> None:
+        if self._has_places:
+            self._target[...] = self._places[self._asked].ravel()
+
+    def _query_with_gaps(self, value: int, first: int, tick: int) -> bool:
+        """Some board keeps its block to itself this time: it is as if it were not there."""
+        silent = [row for row, count in enumerate(self.withheld) if count]
+        kept, self.withheld = self.withheld, [0] * self._firmware.count
+        rows = [row for row in self._rows if row not in silent]
+        if not self._over_ethernet and rows != list(self._rows):
+            rows = [row for row in rows if row < min(silent)]
+        self._set_plan(value & 0xFFFF, first, rows, False)
+        self.query(value, first, tick)
+        self._plan = (-1, -1)
+        self.withheld = [max(count - 1, 0) for count in kept]
+        return False
+
+    def _spoil(self, head: npt.NDArray[np.uint32]) -> None:
+        for row, count in enumerate(self.spoiled):
+            if count and row in self._rows:
+                layout = self._firmware.models[row].layout
+                head[row] ^= layout.mismatch or 1 << layout.sequence_shift
+                self.spoiled[row] = count - 1
+
+    # -- reads ---------------------------------------------------------------------------------------------------------
+
+    def answer(self, head: tuple[int, ...], trailer: tuple[int, ...], tick: int) -> memoryview:
+        """The reply to a read of all blocks and the timing quadlet; good until the next query or read."""
+        struct.pack_into(">IIIII", self.reply, 0, *head)
+        at = HUB_AT + 4 * self.quads
+        _END.pack_into(self.reply, at, self.timing(tick), 0, *trailer)
+        return memoryview(self.reply)[: at + _END.size]
+
+    def timing(self, tick: int) -> int:
+        """When a read begun at `tick` began and ended, counted from the query; 0 while a board is missing."""
+        if not self._complete and not self._has_places:
+            return 0
+        start, span = tick - self._queried, READ_TICKS * self._firmware.count
+        if self._over_ethernet:
+            start = start * 125_000_000 // reg.CLOCK_HZ
+        return (start & self._timing_mask) << 16 | start + span & self._timing_mask
+
+    def read(self, offset: int, count: int, tick: int) -> bytes:
+        """Any quadlets of it, from `offset` on."""
+        memory = self.reply[HUB_AT : HUB_AT + 4 * self.quads] + _QUAD.pack(self.timing(tick))
+        return bytes(memory[4 * offset : 4 * (offset + count)].ljust(4 * count, b"\0"))
+
+    def read_register(self, row: int, place: int) -> int:
+        """Debug registers 0x1800 to 0x1803."""
+        board = self._firmware.ids[row]
+        registers: tuple[int, ...] = (self.sequence << 16 | self.mask, self.quads, self.quads,
+                                      board << 16 | self.mask & (1 << board) - 1)
+        return registers[place]
+
+

@@ -1,0 +1,229 @@
+"""Motor command words and motor configuration of all boards of a bus.
+
+A command is a current, offset binary; `lines.dac` is the current that an amplifier drives. Only QLAs with an I/O
+expander and dRA1s know voltages, too. The motors of the emulated arms know currents alone, so that a voltage drives
+what it would drive through the winding of a motor that stands still: V / R, with one resistance for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.lines import Lines
+from procs.boards.controllers.models import Model
+from procs.boards.controllers.power import Power
+from procs.boards.controllers.traits import Flags
+from procs.lib import registers as reg
+
+Quads = npt.NDArray[np.uint32]
+Floats = npt.NDArray[np.float64]
+
+WINDING_OHMS = 5.0  # small servo motors have 2 to 8
+QLA_VOLTS, QLA_VOLTS_LEAST = 91.0, -45.5  # full scale of a voltage command
+SUPPLY_VOLTS = 24.0  # of the motors on QLAs
+COMPARATOR_VOLTS = 2.5 * 21  # full scale of the last DAC of a QLA, where it is held against the motor supply
+COMPARED_AXES = (3, 7)  # whose DAC that is
+DIGITAL_VOLTS = 48.0  # supply of a dRA1
+DIGITAL_BITS_PER_A = (4800.0, 16000.0)  # of its first two motors, of the others
+DUTY_FULL = 1023  # eleven bits with sign
+_LARGE_MOTORS = 2
+_DUTY_SHIFT, _DUTY_SIGN, _DUTY_MASK = 13, 0x400, 0x7FF  # in a voltage command of a dRA1
+_STATUS_DUTY_SHIFT = 5
+_TOP_SHIFT, _VALID, _ENABLE, _COLLECT, _MODE = 24, 0x80, 0x10, 0x40, 0x0F  # in the top byte of a command word
+
+
+class Motors:
+    """Arrays (boards, width); enables go to `power`."""
+
+    def __init__(self, models: Sequence[Model], lines: Lines, power: Power) -> None:
+        """As after power-up."""
+        self._lines, self._power = lines, power
+        self._traits = traits = power.traits
+        shape = lines.dac.shape
+        self.config = np.full(shape, reg.MOTOR_CONFIG_POWER_UP, dtype=np.uint32)
+        self.unchecked: Flags = np.broadcast_to(traits.old[:, None], shape).copy()  # Rev 7: until there is a command
+        self.collects = False  # the last command words have a collection bit among them
+        self.rebooting: set[int] = set()  # rows of boards that a block told to reboot; the caller's to clear
+        self._knows_voltage = bool((traits.expander | traits.digital).any())
+        # What was last commanded: the current that is driven, unless there are other ways than currents.
+        self.command = lines.dac.copy() if self._knows_voltage else lines.dac
+        self.written: Flags = np.zeros(shape, dtype=np.bool_)  # Rev 7: there has been a command
+        self._mode, self._has_modes = np.zeros(shape, dtype=np.uint32), False  # some motor is not in current mode
+        self._duty = np.zeros(shape, dtype=np.int64)  # dRA1, voltage mode
+        bits = np.where(np.arange(shape[1]) < _LARGE_MOTORS, *DIGITAL_BITS_PER_A)
+        self._bits_per_a = np.where(traits.digital[:, None], bits, reg.CURRENT_BITS_PER_A)
+        self._any_old = bool(traits.old.any())
+        self._top = np.zeros(shape, dtype=np.uint32)  # top byte of the last command words
+        self._last_top = b""
+        self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (_TOP_SHIFT, reg.DAC_VALUE_MASK))
+        self._accept = np.zeros(shape, dtype=np.bool_)
+        self._settled = -1
+        self._values = np.zeros(shape, dtype=np.uint32)
+        power.when_cut = self._forget
+
+    # -- command words -------------------------------------------------------------------------------------------------
+
+    def execute(self, words: Quads, control: Quads, tick: int, written: Flags | None = None,
+                executed: Flags | None = None) -> None:
+        """Motor command words (boards, width), then control words (boards,); all 0 for boards not addressed.
+
+        `written` are the axes that are sent a word, all of them where left out; `executed` the boards that are sent a
+        control word, those with one that is not 0 where left out.
+        """
+        power = self._power
+        top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)
+        enables = top.tobytes()
+        if busy or written is not None or self._settled != power.changes or enables != self._last_top:
+            # The same enables on the same state change nothing; this is what a running host sends every cycle.
+            self._heed(top, tick, written)
+            if busy or executed is not None:  # counts as a change: the same enables may mean something else with power
+                self._control(control, tick, executed)
+            self._last_top = enables if written is None else b""
+        np.bitwise_and(words, self._dac_mask, self._values)
+        np.copyto(self.command, self._values, where=self._accept)
+        if self._knows_voltage:
+            self._drive(words)
+
+    def _heed(self, top: Quads, tick: int, written: Flags | None) -> None:
+        """Everything in command words but the values."""
+        power, traits = self._power, self._traits
+        taken = (top & traits.considered) == _VALID
+        accept = taken if written is None else taken & written
+        if self._knows_voltage:
+            mode = np.where(accept & ~traits.old[:, None], top & _MODE, self._mode)
+            if (mode != self._mode).any():
+                self._mode, self._has_modes = mode, bool((mode != reg.MODE_CURRENT).any())
+                power.set_modes(mode, tick)
+            # What is off forgets its command at once, also that of the very word that enables it.
+            accept &= ~traits.digital[:, None] | power.on & (mode == reg.MODE_CURRENT)
+        self._accept = accept
+        if self._any_old:
+            new = accept & traits.old[:, None]
+            self.written |= new
+            self.unchecked &= ~new
+        self.collects = bool((top & _COLLECT).any())
+        power.enable((top & traits.amp_mask) != 0, (top & _ENABLE) != 0, tick, written)
+        # Whether a dRA1 takes a command depends on its amplifier, which this very word may have switched.
+        self._settled = power.changes if power.digital is None else -1
+
+    def _control(self, control: Quads, tick: int, executed: Flags | None) -> None:
+        words = control & self._traits.real_time_bits
+        reboots = (words & reg.CONTROL_REBOOT) == reg.CONTROL_REBOOT
+        if reboots.any():
+            self.rebooting.update(np.flatnonzero(reboots).tolist())
+        self._power.control(words, tick, executed)
+
+    def control(self, row: int, value: int, tick: int) -> None:
+        """The control register of a board is written."""
+        control = np.zeros(len(self._traits.ids), dtype=np.uint32)
+        control[row] = value
+        executed = np.zeros(len(control), dtype=np.bool_)
+        executed[row] = True
+        self._power.control(control, tick, executed)
+
+    # -- voltages ------------------------------------------------------------------------------------------------------
+
+    def _drive(self, words: Quads | None) -> None:
+        """The currents that come of what is commanded."""
+        if not self._has_modes:
+            np.copyto(self._lines.dac, self.command)
+            return
+        digital, voltage = self._traits.digital[:, None], self._mode == reg.MODE_VOLTAGE
+        if words is not None:
+            taken = digital & voltage & (words & reg.DAC_VALID != 0)
+            duty = (words >> _DUTY_SHIFT & _DUTY_MASK).astype(np.int64)
+            np.copyto(self._duty, (duty ^ _DUTY_SIGN) - _DUTY_SIGN, where=taken)
+        volts = np.where(digital, self._duty * (DIGITAL_VOLTS / DUTY_FULL),
+                         self.command * (QLA_VOLTS / reg.DAC_VALUE_MASK) + QLA_VOLTS_LEAST)
+        bits = np.rint(volts / WINDING_OHMS * self._bits_per_a + reg.CURRENT_ZERO)
+        bits = np.where(voltage, np.clip(bits, 0, reg.DAC_VALUE_MASK), self.command)
+        bits[digital & (self._mode > reg.MODE_VOLTAGE)] = reg.CURRENT_ZERO
+        np.copyto(self._lines.dac, bits, casting="unsafe")
+
+    def _forget(self, axes: Flags) -> None:
+        """Amplifiers of dRA1s went off."""
+        self.command[axes] = reg.CURRENT_ZERO
+        self._settled = -1
+        self._drive(None)
+
+    def duties(self) -> Quads:
+        """Bits 15:0 of the motor status of a dRA1 (boards, width): the duty cycle, 1023 full, in eleven bits."""
+        amperes = (self._lines.dac.astype(np.float64) - reg.CURRENT_ZERO) / self._bits_per_a
+        duty = np.where(self._mode == reg.MODE_VOLTAGE, self._duty,
+                        np.rint(amperes * (WINDING_OHMS * DUTY_FULL / DIGITAL_VOLTS)))
+        duty = np.clip(duty, -DUTY_FULL, DUTY_FULL).astype(np.int64) * self._power.on
+        return ((duty & _DUTY_MASK) << _STATUS_DUTY_SHIFT).astype(np.uint32)
+
+    def comparators(self) -> Flags:
+        """Whether the last DAC of a QLA is below its motor supply: (boards, 2), the second one's is that of a DQLA."""
+        supply = self._power.good * (SUPPLY_VOLTS / COMPARATOR_VOLTS * reg.DAC_VALUE_MASK)
+        axes = [min(axis, self.command.shape[1] - 1) for axis in COMPARED_AXES]
+        below: Flags = self.command[:, axes] < supply[:, None]
+        return below & self._traits.expander[:, None]
+
+    def expander_outputs(self, row: int, first: int) -> int:
+        """Outputs 7:0 of the I/O expander on the QLA with axes `first` on: follower disabled, current control."""
+        power, outputs = self._power, 0
+        for place in range(reg.AXES):
+            axis = (row, first + place)
+            forced = int(self.config[axis]) & reg.MOTOR_CONFIG_FOLLOWER_ON
+            disabled = not power.awake[axis] and not forced
+            outputs |= (disabled << reg.AXES | (self._mode[axis] != reg.MODE_VOLTAGE)) << reg.AXES - 1 - place
+        return outputs
+
+    # -- registers -----------------------------------------------------------------------------------------------------
+
+    def read_command(self, row: int, axis: int) -> int:
+        """What the command register of an axis reads back."""
+        if self._traits.old[row]:
+            return (reg.DAC_READ_REV_7 | int(self.command[row, axis])) if self.written[row, axis] else 0
+        return int(self.command[row, axis])
+
+    def read_config(self, row: int, axis: int) -> int:
+        """Motor configuration; only QLAs from Rev 8 on have one."""
+        if self._traits.old[row] or self._traits.digital[row]:
+            return 0
+        return int(self.config[row, axis]) | bool(self._power.expander_known[row]) * reg.MOTOR_CONFIG_VOLTAGE
+
+    def configure(self, row: int, axis: int, value: int, tick: int) -> None:
+        """Motor configuration: bits 31 and 30 always, delay and current limit where their set bit is 1."""
+        if self._traits.old[row] or self._traits.digital[row]:
+            return
+        old = int(self.config[row, axis])
+        delay = value if value & reg.MOTOR_CONFIG_VOLTAGE else old
+        limit = value if value & reg.MOTOR_CONFIG_CURRENT else old
+        self.config[row, axis] = (value & 0xC000_0000 | reg.MOTOR_CONFIG_CURRENT | delay & 0x00FF_0000
+                                  | limit & reg.MOTOR_CONFIG_LIMIT_MASK)
+        self.unchecked[row, axis] = bool(value & reg.MOTOR_CONFIG_NO_SAFETY_CHECK)
+        if self._traits.expander[row]:
+            self._power.set_delay(row, axis, delay >> reg.MOTOR_CONFIG_DELAY_SHIFT & 0xFF, tick)
+
+    # -- currents ------------------------------------------------------------------------------------------------------
+
+    @property
+    def checks_always(self) -> bool:
+        """Whether currents are to be compared however little they exceed the commanded ones."""
+        return self._knows_voltage and bool((self._mode == reg.MODE_VOLTAGE).any() or self._traits.digital.any())
+
+    def check_currents(self, tick: int) -> None:
+        """Currents and commands as they are hold from `tick` on: compare them."""
+        measured = self._lines.adc.astype(np.int64) & 0xFFFF
+        limits = None
+        if self._knows_voltage:
+            voltage = (self._mode == reg.MODE_VOLTAGE) & self._power.expander_known[:, None]
+            if voltage.any():
+                limits = np.where(voltage, self.config.astype(np.int64) & reg.MOTOR_CONFIG_LIMIT_MASK, -1)
+        self._power.check_currents(tick, self.command.astype(np.int64), measured, self.unchecked, limits)
+
+    def power_up(self, row: int) -> None:
+        """The FPGA of a board is configured anew."""
+        self.command[row] = self._lines.dac[row] = reg.CURRENT_ZERO
+        self.config[row] = reg.MOTOR_CONFIG_POWER_UP
+        self.written[row] = False
+        self.unchecked[row] = self._traits.old[row]
+        self._mode[row] = reg.MODE_CURRENT
+        self._duty[row] = 0
+        self._settled = -1

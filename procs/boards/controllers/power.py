@@ -1,0 +1,354 @@
+"""Motor power, amplifiers, watchdog and current check of all boards of a bus.
+
+What happens by itself at a known tick (a watchdog fires, the supply is up, the hold-off ends, the relay closes, a
+current check trips) is not polled for: `until(tick)` plays these moments in order, each at its exact tick, before
+anything else looks at or changes the state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.currents import Currents
+from procs.boards.controllers.digital import BRIDGES, Digital
+from procs.boards.controllers.models import Model
+from procs.boards.controllers.status import State, Words
+from procs.boards.controllers.traits import Flags, Quads, Traits
+from procs.lib import registers as reg
+
+Ints = npt.NDArray[np.int64]
+
+NEVER = 1 << 62
+MILLISECOND = reg.CLOCK_HZ // 1000
+SUPPLY_RAMP = 20 * MILLISECOND  # motor supply good after power is switched on; 10 to 200 ms on real ones
+WAKING = np.uint32(~(reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF) & 0xFFFFFFFF)  # control bits beyond switching off
+AMP_HOLD = 7680 * reg.WATCHDOG_TICKS  # output stages stay off for 40 ms after the supply is good
+RELAY_TRAVEL = 5 * MILLISECOND  # to close; it falls off quicker: the original test looks after 1 ms
+RELAY_FALL = MILLISECOND // 2
+DIVIDER_PHASE = 129  # Rev 7 counts edges of a clock divided by 256, which runs on whatever happens
+DELAY_PHASE = 513  # the delay of a QLA with an expander, edges of one divided by 1024
+DOUT_TEST_TICKS = 4098  # finding out what hardware the digital outputs have
+EXPANDER_TEST_TICKS = 80  # and whether there is an I/O expander: about two transfers to it
+DELAY_POWER_UP = reg.MOTOR_CONFIG_POWER_UP >> reg.MOTOR_CONFIG_DELAY_SHIFT & 0xFF
+_DELAY_STEPS = 256  # the counter of the delay has eight bits
+
+
+def _nobody(_: Flags) -> None:
+    pass
+
+
+class Power:
+    """State of all boards; arrays (boards,) and (boards, width)."""
+
+    def __init__(self, models: Sequence[Model], on: Flags) -> None:
+        """Everything off as after power-up at tick 0; `on` (boards, width) is where the amplifier feedback is kept."""
+        n, width = on.shape
+        self.traits = traits = Traits.of(models, width)
+        self.on = on
+        self.on[...] = False
+        self.wanted, self.relay, self.relay_feedback, self.supply_lost, self.watchdog = (
+            np.zeros(n, dtype=np.bool_) for _ in range(5))
+        self.chain_open = np.zeros(n, dtype=np.bool_)  # the safety chain: an emergency stop is pressed
+        self.expander_known = traits.expander.copy()
+        self.watchdog_counts = np.full(n, reg.WATCHDOG_POWER_UP, dtype=np.int64)
+        self.refreshed = np.zeros(n, dtype=np.int64)  # tick of the last register write
+        self.watchdog_tick = np.full(n, -1, dtype=np.int64)  # when it last fired, -1: never
+        self.cut_tick = np.full(n, -1, dtype=np.int64)  # when amplifiers last went off, -1: never
+        self.enabled, self.safety, self.amp_fault = (np.zeros((n, width), dtype=np.bool_) for _ in range(3))
+        self.mode: Quads = np.zeros((n, width), dtype=np.uint32)  # of control; set by `set_modes`
+        self.delay = np.full((n, width), DELAY_POWER_UP, dtype=np.int64)  # of enables, where there is an expander
+        self.digital = Digital(traits) if traits.digital.any() else None
+        self.when_cut: Callable[[Flags], None] = _nobody  # told which amplifiers of dRA1s went off
+        self.status: Quads = np.zeros(n, dtype=np.uint32)
+        self.motor_flags: Quads = np.zeros((n, width), dtype=np.uint32)  # motor status without the last command
+        self.good = np.zeros(n, dtype=np.bool_)  # motor supply
+        self.changes = 0  # counts changes of `status` and `motor_flags`
+        self.next_event = 0  # nothing happens by itself before this tick
+        self.currents = Currents(on.shape)
+        self._words = Words(traits)
+        self._relay_at, self._good_at, self._outputs_at, self._expander_at = (
+            np.full(n, NEVER, dtype=np.int64) for _ in range(4))
+        self.awake = np.zeros((n, width), dtype=np.bool_)  # enabled, and the hold-off is over
+        self._delayed_until = np.zeros((n, width), dtype=np.int64)
+        self._old_any, self._delays = bool(traits.old.any()), bool(traits.expander.any())
+        self._shifts = np.arange(width, dtype=np.uint32)
+        self._event(0)
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    def until(self, tick: int) -> None:
+        """Let everything happen that happens by itself up to and including `tick`."""
+        while self.next_event <= tick:
+            self._event(self.next_event)
+
+    def _event(self, tick: int) -> None:
+        fire = self._watchdog_at()
+        fired = fire <= tick
+        if fired.any():
+            self.watchdog[fired] = True
+            self.watchdog_tick[fired] = fire[fired]
+        tripped = self.currents.trip_at <= tick
+        if tripped.any():
+            self.safety |= tripped
+            self.currents.trip_at[tripped] = NEVER
+        self.relay_feedback = np.where(self._relay_at <= tick, self.relay, self.relay_feedback)
+        for at in (self._relay_at, self._outputs_at, self._expander_at):
+            at[at <= tick] = NEVER
+        if self.digital is not None:
+            self.digital.until(tick)
+        self._settle(tick)
+
+    def _watchdog_at(self) -> Ints:
+        live = ~self.watchdog & (self.watchdog_counts > 0)
+        begin = self.refreshed + 1
+        if self._old_any:
+            begin = np.where(self.traits.old, self._next_edge(begin), begin)
+        return np.where(live, begin + self.watchdog_counts * reg.WATCHDOG_TICKS, NEVER)
+
+    def _next_edge(self, tick: Ints) -> Ints:
+        """The first edge of Rev 7's divided clock at or after `tick`."""
+        return tick + (DIVIDER_PHASE - tick) % reg.WATCHDOG_TICKS
+
+    def _held_until(self) -> Ints:
+        """When the output stages come out of their hold-off."""
+        begin = self._good_at
+        if self._old_any:
+            begin = np.where(self.traits.old & (begin < NEVER), self._next_edge(begin), begin)
+        return begin + AMP_HOLD
+
+    def _settle(self, tick: int) -> None:
+        """Follow what changed at `tick`: latches, output stages, status words, the next event."""
+        traits, digital = self.traits, self.digital
+        latched = self.safety | self.watchdog[:, None]
+        self.enabled &= ~latched | traits.digital[:, None]
+        self.good = self._good_at <= tick
+        held_until = self._held_until()
+        awake = self.enabled & (held_until <= tick)[:, None]
+        self.expander_known = traits.expander & (self._expander_at == NEVER)
+        out = awake & ~self.amp_fault
+        if self._delays:
+            out &= self._delay(awake, tick)
+        self.awake = awake
+        if digital is not None:
+            pins = digital.pins(self.on, self.enabled, self.amp_fault, np.array((~self.watchdog, self.good)), tick)
+            out = np.where(digital.axes, pins, out)
+            digital.regulate(pins, self.mode)
+        gone = self.on & ~out
+        self.cut_tick[gone.any(axis=1)] = tick
+        self.on[...] = out
+        if digital is not None and gone.any():
+            self.when_cut(gone & digital.axes)
+        self._show(awake & ~out)
+        self._look_ahead(tick, held_until)
+
+    def _look_ahead(self, tick: int, held_until: Ints) -> None:
+        ahead = [self._watchdog_at(), self._good_at, held_until, self._relay_at, self._outputs_at, self._expander_at,
+                 self.currents.trip_at.ravel()]
+        if self._delays:
+            ahead.append(self._delayed_until.ravel())
+        if self.digital is not None:
+            ahead.append(self.digital.times())
+        times = np.concatenate(ahead)
+        # A watchdog time in the past belongs to a board that was just refreshed or latched; never step back.
+        self.next_event = int(min(NEVER, times[times > tick].min(initial=NEVER)))
+
+    def _delay(self, awake: Flags, tick: int) -> Flags:
+        """Which axes are through the delay that a QLA with an expander gives its enables."""
+        rising = awake & ~self.awake & self.traits.expander[:, None]
+        if rising.any():
+            self._delayed_until[rising] = self._after(tick, self.delay)[rising]
+        return (self._delayed_until <= tick) | ~self.expander_known[:, None]
+
+    def _after(self, tick: int, counts: Ints) -> Ints:
+        """When so many edges of the delay's clock have passed."""
+        last = tick - (tick - DELAY_PHASE) % reg.MOTOR_CONFIG_DELAY_TICKS
+        return np.where(counts > 0, last + counts * reg.MOTOR_CONFIG_DELAY_TICKS, tick)
+
+    def _show(self, fault: Flags) -> None:
+        closed = self.relay_feedback & ~self.chain_open
+        digital, none = self.digital, np.zeros(1, dtype=np.int64)
+        state = State(watchdog=self.watchdog, good=self.good, wanted=self.wanted, relay=self.relay, closed=closed,
+                      lost=self.supply_lost, outputs_known=self._outputs_at == NEVER,
+                      expander_known=self.expander_known, chain_open=self.chain_open, enabled=self.enabled, on=self.on,
+                      safety=self.safety, fault=fault, mode=self.mode,
+                      fault_code=digital.codes() if digital is not None else none.astype(np.uint32),
+                      interlocks=digital.shown() if digital is not None else none)
+        self.status[:] = self._words.status(state)
+        self.motor_flags[...] = self._words.motors(state)
+        self.changes += 1
+
+    # -- what the host does (call `until` first) -----------------------------------------------------------------------
+
+    def refresh(self, row: int, tick: int) -> None:
+        """A register of board `row` is written: its watchdog starts anew."""
+        self.refreshed[row] = tick
+
+    def refresh_all(self, tick: int) -> None:
+        """A register of every board is written."""
+        self.refreshed.fill(tick)
+
+    def set_watchdog(self, row: int, counts: int, tick: int) -> None:
+        """Write the period register; 0 switches the watchdog off."""
+        if self.watchdog_counts[row] == counts & 0xFFFF:
+            return  # some hosts write it every cycle
+        self.watchdog_counts[row] = counts & 0xFFFF
+        self._settle(tick)
+
+    def enable(self, mask: Flags, value: Flags, tick: int, written: Flags | None = None) -> None:
+        """Enables in motor command words; `written` are the axes whose word it is, all of them where left out.
+
+        A word without the mask bit keeps an enable, but never where power or a latch forbids it. Rev 7 has none there.
+        """
+        self._ask(mask & value, tick)
+        latched = (self.safety | self.watchdog[:, None]) & ~self.traits.digital[:, None]
+        enabled = np.where(mask, value, self.enabled) & ~latched & self.wanted[:, None]
+        if self._old_any:
+            written = np.broadcast_to(~self.traits.old[:, None], mask.shape) & (True if written is None else written)
+        self.enabled = enabled if written is None else np.where(written, enabled, self.enabled)
+        self._settle(tick)
+
+    def _ask(self, axes: Flags, tick: int) -> None:
+        """The enabling command itself clears what had tripped, before the enable is judged."""
+        self.watchdog &= ~axes.any(axis=1)
+        self.safety &= ~axes
+        if self.digital is not None:
+            self.digital.ask(axes)
+        if axes.any():
+            self.currents.arm(tick)
+
+    def heeds(self, words: Quads) -> bool:
+        """Whether control words would change anything: switching off what is off, as an idle host does, does not."""
+        if not np.count_nonzero(words):  # a tenth of the price of `any`
+            return False
+        return bool((words & WAKING).any() or self.wanted.any() or self.enabled.any())
+
+    def control(self, words: Quads, tick: int, executed: Flags | None = None) -> None:
+        """Control words (boards,); `executed` are the boards that were sent one, those with one not 0 if left out."""
+        before = self.wanted
+        self._switch_power((words & reg.CONTROL_POWER_MASK) != 0, (words >> 18 & 1) != 0, tick)
+        relay = np.where((words & reg.CONTROL_RELAY_MASK) != 0, (words >> 16 & 1) != 0, self.relay)
+        self._relay_at = np.where(relay != self.relay, tick + np.where(relay, RELAY_TRAVEL, RELAY_FALL), self._relay_at)
+        self.relay = relay
+        self._outputs_at[(words & reg.CONTROL_DOUT_TEST != 0) & ~self.traits.digital] = tick + DOUT_TEST_TICKS
+        self._expander_at[(words & reg.CONTROL_EXPANDER_TEST != 0) & self.traits.expander] = tick + EXPANDER_TEST_TICKS
+        bits = np.asarray(words)[:, None] >> self._shifts
+        mask = ((bits >> 8 & 1) != 0) & self.traits.by_control
+        value = (bits & 1) != 0
+        self._ask(mask & value, tick)
+        # Rev 7 looks at power as it was before this very word.
+        allowed = np.where(self.traits.old, before, self.wanted)[:, None] & ~(self.safety | self.watchdog[:, None])
+        followed = (words != 0 if executed is None else executed)[:, None] & self.traits.by_control
+        self.enabled = np.where(followed, np.where(mask, value, self.enabled) & allowed, self.enabled)
+        self._settle(tick)
+
+    def _switch_power(self, mask: Flags, value: Flags, tick: int) -> None:
+        asked = mask & value
+        self.watchdog &= ~asked
+        self.safety[asked] = False
+        if asked.any():
+            self.currents.arm(tick)
+            if self.digital is not None:
+                self.digital.forgive(np.broadcast_to(asked[:, None], self.on.shape))
+        self._good_at[asked & ~self.wanted & ~self.supply_lost & ~self.chain_open] = tick + SUPPLY_RAMP
+        self._good_at[mask & ~value] = NEVER
+        self.wanted = np.where(mask, value, self.wanted)
+
+    def set_modes(self, mode: Quads, tick: int) -> None:
+        """How each motor is controlled from now on."""
+        self.mode = mode.copy()
+        self._settle(tick)
+
+    def set_delay(self, row: int, axis: int, counts: int, tick: int) -> None:
+        """Change the delay of an enable: the counter goes on, round its end if need be, until it has so many."""
+        until, step = int(self._delayed_until[row, axis]), reg.MOTOR_CONFIG_DELAY_TICKS
+        counted = int(self.delay[row, axis]) - max(-((tick - until) // step), 0)
+        self.delay[row, axis] = counts
+        if self.awake[row, axis] and self.expander_known[row]:
+            left = np.array((counts - counted) % _DELAY_STEPS)
+            self._delayed_until[row, axis] = self._after(tick, left)
+        self._settle(tick)
+
+    def preload(self, row: int, tick: int) -> None:
+        """Encoders of a board are preloaded."""
+        if self.digital is not None and self.digital.there[row]:
+            self.digital.preload(row, tick)
+            self._settle(tick)
+
+    def bypass_interlocks(self, row: int, mask: int, tick: int) -> None:
+        """Let the amplifiers of a dRA1 do without some of their interlocks."""
+        if self.digital is not None:
+            self.digital.bypass[row] = mask & 0x1F
+            self._settle(tick)
+
+    def supply_espm(self, row: int, on: bool, tick: int) -> None:
+        """Switch the supply of the electronics in the arm of a dRA1."""
+        if self.digital is not None:
+            self.digital.supply(row, on, tick)
+            self._settle(tick)
+
+    def power_up(self, row: int, tick: int) -> None:
+        """Board `row` starts again as after power-up (its FPGA was reconfigured)."""
+        for flags in (self.wanted, self.relay, self.watchdog, self.enabled, self.safety):
+            flags[row] = False
+        self.mode[row] = reg.MODE_CURRENT
+        self.delay[row] = DELAY_POWER_UP
+        self._relay_at[row] = tick + RELAY_FALL
+        self._outputs_at[row] = self._expander_at[row] = self._good_at[row] = NEVER
+        self.currents.forget(row)
+        if self.digital is not None:
+            self.digital.power_up(row)
+        self.watchdog_counts[row] = reg.WATCHDOG_POWER_UP
+        self.refreshed[row] = tick
+        self._settle(tick)
+
+    def cut(self, row: int, tick: int) -> None:
+        """Board `row` is without power: nothing is on."""
+        self.wanted[row] = self.relay[row] = False
+        self.enabled[row] = False
+        self._relay_at[row] = tick + RELAY_FALL
+        self._good_at[row] = NEVER
+        self._settle(tick)
+
+    # -- what happens to the boards ------------------------------------------------------------------------------------
+
+    def lose_supply(self, row: int, lost: bool, tick: int) -> None:
+        """Take the motor supply of a board away, or give it back."""
+        self.supply_lost[row] = lost
+        self._feed(row, tick)
+
+    def open_chain(self, row: int, opened: bool, tick: int) -> None:
+        """Open the safety chain of a board, or close it: motor supply and relay feedback come and go with it."""
+        self.chain_open[row] = opened
+        self._feed(row, tick)
+
+    def _feed(self, row: int, tick: int) -> None:
+        """The motor supply of a board goes, or ramps up again, with what stands in its way."""
+        if not self.wanted[row] or self.supply_lost[row] or self.chain_open[row]:
+            self._good_at[row] = NEVER
+        elif self._good_at[row] == NEVER:
+            self._good_at[row] = tick + SUPPLY_RAMP
+        self._settle(tick)
+
+    def fail_amplifier(self, row: int, axis: int, failed: bool, tick: int) -> None:
+        """Make an amplifier fail: it goes off and says so, its enable stays. Two of a dRA1 share a fault line."""
+        shared = next((pair for pair in BRIDGES if axis in pair), (axis,)) if self.traits.digital[row] else (axis,)
+        self.amp_fault[row, list(shared)] = failed
+        self._settle(tick)
+
+    def check_currents(self, tick: int, asked: Ints, measured: Ints, unchecked: Flags,
+                       limits: Ints | None = None) -> None:
+        """Compare measured with commanded currents (offset binary, (boards, width)) that hold from `tick` on.
+
+        `unchecked` axes are left alone, but for those in voltage mode, which have `limits`; the others' are -1.
+        """
+        traits, digital = self.traits, self.digital
+        if digital is not None:
+            if digital.compare(tick, asked, measured):
+                self._settle(tick)
+            unchecked = unchecked | traits.digital[:, None]
+        if self.currents.compare(tick, asked, measured, unchecked, limits):
+            self.currents.trip_at[self.safety] = NEVER
+            self.next_event = min(self.next_event, int(self.currents.trip_at.min()))

@@ -1,0 +1,74 @@
+"""Real-time samples of all boards of a bus, and the blocks of the wire taken from them.
+
+A canonical row has a column for everything any board has: hub header, time stamp, status, digital inputs,
+temperatures, then `width` columns each of ADC, positions, the four velocity words and motor status. What a board
+sends is a selection of its row (`Model.columns`), so one gather makes the blocks of any mix of boards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.models import BLOCK, HEAD, KINDS, SCALARS, Model
+from procs.lib import blocks
+
+Quads = npt.NDArray[np.uint32]
+TEMPERATURES = 0x3C3E  # 30 and 31 °C
+
+
+class Samples:
+    """Rows of the boards by ascending id; arrays (boards, …) named after what they hold."""
+
+    def __init__(self, models: Sequence[Model], width: int) -> None:
+        """Nothing sampled yet."""
+        n = len(models)
+        self._models, self._width = models, width
+        self._rows: Quads = np.zeros((n, BLOCK + SCALARS + KINDS * width), dtype=np.uint32)
+        self.head, block = self._rows[:, HEAD], self._rows[:, BLOCK:]
+        self._stamp = block[:, blocks.TIMESTAMP]
+        self.status, self.inputs = block[:, blocks.STATUS], block[:, blocks.DIGITAL_INPUT]
+        self.temperatures = block[:, blocks.TEMPERATURE]  # and state of the data collection
+        self.temperatures[:] = TEMPERATURES
+        self.adc, self.positions, *_, self.motor_status = (
+            block[:, SCALARS + kind * width : SCALARS + (kind + 1) * width] for kind in range(KINDS))
+        self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
+        assert np.shares_memory(self.velocities, self._rows)
+        self._sampled = [-1] * n  # tick of every board's last sample
+        self._places = [row * self._rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
+        self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}
+
+    def stamp(self, rows: Sequence[int], tick: int) -> None:
+        """Boards `rows` take a sample at `tick`: time since their last one, which begins anew."""
+        sampled = self._sampled
+        if len(rows) == len(sampled) == sampled.count(sampled[0]):
+            self._stamp.fill(max(tick - 1 - sampled[0], 0) & 0xFFFF_FFFF)  # the counter wraps
+        else:
+            for row in rows:
+                self._stamp[row] = max(tick - 1 - sampled[row], 0) & 0xFFFF_FFFF
+        for row in rows:
+            sampled[row] = tick
+
+    def sampled_at(self, row: int) -> int:
+        """Tick of a board's last sample; -1: never."""
+        return self._sampled[row]
+
+    def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:
+        """Where the hub blocks of boards `rows` lie, one after the other; for `take`."""
+        found = self._selections.get(rows)
+        if found is None:
+            if len(self._selections) > len(self._models):  # whatever is asked for, memory stays bounded
+                self._selections.clear()
+            found = np.concatenate([self._places[row] for row in rows])
+            self._selections[rows] = found
+        return found
+
+    def take(self, selection: npt.NDArray[np.intp], out: Quads) -> None:
+        """The quadlets of a selection."""
+        self._rows.take(selection, None, out, "clip")
+
+    def block(self, row: int) -> bytes:
+        """The real-time block of a board as it is on the wire."""
+        return bytes(self._rows.take(self._places[row][BLOCK:]).astype(">u4"))

@@ -1,0 +1,98 @@
+"""The loop-back test board of the original test programs on one QLA: its digital outputs drive its inputs.
+
+Pins: output 1 drives line A of all four encoders, output 2 line B, output 3 the index, output 4 all limit and home
+inputs. The analog inputs are at one voltage, and what current is commanded flows.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from procs.boards.controllers.quadrature import Quadrature
+from procs.boards.devices.outputs import MOST_CHANGES, Outputs
+from procs.lib import registers as reg
+from procs.lib.document import Quirks
+
+VOLTS: Final = 2.25  # at the analog inputs
+FULL_SCALE_V: Final = 4.5
+FEW_CHANGES: Final = 64  # between two looks, 1 ms apart at most
+_ADC_SHIFT, _ADC_MOST = 16, 0xFFFF
+_EVERY_AXIS: Final = (1 << reg.AXES) - 1
+_ALL_SWITCHES: Final = 0xFFF  # negative limits, positive limits, home
+_FAITHFUL: Final = Quirks()
+
+Quads = npt.NDArray[np.uint32]
+
+
+class Loopback:
+    """A test board. `until` must be called before each write to the outputs, with the tick of the write."""
+
+    def __init__(self, outputs: Outputs, tick: int = 0, *, first: int = 0, volts: float = VOLTS,
+                 quirks: Quirks = _FAITHFUL) -> None:
+        """As after power-up of the board at `tick`; `first` is 4 on the second QLA of a DQLA."""
+        self._first, self._quirks = first, quirks
+        self.set_volts(volts)
+        self.power_up(outputs, tick)
+
+    def power_up(self, outputs: Outputs, tick: int) -> None:
+        """The FPGA is configured anew and has new outputs."""
+        self._outputs, self._at = outputs, tick
+        self._levels = outputs.levels(tick)
+        self._encoder = Quadrature(tick, *self._lines(self._levels), reg.AXES, self._quirks)
+
+    def set_volts(self, volts: float) -> None:
+        """Change the voltage at the analog inputs."""
+        bits = min(max(round(volts * _ADC_MOST / FULL_SCALE_V), 0), _ADC_MOST)
+        self._pots = np.full(reg.AXES, bits << _ADC_SHIFT, dtype=np.uint32)
+
+    def _lines(self, levels: int) -> tuple[int, int]:
+        """Lines A and B: pins are the inverse of the register."""
+        pins = ~levels >> self._first
+        return pins & 1, pins >> 1 & 1
+
+    def until(self, tick: int) -> None:
+        """Let the outputs drive the encoders up to `tick`."""
+        outputs = self._outputs
+        if outputs.busy_until > self._at:
+            # A table is followed whole; of outputs that switch for ever, as PWM does, the newest switchings suffice.
+            once = outputs.plays_once
+            changes = outputs.changes(self._at, tick, MOST_CHANGES if once else FEW_CHANGES)
+            self._drive(changes.since, changes.levels)
+            for at, levels in changes.items:
+                self._drive(at, levels)
+        else:  # nothing but a write, and that came at the tick of the last call
+            self._drive(self._at, outputs.levels(tick))
+        self._at = tick
+        self._encoder.observe(tick)
+
+    def _drive(self, tick: int, levels: int) -> None:
+        if levels != self._levels:
+            self._levels = levels
+            self._encoder.change(tick, *self._lines(levels))
+
+    def preload(self, axis: int, value: int, tick: int) -> None:
+        """The preload register of an axis is written."""
+        self.until(tick)
+        self._encoder.load(axis, value & reg.ENCODER_MASK)
+
+    def fill(self, tick: int, positions: Quads, velocities: Quads) -> int:
+        """Put the words of the four axes at `tick` into `positions` (4,) and `velocities` (4, 4: word, axis).
+
+        Returned are the bits of the digital inputs: A, B, index, limits and home. What the board itself puts there
+        (levels of the outputs, whether the waveform is played) is not among them.
+        """
+        self.until(tick)
+        a, b = self._lines(self._levels)
+        pins = ~self._levels >> self._first
+        index, switches = pins >> 2 & 1, pins >> 3 & 1
+        positions[:] = [self._encoder.position(axis) | index * reg.ENCODER_PIN_INDEX for axis in range(reg.AXES)]
+        velocities.T[:] = self._encoder.velocity(tick)
+        return (a * _EVERY_AXIS << reg.INPUT_ENCODER_A_SHIFT | b * _EVERY_AXIS << reg.INPUT_ENCODER_B_SHIFT
+                | index * _EVERY_AXIS << reg.INPUT_ENCODER_INDEX_SHIFT | switches * _ALL_SWITCHES)
+
+    def adc(self, dac: Quads, on: npt.NDArray[np.bool_]) -> Quads:
+        """ADC words (4,) while commands are `dac` and the amplifiers that are `on` follow them."""
+        return self._pots | np.where(on, dac, np.uint32(reg.CURRENT_ZERO)).astype(np.uint32)

@@ -1,0 +1,264 @@
+"""From the document's kinematic chains to the mechanisms of the robots: which links there are and what moves them.
+
+Robots have one joint per actuator, as PID and coupling know them: a PSM's jaw is its seventh joint, its discs are four
+when it holds no instrument. Most joints are one axis of the mechanism. A bend of a snake instrument is two axes that
+share its motion, and an Si arm has the links of its parallelogram beside the two axes that its kinematics know; those
+are the axes that follow. Coupling is no part of this. Robots that no arm describes get plain axes that reach nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.boards.robots.inertia import (
+    DISC,
+    GRIPPER_RANGE,
+    LINK_INERTIA,
+    LINK_MASS,
+    LOOSE,
+    LOOSE_SLIDE,
+    ArmInertia,
+    JointInertia,
+    arm_inertia,
+    wrist_inertia,
+)
+from procs.boards.robots.play import SHARE
+from procs.lib.denavit import split_row
+from procs.lib.document import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
+from procs.lib.poses import renormalised
+
+Array = NDArray[np.float64]
+
+DISC_RANGE = math.radians(172)
+MARGIN = 0.03  # rad: an arm's own stops lie beyond its file's limits, so that the host's limits are met first
+MARGIN_SLIDE = 0.003  # m
+INSERTION = 2  # the link along the shaft of a PSM or ECM
+SNAKE = ((3, 1.0), (4, 0.5), (5, 0.5), (5, 0.5), (4, 0.5))  # the joint that moves each of its links, and its share
+NOTHING = JointInertia(0.0, 0.0, 0.0)
+PARALLELOGRAM = {  # the same of the links of an Si arm as they really are; None: stands still
+    "PSM": ((0, 1.0), None, (1, 1.0), (1, -1.0), (1, 1.0), (2, 0.5), (2, 0.5)),
+    "ECM": ((0, 1.0), None, (1, 1.0), (1, -1.0), (1, 1.0), (2, 1.0)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One link: placed at `before` in its parent's `after` frame, moving about or along its z."""
+
+    name: str
+    joint: int  # the robot's joint that moves it
+    slides: bool
+    parent: int  # index of another axis of this robot; -1: the base
+    before: Array
+    after: Array
+    lower: float  # lower >= upper: without stops
+    upper: float
+    inertia: JointInertia  # of the joint; nothing for an axis that follows
+    ratio: float = 1.0  # its motion per its joint's
+    follows: bool = False  # another axis of the same joint
+    mass: float = LINK_MASS
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)  # in the body's frame
+    rotational: tuple[float, float, float] = (LINK_INERTIA,) * 3
+    has_weight: bool = False  # else counter-balanced
+
+
+@dataclass(frozen=True, slots=True)
+class Mechanism:
+    """One robot: its axes, its base in the world and its tip, with a load there, in the last link's frame."""
+
+    robot: str
+    axes: tuple[Axis, ...]
+    base: Array
+    tip_axis: int
+    tip: Array
+    payload: float = 0.0
+
+
+def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | None, like: Likeness) -> Mechanism:
+    """The mechanism of a robot; with loose axes when no arm describes it or the files do not fit its actuators.
+
+    `links` are those of an Si arm as they really are, with their masses; without them its arm is counter-balanced.
+    """
+    count = len(robot.actuators)
+    row = description(arm, count)
+    if arm is None or row is None:
+        loose = tuple(_loose_axis(robot.name, i, actuator) for i, actuator in enumerate(robot.actuators))
+        return _like(Mechanism(robot.name, loose, np.eye(4), count - 1, np.eye(4)), like)
+    axes = _chain_axes(arm.chain, row, bare=links is not None)
+    tip_axis, tip = len(axes) - 1, np.eye(4)
+    if tool is not None:
+        axes += _tool_axes(arm.chain.convention, tool, tip_axis)
+        tip_axis, tip = len(axes) - 2, renormalised(np.array(tool.tip))
+    moved = len({axis.joint for axis in axes})
+    discs = [_plain_axis(f"disc {i}", i, INSERTION, -DISC_RANGE, DISC_RANGE, DISC) for i in range(moved, count)]
+    if moved + len(discs) != count:
+        raise ValueError(f"{arm.name}: chain and instrument have {moved} joints, its robot {count} actuators")
+    axes += discs
+    if links is not None:
+        axes = _with_real_links(arm, axes, links)
+    return _like(Mechanism(robot.name, tuple(axes), _mounting(arm.mounting_pitch or 0.0), tip_axis, tip), like)
+
+
+def description(arm: Arm | None, actuators: int) -> ArmInertia | None:
+    """The table's row for an arm whose robot has so many actuators; None when its axes have to be loose."""
+    row = arm_inertia(arm.type, arm.generation, len(arm.chain.links)) if arm is not None else None
+    if arm is None or row is None or len(row.joints) != len(arm.chain.links) or len(row.initial) != actuators:
+        return None
+    return row
+
+
+def _chain_axes(chain: Chain, row: ArmInertia, bare: bool) -> list[Axis]:
+    """The links of an arm; `bare`: their masses are elsewhere."""
+    axes = []
+    for i, link in enumerate(chain.links):
+        shaft = row.shaft if i == INSERTION else None
+        link = dataclasses.replace(link, mass=0.0) if bare else link
+        axis = _link_axis(chain.convention, link, i, i - 1, row.joints[i], shaft)
+        axes.append(dataclasses.replace(axis, lower=link.lower) if i == row.homed_at_stop else axis)
+    if chain.base is not None:
+        axes[0] = dataclasses.replace(axes[0], before=np.array(chain.base) @ axes[0].before)
+    return axes
+
+
+def _link_axis(
+    convention: str,
+    link: Link,
+    joint: int,
+    parent: int,
+    inertia: JointInertia,
+    shaft: tuple[float, float, float] | None = None,
+) -> Axis:
+    """A row of a kinematic file; masses of the file have weight, links without one are counter-balanced."""
+    before, after = split_row(convention, link)
+    slides = link.joint_type == "prismatic"
+    margin = MARGIN_SLIDE if slides else MARGIN
+    com = after @ np.array((*link.com, 1.0))
+    return Axis(
+        name=link.name,
+        joint=joint,
+        slides=slides,
+        parent=parent,
+        before=before,
+        after=after,
+        lower=link.lower - margin,
+        upper=link.upper + margin,
+        inertia=inertia,
+        mass=link.mass if link.mass > 0.0 else LINK_MASS,
+        com=(float(com[0]), float(com[1]), float(com[2])) if link.mass > 0.0 else (0.0, 0.0, 0.0),
+        rotational=shaft if shaft is not None and any(shaft) else (LINK_INERTIA,) * 3,
+        has_weight=link.mass > 0.0,
+    )
+
+
+def _plain_axis(name: str, joint: int, parent: int, lower: float, upper: float, inertia: JointInertia) -> Axis:
+    """A hinge in its parent's frame: a disc, a jaw, or an axis without geometry."""
+    return Axis(name, joint, False, parent, np.eye(4), np.eye(4), lower - MARGIN, upper + MARGIN, inertia)
+
+
+def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
+    """An instrument's links as its file has them, then the jaw on the last of them."""
+    inertia = wrist_inertia(np.array(tool.actuator_to_joint))
+    first = parent + 1
+    moved_by = SNAKE if tool.snake else tuple((first + i, 1.0) for i in range(len(tool.links)))
+    if len(moved_by) != len(tool.links):
+        raise ValueError(f"{tool.name}: {len(tool.links)} links; a snake has {len(SNAKE)}")
+    axes: list[Axis] = []
+    for link, (joint, ratio) in zip(tool.links, moved_by, strict=True):
+        follows = any(axis.joint == joint for axis in axes)
+        own = NOTHING if follows else inertia[joint - first]
+        axis = _link_axis(convention, link, joint, parent, own)
+        axes.append(dataclasses.replace(axis, ratio=ratio, follows=follows))
+        parent += 1
+    jaw = first + len(inertia) - 1
+    return [*axes, _plain_axis("jaw", jaw, parent, tool.jaw.lower, tool.jaw.upper, inertia[-1])]
+
+
+def _with_real_links(arm: Arm, axes: list[Axis], chain: Chain) -> list[Axis]:
+    """An Si arm with the links of its parallelogram, which have the masses, beside the axes that its kinematics know.
+
+    Both turn about the same first axis; the file of the real links has its base elsewhere along it.
+    """
+    moved_by = PARALLELOGRAM.get(arm.type, ())
+    if len(moved_by) != len(chain.links):
+        raise ValueError(f"{arm.name}: {len(chain.links)} links with masses; allowed: {len(moved_by)}")
+    rows = [split_row(chain.convention, link) for link in chain.links]
+    ends = [np.eye(4), np.eye(4)]
+    for axis in axes[: INSERTION + 1]:
+        ends[0] = ends[0] @ axis.before @ axis.after
+    for before, after in rows:
+        ends[1] = ends[1] @ before @ after
+    along = axes[0].before[:3, 2]
+    shift = np.eye(4)
+    shift[:3, 3] = along * (along @ (ends[0] - ends[1])[:3, 3])
+    pending = np.linalg.inv(axes[0].before) @ shift
+    parent = 0
+    result = list(axes)
+    for link, (before, after), moved in zip(chain.links, rows, moved_by, strict=True):
+        pending = pending @ before
+        if moved == (0, 1.0):
+            result[0] = _carrying(axes[0], link, pending @ after)
+        elif moved is not None:
+            free = dataclasses.replace(link, lower=0.0, upper=0.0)
+            axis = _link_axis(chain.convention, free, moved[0], parent, NOTHING)
+            result.append(dataclasses.replace(axis, before=pending, after=np.eye(4), lower=0.0, upper=0.0,
+                                              ratio=moved[1], follows=True))
+            parent, pending = len(result) - 1, np.eye(4)
+        pending = pending @ after
+    return result
+
+
+def _carrying(axis: Axis, link: Link, place: Array) -> Axis:
+    """An axis with the mass of a link that stands at `place` on it."""
+    com = place @ np.array((*link.com, 1.0))
+    return dataclasses.replace(axis, mass=link.mass, com=(float(com[0]), float(com[1]), float(com[2])), has_weight=True)
+
+
+def _loose_axis(robot: str, joint: int, actuator: Actuator) -> Axis:
+    slides = actuator.joint_type == "PRISMATIC"
+    lower, upper = (actuator.encoder.lower, actuator.encoder.upper) if actuator.encoder is not None else (0.0, 0.0)
+    if lower >= upper and is_gripper(robot):
+        lower, upper = GRIPPER_RANGE
+    margin = MARGIN_SLIDE if slides else MARGIN
+    if lower < upper:
+        lower, upper = lower - margin, upper + margin
+    inertia = LOOSE_SLIDE if slides else LOOSE
+    return Axis(f"axis {joint}", joint, slides, -1, np.eye(4), np.eye(4), lower, upper, inertia)
+
+
+def is_gripper(robot: str) -> bool:
+    """Whether a robot is the gripper of a master, by the name the site's files give it."""
+    return robot.endswith("_gripper")
+
+
+def has_play(like: Likeness) -> bool:
+    """Whether any drive of a robot has play; all its motors are masses of their own then."""
+    return any(gap > 0.0 for gap in like.backlash)
+
+
+def _like(one: Mechanism, like: Likeness) -> Mechanism:
+    """As the robot really is."""
+    joints = 1.0 - SHARE if has_play(like) else 1.0  # what is not the motors'
+    if (like.friction, like.inertia, like.mass, like.payload, joints) == (1.0, 1.0, 1.0, 0.0, 1.0):
+        return one
+    axes = []
+    for axis in one.axes:
+        old = axis.inertia
+        inertia = JointInertia(
+            armature=joints * like.inertia * old.armature,
+            viscous=like.friction * old.viscous,
+            coulomb=joints * like.friction * old.coulomb,
+        )
+        mass = like.mass * axis.mass if axis.has_weight else axis.mass
+        axes.append(dataclasses.replace(axis, inertia=inertia, mass=mass))
+    return dataclasses.replace(one, axes=tuple(axes), payload=like.payload)
+
+
+def _mounting(pitch: float) -> Array:
+    """The base in the world (z up), such that up is (0, sin pitch, cos pitch) in the base's axes."""
+    c, s = math.cos(pitch), math.sin(pitch)
+    return np.array(((1.0, 0.0, 0.0, 0.0), (0.0, c, -s, 0.0), (0.0, s, c, 0.0), (0.0, 0.0, 0.0, 1.0)))

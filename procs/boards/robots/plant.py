@@ -1,0 +1,349 @@
+"""The emulated arms: motors' efforts in, actuators' positions and velocities out, one step at a time.
+
+Arrays run over every actuator of every robot, in document order (each io, each robot, each actuator), in actuator
+space and SI. MuJoCo moves the joints; the coupling between actuators and joints is two matrix products outside it, and
+so are friction, play, brakes and links that follow others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.boards.robots.assembly import assemble
+from procs.boards.robots.constraint import Block, Projection
+from procs.boards.robots.friction import Friction
+from procs.boards.robots.inertia import GRIPPER_INITIAL
+from procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE, Mechanism, description, has_play, is_gripper, mechanism
+from procs.boards.robots.play import SHARE, Play
+from procs.boards.robots.tips import Tips
+from procs.lib.coupling import Coupling, coupling
+from procs.lib.document import Chain, Emulation, Likeness, Robot, System, Tool
+
+Array = NDArray[np.float64]
+
+SCATTER = 0.02  # rad or, times 0.2, m: how far the seed may move an arm from its usual place at switch-on
+
+
+class Plant:
+    """All robots of a system's emulated boards."""
+
+    def __init__(self, system: System, links: Mapping[str, Chain] | None = None) -> None:
+        """ValueError when the system has no emulation, or an arm's files do not fit its robot.
+
+        `links`: by arm, the links of an Si arm as they really are, with masses (its file for gravity compensation).
+        """
+        if system.emulation is None:
+            raise ValueError(f"{system.name}: a plant needs the system's emulation settings")
+        self.period_s = system.emulation.period_s
+        self.before_step: list[Callable[[], None]] = []  # called at the beginning of every step
+        self._robots = tuple(robot for io in system.ios for robot in io.robots)
+        self._arms = {arm.robot: arm for arm in system.arms if arm.robot and arm.simulation != "KINEMATIC"}
+        self._by_name = {arm.name: arm for arm in system.arms}
+        self._links = {arm.name: arm.links for arm in system.arms if arm.links is not None} | dict(links or {})
+        self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
+        self._slices = _slices(self._robots)
+        self._like = _likenesses(system.emulation, self._robots)
+        self.axes = sum(len(robot.actuators) for robot in self._robots)
+        self.position = np.zeros(self.axes)
+        self.velocity = np.zeros(self.axes)
+        self.pot_position = np.zeros(self.axes)  # what the potentiometers sit on: see Robot.joint_to_actuator_position
+        self._current_effort = np.zeros(self.axes)
+        self._effort_per_current = _effort_per_current(self._robots)
+        self._pushed = np.zeros(self.axes)  # robots' joint space
+        self._is_pulled = False
+        self._is_braked = np.zeros(self.axes, dtype=np.bool_)
+        self._pots_on_motors = np.ones(self.axes, dtype=np.bool_)
+        self._pot_offset = np.zeros(self.axes)
+        for robot in self._robots:
+            part = self._slices[robot.name]
+            self._pots_on_motors[part] = robot.joint_to_actuator_position is None
+            self._pot_offset[part] = self._like[robot.name].pot_offset or 0.0
+        self._has_pots = not self._pots_on_motors.all() or bool(self._pot_offset.any())
+        if not self._has_pots:
+            self.pot_position = self.position
+        self._play: Play | None = None
+        self._switch_on(system.emulation)
+        self._assemble()
+        self._come_off_stops()
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    def step(self, effort_actuator: Array) -> None:
+        """One period under motor efforts (axes,) at the actuators, N·m or N."""
+        for hook in self.before_step:
+            hook()
+        applied = self._applied
+        if self._play is not None:
+            effort_actuator = self._through_play(self._play, effort_actuator)
+        self._to_joint_effort.dot(effort_actuator, self.effort)  # half the price of np.matmul at this size
+        np.subtract(self.effort, self.friction.oppose(self._joint_velocity), applied)
+        if self._is_pushed:
+            np.add(applied, self._push, applied)
+        if self._is_pulled:
+            np.add(applied, self._pull, applied)
+            self._pull[:] = 0.0
+            self._is_pulled = False
+        mujoco.mj_step(self.model, self.data)
+        if self._projection is not None:
+            self._projection.apply()
+        self._tips.moved()
+        self._read()
+
+    def step_current(self, current: Array) -> None:
+        """One period under motor currents (axes,), A; 0 where the amplifier is off."""
+        self.step(np.multiply(current, self._effort_per_current, self._current_effort))
+
+    def _through_play(self, play: Play, effort: Array) -> Array:
+        np.copyto(self._transmitted, effort)
+        self._to_actuator.dot(self._joint_velocity, self.velocity)
+        play.transmit(self._transmitted, self.velocity)
+        return self._transmitted
+
+    def _read(self) -> None:
+        """Actuators and potentiometers from the joints."""
+        self._to_actuator.dot(self._joint_position, self.position)
+        self._to_actuator.dot(self._joint_velocity, self.velocity)
+        if self._play is not None:
+            self._play.follow(self.position, self.velocity)
+        if self._has_pots:
+            self._read_pots()
+
+    def _read_pots(self) -> None:
+        self._to_pot.dot(self._joint_position, self.pot_position)
+        np.copyto(self.pot_position, self.position, where=self._pots_on_motors)
+        np.add(self.pot_position, self._pot_offset, self.pot_position)
+
+    # -- what a person or a test does to robots --------------------------------------------------------------------
+
+    def slice_of(self, robot: str) -> slice:
+        """Where the actuators of a robot lie in the arrays; KeyError when there is none of that name."""
+        return self._slices[robot]
+
+    def push(self, robot: str, joint_efforts: Array) -> None:
+        """Efforts from outside (n,) on a robot's joints, N·m or N, from the next step until changed."""
+        self._pushed[self._slices[robot]] = joint_efforts
+        self._take_push()
+
+    def pull(self, robot: str, wrench: Array) -> None:
+        """Force and torque (6,) at a robot's tip, in the axes of its base frame, for the next step; pulls add up."""
+        self._tips.add_pull(robot, wrench, self._pull)
+        self._is_pulled = True
+
+    def place(self, robot: str, actuator_position: Array) -> None:
+        """Put a robot's actuators (n,) somewhere, at rest; brakes hold it there."""
+        part, joints = self._slices[robot], self._assembly.joints[robot]
+        self._joint_position[joints] = self._to_joint[joints, part] @ np.asarray(actuator_position, dtype=np.float64)
+        self._joint_velocity[joints] = 0.0
+        self.friction.relax(joints)
+        if self._play is not None:
+            self._play.place(part)
+        self._constrain()
+        self._tips.moved()
+        self._read()
+
+    def brake(self, robot: str, actuators: NDArray[np.bool_], engaged: bool) -> None:
+        """Engage or release the brakes of the actuators (n,) that are true; engaged, they stand still whatever pulls.
+
+        A new plant has all brakes released.
+        """
+        self._is_braked[self._slices[robot]][actuators] = engaged
+        self._constrain()
+
+    def tip(self, robot: str) -> Array:
+        """Pose (4, 4) of a robot's tip in its base frame with base offset, as its joints are now."""
+        return self._tips.pose(robot)
+
+    def tip_twist(self, robot: str) -> Array:
+        """Velocity (6,) of a robot's tip, linear then angular, in the axes of its base frame."""
+        return self._tips.twist(robot)
+
+    def motor_inertia(self) -> Array:
+        """The joints' armature as the motors feel it, (axes, axes)."""
+        inertia: Array = self._to_joint.T @ np.diag(self.model.dof_armature) @ self._to_joint
+        return inertia
+
+    def instrument(self, arm: str) -> str:
+        """Name of the instrument an arm holds; empty when none."""
+        tool = self._tools.get(arm)
+        return tool.name if tool is not None else ""
+
+    def insert_tool(self, arm: str, tool: Tool) -> None:
+        """Put an instrument on an arm: other joints and limits, the actuators stay where they are."""
+        if arm not in self._by_name:
+            raise KeyError(f"{arm}: not an arm of this system; it has {', '.join(self._by_name)}")
+        self._tools[arm] = tool
+        self._assemble()
+
+    def remove_tool(self, arm: str) -> None:
+        """Take an arm's instrument away; its discs turn freely from where they are."""
+        self._tools.pop(arm, None)
+        self._assemble()
+
+    # -- the model -----------------------------------------------------------------------------------------------------
+
+    def _assemble(self) -> None:
+        """Build model and matrices for the instruments now held, keeping the actuators' state. A few ms."""
+        mechanisms = tuple(self._mechanism(robot) for robot in self._robots)
+        self._assembly = assembly = assemble(mechanisms, self.period_s)
+        self.model, self.data = assembly.model, mujoco.MjData(assembly.model)
+        if len(assembly.gather) != self.axes:
+            raise ValueError(f"the model has {len(assembly.gather)} joints for {self.axes} actuators")
+        to_joint, to_actuator, to_pot = (np.zeros((self.axes, self.axes)) for _ in range(3))
+        for robot in self._robots:
+            part = self._slices[robot.name]
+            pair = self._coupling(robot)
+            to_joint[part, part] = pair.actuator_to_joint
+            to_actuator[part, part] = pair.joint_to_actuator
+            to_pot[part, part] = _pot_matrix(robot) @ pair.joint_to_actuator
+        self._to_joint = assembly.spread @ to_joint
+        self._to_actuator = to_actuator @ assembly.gather
+        self._to_joint_effort = np.ascontiguousarray(self._to_actuator.T)
+        self._to_pot = to_pot @ assembly.gather
+        self._joint_position, self._joint_velocity = self.data.qpos, self.data.qvel
+        self._applied = self.data.qfrc_applied
+        self.effort, self._push, self._pull = (np.zeros(self.model.nv) for _ in range(3))  # on the model's joints
+        self._is_pulled = False
+        self._transmitted = np.zeros(self.axes)
+        self.friction: Friction = Friction(assembly.coulomb, self.model.dof_armature, self.period_s)
+        self._tips: Tips = Tips(assembly, self.data, mechanisms)
+        self._play = self._drives(self._play)
+        self._take_push()
+        self._take_state()
+        self._constrain()
+
+    def _mechanism(self, robot: Robot) -> Mechanism:
+        arm = self._arms.get(robot.name)
+        name = arm.name if arm is not None else ""
+        return mechanism(robot, arm, self._tools.get(name), self._links.get(name), self._like[robot.name])
+
+    def _coupling(self, robot: Robot) -> Coupling:
+        arm = self._arms.get(robot.name)
+        count = len(robot.actuators)
+        if arm is None or description(arm, count) is None:
+            return Coupling(np.eye(count))
+        return coupling(count, arm.chain, self._tools.get(arm.name))
+
+    def _drives(self, earlier: Play | None) -> Play | None:
+        """Motors that are masses of their own: those of robots with play."""
+        gaps = np.zeros(self.axes)
+        parts = [self._slices[robot.name] for robot in self._robots if has_play(self._like[robot.name])]
+        if not parts:
+            return None
+        for robot in self._robots:
+            gaps[self._slices[robot.name]] = self._like[robot.name].backlash or 0.0
+        places = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+        inertia = self.motor_inertia()
+        friction = np.abs(self._to_joint).T @ self.friction.limit
+        motors = SHARE / (1.0 - SHARE)
+        play = Play(places, gaps[places], motors * np.diag(inertia)[places], motors * friction[places],
+                    np.linalg.inv(inertia)[np.ix_(places, places)], self.period_s)
+        if earlier is not None:
+            play.resume(earlier)
+        return play
+
+    def _constrain(self) -> None:
+        """What follows and what is braked, from where the joints are now."""
+        blocks = []
+        for robot in self._robots:
+            part, joints = self._slices[robot.name], self._assembly.joints[robot.name]
+            ties = self._assembly.ties.get(robot.name, np.zeros((0, self.model.nv)))
+            held = self._to_actuator[part][self._is_braked[part]]
+            if len(ties) + len(held):
+                values = np.concatenate((np.zeros(len(ties)), held @ self._joint_position))
+                blocks.append(Block(joints, np.concatenate((ties, held)), values))
+        self._projection = Projection(self.model, self.data, blocks) if blocks else None
+
+    def _take_push(self) -> None:
+        self._assembly.gather.T.dot(self._pushed, self._push)
+        self._is_pushed = bool(self._pushed.any())
+
+    def _take_state(self) -> None:
+        """Joints from the actuators' position and velocity."""
+        position = self.position.copy()
+        if self._play is not None:
+            self._play.take_off(position)
+        np.matmul(self._to_joint, position, out=self._joint_position)
+        np.matmul(self._to_joint, self.velocity, out=self._joint_velocity)
+        if self._has_pots:
+            self._read_pots()
+
+    def _switch_on(self, emulation: Emulation) -> None:
+        """Where arms stand at switch-on: the table's place, moved a little by the seed; loose axes in mid-range."""
+        scatter = np.random.default_rng(emulation.seed).uniform(-SCATTER, SCATTER, self.axes)
+        for robot in self._robots:
+            part = self._slices[robot.name]
+            arm = self._arms.get(robot.name)
+            row = description(arm, len(robot.actuators))
+            middle = row.initial if row is not None else tuple(_middle(robot))
+            scale = [MARGIN_SLIDE / MARGIN if a.joint_type == "PRISMATIC" else 1.0 for a in robot.actuators]
+            self.position[part] = np.array(middle) + scatter[part] * np.array(scale)
+
+    def _come_off_stops(self) -> None:
+        """An instrument held at switch-on may not allow where the table puts the discs: move to its nearest stop."""
+        limited = self.model.jnt_limited.astype(bool)
+        lower, upper = np.where(limited, self.model.jnt_range.T, ((-np.inf,), (np.inf,)))
+        np.matmul(self._to_actuator, np.clip(self._joint_position, lower, upper), out=self.position)
+        self._take_state()
+
+
+def _likenesses(emulation: Emulation, robots: tuple[Robot, ...]) -> dict[str, Likeness]:
+    """How every robot differs from its files; ValueError names what does not fit."""
+    like = {robot.name: Likeness(robot.name) for robot in robots}
+    counts = {robot.name: len(robot.actuators) for robot in robots}
+    for one in emulation.likenesses:
+        if one.robot not in like:
+            raise ValueError(f"{one.robot}: no such robot to give a likeness; there are {', '.join(like) or 'none'}")
+        for what, values in (("backlash", one.backlash), ("pot_offset", one.pot_offset)):
+            if len(values) not in (0, counts[one.robot]):
+                raise ValueError(f"{one.robot}: {len(values)} numbers of {what}; allowed: {counts[one.robot]} or none")
+        like[one.robot] = one
+    return like
+
+
+def _instruments(system: System) -> dict[str, Tool]:
+    """Instruments inserted at start: those the emulation names, else those that are fixed on their arm."""
+    tools = {arm.name: arm.tool for arm in system.arms if arm.tool is not None}
+    for arm_name, tool_name in system.emulation.instruments if system.emulation is not None else ():
+        arm = system.arm(arm_name)
+        known = {tool.name: tool for tool in (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))}
+        if tool_name not in known:
+            raise ValueError(f"{arm_name}: instrument {tool_name} is not known; there are {', '.join(sorted(known))}")
+        tools[arm_name] = known[tool_name]
+    return tools
+
+
+def _slices(robots: tuple[Robot, ...]) -> dict[str, slice]:
+    slices: dict[str, slice] = {}
+    at = 0
+    for robot in robots:
+        if robot.name in slices:
+            raise ValueError(f"{robot.name}: two robots of this name")
+        slices[robot.name] = slice(at, at + len(robot.actuators))
+        at += len(robot.actuators)
+    return slices
+
+
+def _effort_per_current(robots: tuple[Robot, ...]) -> Array:
+    """N·m/A (or N/A) of every actuator; 0 where the file gives no motor (grippers)."""
+    scales = np.array([a.effort_to_current for robot in robots for a in robot.actuators])
+    efforts: Array = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales != 0.0)
+    return efforts
+
+
+def _middle(robot: Robot) -> list[float]:
+    """The middle of each actuator's encoder range; 0 where it has none, and half open for a gripper."""
+    encoders = [actuator.encoder for actuator in robot.actuators]
+    other = GRIPPER_INITIAL if is_gripper(robot.name) else 0.0
+    return [0.5 * (e.lower + e.upper) if e is not None and e.lower < e.upper else other for e in encoders]
+
+
+def _pot_matrix(robot: Robot) -> Array:
+    """Actuator positions to what the potentiometers measure (joints, where the file gives a matrix between)."""
+    if robot.joint_to_actuator_position is None:
+        return np.eye(len(robot.actuators))
+    actuator_to_pot: Array = np.linalg.inv(np.array(robot.joint_to_actuator_position))
+    return actuator_to_pot

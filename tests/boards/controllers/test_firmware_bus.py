@@ -1,0 +1,290 @@
+"""Who answers what: addressing, drop rules, discovery, registers, hub and real-time blocks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procs.boards.controllers.bus import Bus
+from procs.lib import registers as reg
+from procs.lib import wire
+from procs.lib.document import Controller
+
+MS = 49152
+
+
+class Host:
+    """Speaks to a bus on a clock that moves only when told."""
+
+    def __init__(self, *ids: int, serial: str = "1234-56") -> None:
+        self.bus = Bus(tuple(Controller(board, serial=serial) for board in ids))
+        self.tick = 0
+
+    def ask(self, request: bytes) -> wire.Response | None:
+        reply = self.bus.answer(request, self.tick)
+        if reply is None:
+            return None
+        response = wire.decode_response(reply)
+        assert isinstance(response, wire.Response)
+        return response
+
+    def read(self, node: int, address: int, flags: int = 0) -> int | None:
+        response = self.ask(wire.quadlet_read(node, address, 5, self.bus.generation, flags))
+        return None if response is None else response.value
+
+    def write(self, node: int, address: int, value: int, flags: int = 0) -> None:
+        assert self.ask(wire.quadlet_write(node, address, value, 5, self.bus.generation, flags)) is None
+
+    def block(self, node: int, address: int, length: int) -> np.ndarray:
+        response = self.ask(wire.block_read(node, address, length, 7, self.bus.generation))
+        assert response is not None
+        assert len(response.data) == length
+        return np.frombuffer(response.data, ">u4").astype(np.int64)
+
+    def write_block(self, node: int, *quads: int, flags: int = 0) -> None:
+        data = np.array(quads, dtype=">u4").tobytes()
+        assert self.ask(wire.block_write(node, 0, data, 5, self.bus.generation, flags)) is None
+
+
+def test_reads_go_to_their_node_and_to_the_hub() -> None:
+    host = Host(9, 3)
+    assert [reg.board_of(host.read(node, reg.STATUS) or 0) for node in (0, 1, wire.BROADCAST)] == [9, 3, 9]
+    assert host.read(2, reg.STATUS) is None
+    response = host.ask(wire.quadlet_read(1, reg.HARDWARE_ID, 33, host.bus.generation))
+    assert response is not None
+    assert (response.node, response.tl, response.value) == (1, 33, reg.QLA1)
+
+
+def test_requests_not_to_be_relayed_reach_the_hub_only() -> None:
+    host = Host(9, 3)
+    assert host.read(1, reg.HARDWARE_ID, wire.NO_FORWARD) is None
+    assert host.read(0, reg.HARDWARE_ID, wire.NO_FORWARD) == reg.QLA1
+    host.write(wire.BROADCAST, reg.WATCHDOG, 77, wire.NO_FORWARD)
+    assert [host.read(node, reg.WATCHDOG) for node in (0, 1)] == [77, 0x1680]
+    host.write(wire.BROADCAST, reg.WATCHDOG, 78)
+    assert [host.read(node, reg.WATCHDOG) for node in (0, 1)] == [78, 78]
+
+
+def test_another_bus_generation_drops_reads_with_a_trailer() -> None:
+    host = Host(0)
+    other = host.bus.generation + 2
+    reply = host.bus.answer(wire.quadlet_read(0, reg.STATUS, 1, other), 0)
+    dropped = wire.decode_response(reply or b"")
+    assert isinstance(dropped, wire.Dropped)
+    assert dropped.trailer.flags == wire.DROPPED
+    assert dropped.trailer.generation == host.bus.generation
+    assert host.bus.answer(wire.quadlet_write(0, reg.WATCHDOG, 5, 1, other), 0) is None
+    assert host.read(0, reg.WATCHDOG) == 0x1680
+    assert host.bus.answer(wire.quadlet_read(wire.BROADCAST, reg.STATUS, 1, other), 0) is not None
+
+
+def test_another_destination_bus_is_not_answered() -> None:
+    host = Host(0)
+    request = wire.encode_request(wire.Request(wire.QUADLET_READ, 0, 0, 1, host.bus.generation, bus=0x3FE))
+    assert host.bus.answer(request, 0) is None
+
+
+@pytest.mark.parametrize("cut", [0, 1, 9, 17])
+def test_mutilated_datagrams_are_swallowed(cut: int) -> None:
+    host = Host(0)
+    assert host.bus.answer(wire.quadlet_read(0, 0, 1, 1)[:cut], 0) is None
+    assert host.bus.answer(wire.block_write(0, 0, bytes(24), 1, 1)[: 20 + cut], 0) is None
+    assert host.read(0, reg.HARDWARE_ID) == reg.QLA1
+
+
+def test_discovery_registers_are_those_of_a_rev_8_board() -> None:
+    host = Host(4)
+    host.write(wire.BROADCAST, reg.IP_ADDRESS, 0x0100007F, wire.NO_FORWARD)
+    assert host.read(0, reg.IP_ADDRESS) == 0x0100007F
+    assert host.read(0, reg.FIRMWARE) == 8
+    assert reg.fpga_of(host.read(0, reg.ETHERNET) or 0) == 2
+    assert host.read(0, reg.GIT_DESCRIPTION) == 0
+    host.write(wire.BROADCAST, reg.PHY_REQUEST, 1)
+    assert host.read(0, reg.PHY_RESPONSE) == 1 << 8 | 63
+    host.write(wire.BROADCAST, reg.PHY_REQUEST, 0x1100 | 7)
+    host.write(wire.BROADCAST, reg.PHY_REQUEST, 1)
+    assert host.read(0, reg.PHY_RESPONSE) == 1 << 8 | 7
+
+
+def test_unknown_addresses_read_zero_and_swallow_writes() -> None:
+    host = Host(4)
+    for address in (0x12, 0x1E, 0x2F, 0x55, 0x8F, 0x9000, 0xA000, 0x4000):
+        host.write(0, address, 0xFFFFFFFF)
+        assert host.read(0, address) == 0
+    host.write(0, reg.HARDWARE_ID, 1)
+    assert host.read(0, reg.HARDWARE_ID) == reg.QLA1
+
+
+def test_serial_numbers_lie_in_both_proms() -> None:
+    host = Host(4, serial="4711-08")
+    host.write(0, reg.PROM_COMMAND, 0x031FFF00)
+    assert host.read(0, reg.PROM_COMMAND)
+    host.tick += MS
+    assert host.read(0, reg.PROM_COMMAND) == 0
+    assert host.read(0, reg.PROM_RESULT) == 64
+    assert host.block(0, reg.FPGA_PROM, 64).astype(">u4").tobytes().startswith(b"FPGA 4711-08\xff")
+    text = b""
+    for at in range(12):
+        host.write(0, reg.QLA_PROM_COMMAND, 0x03000000 | at << 8)
+        host.tick += MS
+        text += bytes([host.read(0, reg.QLA_PROM_RESULT) or 0])
+    assert text == b"QLA 4711-08\0"
+
+
+def test_axis_registers_power_up_as_documented() -> None:
+    host = Host(4)
+    values = {reg.DAC: 0x8000, reg.ENCODER_PRELOAD: 0x800000, reg.MOTOR_CONFIG: 0x01780418,
+              reg.MOTOR_STATUS: 0x00108000, reg.PERIOD: 0xCBFFFFFF, reg.QUARTER_1: 0x43FFFFFF,
+              reg.QUARTER_5: 0x43FFFFFF, reg.RUNNING: 0x83FFFFFF}
+    for axis in range(4):
+        assert {offset: host.read(0, reg.axis_register(axis, offset)) for offset in values} == values
+    assert (host.read(0, reg.axis_register(2, reg.ENCODER)) or 0) & 0x1FFFFFF == 0x800000
+
+
+def test_preload_example_sets_axis_1_of_node_0() -> None:
+    host = Host(4)
+    request = bytes.fromhex("0001" + "ffc08c00ffd000000000001400801000" + "47f33fd7")  # F.7, our generation
+    host.bus.answer(request, 0)
+    assert (host.read(0, 0x15) or 0) & 0xFFFFFF == 0x801000
+    assert (host.read(0, 0x25) or 0) & 0xFFFFFF == 0x800000
+
+
+def test_real_time_block_has_32_quads_and_restarts_the_time_stamp() -> None:
+    host = Host(4, 6)
+    host.tick = 1000
+    host.block(0, reg.REAL_TIME, 128)
+    host.tick = 5000
+    block = host.block(0, reg.REAL_TIME, 128)
+    assert block[0] == 3999
+    assert reg.board_of(int(block[1])) == 4
+    assert block[2] & 0xFFF == 0xFFF
+    assert block[3] & 0xFFFF == 0x3C3E
+    assert host.block(1, reg.REAL_TIME, 128)[0] == 5000
+    assert (block[28:32] == 0x00108000).all()
+    assert (block[12:16] == 0xCBFFFFFF).all()
+
+
+@pytest.mark.parametrize("ids", [(0,), (0, 1), (9, 3, 12), tuple(range(10)), tuple(range(15, -1, -1))])
+def test_hub_read_has_every_board_in_ascending_order(ids: tuple[int, ...]) -> None:
+    host = Host(*ids)
+    mask = sum(1 << board for board in ids)
+    for sequence in (1, 0x1FF):
+        host.tick += 33_000
+        host.write(wire.BROADCAST, reg.QUERY, sequence << 16 | mask)
+        quads = host.block(0, reg.HUB, (33 * len(ids) + 1) * 4) if len(ids) < 16 else None
+        if quads is None:
+            continue
+        blocks = quads[:-1].reshape(-1, 33)
+        assert (blocks[:, 0] >> 24 == 33).all()
+        assert (blocks[:, 0] >> 16 & 0xFF == sequence & 0xFF).all()
+        assert (np.diff(blocks[:, 0] & 0x3FFF) > 0).all()
+        assert [reg.board_of(int(status)) for status in blocks[:, 2]] == sorted(ids)
+        assert quads[-1] != 0
+    if quads is not None:
+        assert (blocks[:, 1] == 32_999).all()
+
+
+def test_hub_read_of_some_boards_leaves_the_others_out() -> None:
+    host = Host(2, 5, 7)
+    host.tick = 100
+    host.write(wire.BROADCAST, reg.QUERY, 6 << 16 | 1 << 7 | 1 << 2)
+    quads = host.block(0, reg.HUB, 67 * 4)
+    assert [reg.board_of(int(q)) for q in (quads[2], quads[35])] == [2, 7]
+    host.tick = 300
+    assert host.block(1, reg.REAL_TIME, 128)[0] == 300  # board 5 was not sampled by the query
+    host.write(wire.BROADCAST, reg.QUERY, 7 << 16 | 1 << 7 | 1 << 4)
+    quads = host.block(0, reg.HUB, 67 * 4)
+    assert (quads[0], quads[66]) == (0, 0)  # board 4 is not there: no block, no timing
+
+
+def test_parts_of_hub_memory_can_be_read() -> None:
+    host = Host(2, 5)
+    host.write(wire.BROADCAST, reg.QUERY, 6 << 16 | 0x24)
+    whole = host.block(0, reg.HUB, 67 * 4)
+    assert (host.block(0, reg.HUB + 33, 33 * 4) == whole[33:66]).all()
+    assert host.read(0, reg.HUB + 1) == whole[1]
+    assert (host.block(0, reg.HUB, 70 * 4)[67:] == 0).all()
+
+
+def test_broadcast_write_reaches_each_board_by_its_id() -> None:
+    host = Host(5, 0)
+    host.write_block(wire.BROADCAST, 0x006, 0x80008100, 0x80008200, 0x80008300, 0x80008400, 0,
+                     0x506, 0x80008101, 0x80008201, 0x80008301, 0x00008401, 0)
+    assert [host.read(1, reg.axis_register(k, reg.DAC)) for k in range(4)] == [0x8100, 0x8200, 0x8300, 0x8400]
+    assert [host.read(0, reg.axis_register(k, reg.DAC)) for k in range(4)] == [0x8101, 0x8201, 0x8301, 0x8000]
+    assert host.read(0, reg.axis_register(0, reg.MOTOR_STATUS)) == 0x00108101
+
+
+def test_groups_of_absent_boards_are_stepped_over() -> None:
+    host = Host(1)
+    host.write_block(wire.BROADCAST, 0x706, 0x80009000, 0, 0, 0, 0, 0x106, 0x80008101, 0, 0, 0, 0)
+    assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8101
+    host.write_block(0, 0x206, 0x80009000, 0, 0, 0, 0)  # addressed to the node, meant for another id
+    assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8101
+
+
+def test_voltage_mode_needs_an_expander_and_is_ignored() -> None:
+    host = Host(1)
+    host.write(0, reg.axis_register(0, reg.DAC), 0x81009000)
+    assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8000
+
+
+def test_motor_configuration_keeps_what_has_no_set_bit() -> None:
+    host = Host(1)
+    address = reg.axis_register(1, reg.MOTOR_CONFIG)
+    host.write(0, address, 0x80FF9FFF)
+    assert host.read(0, address) == 0x81780418
+    host.write(0, address, 0x0300_9FFF | 0x20 << 16)
+    assert host.read(0, address) == 0x01201FFF
+
+
+def test_outputs_show_in_the_digital_inputs() -> None:
+    host = Host(1)
+    host.write(0, reg.DIGITAL_OUTPUT, 0x0F05)
+    assert host.read(0, reg.DIGITAL_OUTPUT) == 5
+    assert (host.read(0, reg.DIGITAL_INPUT) or 0) >> 12 & 0xF == 5
+    host.write(0, reg.DIGITAL_OUTPUT, 0x0102)
+    assert host.read(0, reg.DIGITAL_OUTPUT) == 4
+
+
+def test_reboot_gives_the_bus_a_new_generation() -> None:
+    host = Host(1, 2)
+    host.write(0, reg.axis_register(0, reg.DAC), 0x80009000)
+    before = host.bus.generation
+    host.write(0, reg.STATUS, reg.CONTROL_REBOOT)
+    assert host.read(1, reg.HARDWARE_ID) is None, "the hub is away, and all behind it"
+    host.tick += 1001 * MS
+    host.bus.step(host.tick)
+    assert host.bus.generation == before + 1
+    assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8000
+
+
+@pytest.mark.parametrize("ids", [(), (3, 3), (16,)])
+def test_impossible_sets_of_boards_are_refused(ids: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="allowed"):
+        Host(*ids)
+
+
+def test_captured_rev_8_requests_are_answered_in_kind(data: Callable[[str], Path]) -> None:
+    bus = Bus((Controller(0), Controller(1)))
+    bus.generation = 3
+    for name in ("d_r8_p0", "d_r8_p1", "d_r8_p2"):
+        rows = [json.loads(line) for line in (data("golden/wire") / f"{name}.jsonl").read_text().splitlines()]
+        answered, last = 0, None
+        for tick, row in enumerate(rows[1:]):
+            request = bytes.fromhex(row["hex"])
+            if row["dir"] == "host->board":
+                reply = bus.answer(request, tick * 10_000)
+                last = None if reply is None else bytes(reply)
+            elif len(request) > 8:
+                assert last is not None
+                want, got = wire.decode_response(request), wire.decode_response(last)
+                assert isinstance(want, wire.Response) and isinstance(got, wire.Response)
+                assert (got.tcode, got.node, got.tl, len(got.data)) == (want.tcode, want.node, want.tl, len(want.data))
+                answered += 1
+        assert answered > 10
+
