@@ -1,46 +1,85 @@
 """Real-time blocks of firmware Rev 7, 8 and 9: what is in which quadlet, of read blocks, hub memory and write groups.
 
-`io` and `boards` use the tables (`LAYOUTS`, the column constants) on whole arrays; the dataclasses serve everything
-that looks at one block. Columns are the same in every revision: Rev 7 only lacks the last four.
+`io` and `boards` use the tables (`LAYOUTS`, `AXES_OF`, columns) on whole arrays, a row a board; the dataclasses serve
+everything that looks at one block of a QLA1. Columns are the same in every revision: Rev 7 only lacks the last kind.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Final
 
 from procs.lib import registers
-from procs.lib.wire import Buffer, WireError
+from procs.lib.wire import MAX_DATA, Buffer, WireError
 
-# Columns of a real-time read block of a QLA1; axis 1 first where there are four.
+AXES_OF: Final = {"QLA1": (4, 4), "DQLA": (8, 8), "dRA1": (10, 7)}  # hardware: motors (with brakes), encoders
+MOST_HUB_QUADS: Final = MAX_DATA // 4  # of a hub read: hub memory has 512, a block on the wire a few less
+
+# Columns of a real-time read block; then come the kinds below, a column an axis, axis 1 first.
 TIMESTAMP: Final = 0  # ticks since the previous sample of this board, minus 1
 STATUS: Final = 1
 DIGITAL_INPUT: Final = 2
-TEMPERATURE: Final = 3  # data-buffer status in 31:16, temperatures in 15:0
-ADC: Final = slice(4, 8)
-POSITION: Final = slice(8, 12)
-PERIOD: Final = slice(12, 16)
-QUARTER_1: Final = slice(16, 20)
-QUARTER_5: Final = slice(20, 24)
-RUNNING: Final = slice(24, 28)
-MOTOR_STATUS: Final = slice(28, 32)  # Rev 8 on; zero in the arrays of Rev 7
-READ_COLUMNS: Final = 32
-WRITE_COLUMNS: Final = 5  # DAC 1-4, control
+TEMPERATURE: Final = 3  # two bytes; in 31:16 data-buffer status, or two more bytes of a DQLA
+SCALARS: Final = 4
+KINDS: Final = 7  # ADC, position, period, quarter 1, quarter 5, running, motor status
+_OF_MOTORS: Final = (0, 6)  # kinds there are of every motor; the others are of every encoder
+
+
+class Columns:
+    """Where what lies in a row with room for `width` axes: slices of `width` columns, and `count` of all."""
+
+    def __init__(self, width: int) -> None:
+        self.width, self.count = width, SCALARS + KINDS * width
+        (self.adc, self.position, self.period, self.quarter_1, self.quarter_5, self.running, self.motor_status) = (
+            slice(SCALARS + kind * width, SCALARS + (kind + 1) * width) for kind in range(KINDS))
+
+
+_PLAIN: Final = Columns(registers.AXES)  # a QLA1's columns, by name
+ADC: Final = _PLAIN.adc
+POSITION: Final = _PLAIN.position
+PERIOD: Final = _PLAIN.period
+QUARTER_1: Final = _PLAIN.quarter_1
+QUARTER_5: Final = _PLAIN.quarter_5
+RUNNING: Final = _PLAIN.running
+MOTOR_STATUS: Final = _PLAIN.motor_status  # Rev 8 on; zero in the arrays of Rev 7
+READ_COLUMNS: Final = _PLAIN.count
+WRITE_COLUMNS: Final = registers.AXES + 1  # DAC 1-4, control
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Sizes (quadlets) and hub header fields of one firmware revision, QLA1."""
+    """Hub header fields of one firmware revision and sizes (quadlets) of a controller's blocks with it."""
 
     firmware: int
-    read_quads: int
-    write_quads: int
     sequence_shift: int
     sequence_mask: int  # after the shift: how much of the sequence number comes back
     has_size: bool  # the header names the block's size in 31:24
     mismatch: int  # bit the board sets for a wrong sequence; 0 where there is none
     time_mask: int  # update time, ticks since the query
+    motors: int = registers.AXES
+    encoders: int = registers.AXES
+
+    @property
+    def read_quads(self) -> int:
+        """Quadlets of a real-time read block."""
+        if self.firmware == 7:
+            return SCALARS + 6 * self.encoders
+        return SCALARS + 2 * self.motors + 5 * self.encoders
+
+    @property
+    def write_quads(self) -> int:
+        """Quadlets of a board's part of a real-time write."""
+        return self.motors + (1 if self.firmware == 7 else 2)
+
+    def columns(self, width: int) -> list[int]:
+        """The columns that the quadlets of a read block fill in a row with room for `width` axes."""
+        filled = list(range(SCALARS))
+        for kind in range(KINDS - 1 if self.firmware == 7 else KINDS):
+            first = SCALARS + kind * width
+            filled += range(first, first + (self.motors if kind in _OF_MOTORS else self.encoders))
+        return filled
 
     @property
     def hub_quads(self) -> int:
@@ -60,30 +99,33 @@ class Layout:
 
 
 LAYOUTS: Final = {
-    7: Layout(7, 28, 5, 16, 0xFFFF, False, 0, 0x3FFF),
-    8: Layout(8, 32, 6, 16, 0xFF, True, 1 << 15, 0x3FFF),
-    9: Layout(9, 32, 6, 16, 0xFF, True, 1 << 15, 0x7FFF),
+    7: Layout(7, 16, 0xFFFF, False, 0, 0x3FFF),
+    8: Layout(8, 16, 0xFF, True, 1 << 15, 0x3FFF),
+    9: Layout(9, 16, 0xFF, True, 1 << 15, 0x7FFF),
 }
 
 
-def layout_of(firmware: int) -> Layout:
-    """Layout of a firmware revision; WireError for one nobody knows."""
+def layout_of(firmware: int, motors: int = registers.AXES, encoders: int = registers.AXES) -> Layout:
+    """Layout of a controller with so many motors and encoders; WireError for a firmware nobody knows."""
     layout = LAYOUTS.get(firmware)
     if layout is None:
         raise WireError(f"firmware Rev {firmware}; allowed: 7, 8, 9", "real-time block")
-    return layout
+    return replace(layout, motors=motors, encoders=encoders)
 
 
 def read_quads(firmware: int, motors: int = registers.AXES, encoders: int = registers.AXES) -> int:
     """Quadlets of a real-time read block of a board with so many motors and encoders."""
-    if layout_of(firmware).firmware == 7:
-        return 4 + 6 * encoders
-    return 4 + 2 * motors + 5 * encoders
+    return layout_of(firmware, motors, encoders).read_quads
 
 
 def hub_read_quads(firmware: int, boards: int) -> int:
-    """Quadlets of a hub read: a header and a block for every board, then the timing quadlet."""
+    """Quadlets of a hub read of QLA1: a header and a block for every board, then the timing quadlet."""
     return layout_of(firmware).hub_quads * boards + 1
+
+
+def hub_read_quads_of(boards: Iterable[tuple[int, str]]) -> int:
+    """The same for any boards: firmware and hardware of each."""
+    return sum(read_quads(firmware, *AXES_OF[hardware]) + 1 for firmware, hardware in boards) + 1
 
 
 def _words(data: Buffer, where: str) -> tuple[int, ...]:

@@ -14,9 +14,6 @@ from procs.lib import registers as reg
 from procs.lib.document import Controller, Quirks
 
 HEAD, BLOCK = 0, 1  # columns of a canonical row: the hub header, then the real-time block
-SCALARS: Final = 4  # time stamp, status, digital inputs, temperatures
-KINDS: Final = 7  # ADC, position, period, quarter 1, quarter 5, running, motor status: `width` columns each
-_OF_MOTORS = (0, 6)  # kinds there are of every motor; the others are of every encoder
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +30,9 @@ class Hardware:
 
 
 HARDWARE: Final = {
-    "QLA1": Hardware("QLA1", reg.QLA1, 4, 4, 4, 0x0000_0FFF, {7: (2,), 8: (2, 3), 9: (2, 3)}),
-    "DQLA": Hardware("DQLA", reg.DQLA, 8, 8, 8, 0x0FFF_0FFF, {8: (3,), 9: (3,)}),
-    "dRA1": Hardware("dRA1", reg.DRA1, 10, 7, 0, 0x0001_FFFF, {8: (3,), 9: (3,)}),
+    "QLA1": Hardware("QLA1", reg.QLA1, *blocks.AXES_OF["QLA1"], 4, 0x0000_0FFF, {7: (2,), 8: (2, 3), 9: (2, 3)}),
+    "DQLA": Hardware("DQLA", reg.DQLA, *blocks.AXES_OF["DQLA"], 8, 0x0FFF_0FFF, {8: (3,), 9: (3,)}),
+    "dRA1": Hardware("dRA1", reg.DRA1, *blocks.AXES_OF["dRA1"], 0, 0x0001_FFFF, {8: (3,), 9: (3,)}),
 }
 
 
@@ -72,37 +69,36 @@ class Model:
 
     @property
     def layout(self) -> blocks.Layout:
-        """Header fields of the firmware."""
-        return blocks.layout_of(self.firmware)
+        """Header fields of the firmware, sizes of this board's blocks."""
+        return blocks.layout_of(self.firmware, self.hardware.motors, self.hardware.encoders)
 
     @property
     def read_quads(self) -> int:
         """Quadlets of a real-time block."""
-        return blocks.read_quads(self.firmware, self.hardware.motors, self.hardware.encoders)
+        return self.layout.read_quads
 
     @property
     def write_quads(self) -> int:
         """Quadlets of this board's part of a real-time write."""
-        return self.hardware.motors + (1 if self.firmware == 7 else 2)
+        return self.layout.write_quads
 
     def columns(self, width: int) -> npt.NDArray[np.intp]:
         """Where the quadlets of a hub block (header first) lie in a canonical row for `width` axes."""
-        places = list(range(BLOCK + SCALARS))
-        for kind in range(KINDS):
-            if kind == KINDS - 1 and self.firmware == 7:
-                continue
-            count = self.hardware.motors if kind in _OF_MOTORS else self.hardware.encoders
-            first = BLOCK + SCALARS + kind * width
-            places += range(first, first + count)
-        return np.array(places, dtype=np.intp)
+        return np.array([HEAD, *(BLOCK + column for column in self.layout.columns(width))], dtype=np.intp)
 
 
 def models_of(controllers: tuple[Controller, ...]) -> tuple[Model, ...]:
-    """Models by ascending board id; ValueError for none, two with one id, or one there never was."""
+    """Models by ascending board id.
+
+    ValueError for none, two with one id, one there never was, or more than hub memory has room for.
+    """
     ids = [c.board_id for c in controllers]
     if not ids or len(set(ids)) != len(ids):
         raise ValueError(f"boards {sorted(ids)}; allowed: at least one, each with its own id from 0 to 15")
     models = [Model.of(node, controller) for node, controller in enumerate(controllers)]
+    quads = blocks.hub_read_quads_of((model.firmware, model.hardware.name) for model in models)
+    if quads > blocks.MOST_HUB_QUADS:
+        raise ValueError(f"{len(ids)} boards with {quads} quadlets in hub memory; allowed: {blocks.MOST_HUB_QUADS}")
     return tuple(sorted(models, key=lambda model: model.board_id))
 
 

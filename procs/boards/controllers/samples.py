@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.models import BLOCK, HEAD, KINDS, SCALARS, Model
+from procs.boards.controllers.models import BLOCK, HEAD, Model
 from procs.lib import blocks
+from procs.lib.blocks import KINDS, SCALARS
 
 Quads = npt.NDArray[np.uint32]
 TEMPERATURES = 0x3C3E  # 30 and 31 °C
