@@ -127,3 +127,34 @@ def test_a_dqla_has_a_loop_back_board_on_each_of_its_qlas() -> None:
         tick += MS
         assert read(reg.DIGITAL_INPUT) & 0x0FFF_0FFF == inputs
         assert bool(read(reg.axis_register(moved, reg.ENCODER)) & reg.ENCODER_PIN_A) == (moved == 0 and register == 0)
+
+
+def test_each_half_of_a_dqla_has_its_own_encoders_currents_and_voltages() -> None:
+    bus = Bus((Controller(0, "DQLA", 9, "V3"),), testboard=True)
+    tick = 0
+
+    def write(address: int, value: int) -> None:
+        nonlocal tick
+        tick += round(10 * US)
+        bus.answer(wire.quadlet_write(0, address, value, 1, 1), tick)
+
+    def read(address: int) -> int:
+        response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
+        assert isinstance(response, wire.Response)
+        return response.value
+
+    write(reg.WATCHDOG, 0)
+    write(reg.STATUS, reg.CONTROL_POWER_ON)
+    tick += 100 * MS
+    write(reg.DIGITAL_OUTPUT, 0xFFFF)
+    for axis in range(8):
+        write(reg.axis_register(axis, reg.ENCODER_PRELOAD), reg.ENCODER_ZERO)
+        write(reg.axis_register(axis, reg.DAC), reg.DAC_VALID | reg.DAC_AMP_MASK | reg.DAC_AMP_ENABLE | 0x8100 + axis)
+    for pins in (1, 3, 2, 0) * 5:
+        write(reg.DIGITAL_OUTPUT, 0xFF00 | ~pins << 4 & 0xF0 | 0x0F)  # those of the second QLA
+    tick += MS
+    moved = [(read(reg.axis_register(axis, reg.ENCODER)) & reg.ENCODER_MASK) - reg.ENCODER_ZERO for axis in range(8)]
+    assert moved[:4] == [0] * 4 and set(moved[4:]) <= {18, 20}, "up to the lag after a reversal"
+    analog = [read(reg.axis_register(axis, reg.ADC)) for axis in range(8)]
+    assert [word & 0xFFFF for word in analog] == [0x8100 + axis for axis in range(8)]
+    assert {word >> 16 for word in analog} == {0x8000}, "2.25 V"
