@@ -63,6 +63,13 @@ MISTAKES: list[tuple[Section, str, str, str, str]] = [  # section, hardware, key
         "not allowed",
         "dddd-dd",
     ),
+    (
+        {"buses": {"IO1": {"controllers": {str(board): {} for board in range(16)}}}},
+        "QLA1",
+        f"{BUS}.controllers",
+        "the 16 boards of IO1 have 529 quadlets in hub memory",
+        "up to 506: 15 QLA1",
+    ),
     # addresses
     ({"buses": {"IO1": {"address": "10.0.0.1"}}}, "QLA1", f"{BUS}.address", "not an address", "127.x.y.z"),
     ({"buses": {"IO1": {"address": "127.1.2"}}}, "QLA1", f"{BUS}.address", "not an address", "0.0.0.0"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from procs.lib import document
+from procs.lib import blocks, document
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.emulation_section import (
@@ -210,3 +210,12 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
         key = place.where("firmware", old[0])
         text = f"{protocol} cannot mix firmware 7 (board {', '.join(map(str, old))} of {place.name}) with others"
         place.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")
+
+
+def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
+    """One broadcast query must have room for all boards of a bus in hub memory, and in a block."""
+    quads = blocks.hub_read_quads_of((row.firmware, row.hardware) for row in rows)
+    if quads > blocks.MOST_HUB_QUADS:
+        key = (*place.key, "controllers") if place.keys.controllers else place.key
+        text = f"the {len(rows)} boards of {place.name} have {quads} quadlets in hub memory"
+        place.error(key, text, f"up to {blocks.MOST_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")

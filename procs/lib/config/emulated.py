@@ -11,7 +11,15 @@ from procs.lib import document
 from procs.lib.config.arms import LoadedArm
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
-from procs.lib.config.controllers import BOARDS, EMULATION, BusPlace, bus_files, check_broadcasts, controllers
+from procs.lib.config.controllers import (
+    BOARDS,
+    EMULATION,
+    BusPlace,
+    bus_files,
+    check_broadcasts,
+    check_hub_memory,
+    controllers,
+)
 from procs.lib.config.emulation_section import EVERYWHERE, EmulatedBusKeys, EmulationOptions
 from procs.lib.config.io_file import RobotKeys
 from procs.lib.config.problem import Key
@@ -54,6 +62,7 @@ def build_emulation(
         if bus.controllers:
             rows.append(bus)
             _note(place, bus, by_name.get(place.name))
+            check_hub_memory(place, bus.controllers)
         if place.name in by_name:
             check_broadcasts(place, bus.controllers, PROTOCOLS[by_name[place.name].keys.protocol])
     _check_addresses(places, rows)

@@ -218,3 +218,19 @@ def test_controllers_there_never_were_are_refused(controller: Controller, said: 
 def test_ethernet_only_buses_need_rev_9_on_v3() -> None:
     with pytest.raises(ValueError, match="board 2: firmware 8"):
         Bus((*controllers(9, 1), *controllers(8, 2)), network="ethernet")
+
+
+@pytest.mark.parametrize(("hardware", "firmware", "most"), [("QLA1", 8, 15), ("DQLA", 9, 8), ("dRA1", 9, 8)])
+def test_no_bus_has_more_boards_than_hub_memory_has_room_for(hardware: str, firmware: int, most: int) -> None:
+    boards = [Controller(i, hardware, firmware, "V3") for i in range(most + 1)]
+    with pytest.raises(ValueError, match="quadlets in hub memory; allowed: 506"):
+        Bus(tuple(boards))
+    bus = Bus(tuple(boards[:most]), network="ethernet" if firmware == 9 else "bridge")
+    reply = bus.answer(wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | (1 << most) - 1, 1, 1, 1), 0)
+    assert len(reply or b"") <= wire.MAX_DATA + 32
+
+
+def test_sixteen_boards_of_rev_7_have_room_in_hub_memory() -> None:
+    line = Line(Bus(controllers(7, *range(16), fpga="V2")))
+    line.query(1, 0xFFFF)
+    assert len(line.hub(29 * 16 + 1)) == 465
