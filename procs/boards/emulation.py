@@ -151,13 +151,14 @@ class Emulation:
         self._middle = np.full((2, count), 32767.5)
         self._over, self._excess = np.zeros(count, dtype=np.bool_), np.full(count, float(CURRENT_EXCESS))
         self._is_over = False
-        self._now, self._end, self._motion = (np.zeros((2, count)) for _ in range(3))
-        self._change = np.zeros(count)
-        self._spans = np.array((np.full(count, float(self._span)), np.full(count, 2.0 * self._span)))
+        self._now, self._end, self._change = (np.zeros((2, count)) for _ in range(3))
+        self._curve = np.zeros((3, count))
         # Rows as arrays of their own: indexing makes a new one every time, which costs as much as using it.
         self._words, (self._pot_volts, self._measured, self._commanded) = self._bits[:2], self._bits
         self._currents, (self._measured_off, self._commanded_off) = self._bits[1:], self._compared
-        self._mean, self._h = self._motion
+        self._start, self._rates = self._curve[0], self._curve[1:]
+        span = float(self._span)  # mean velocity less half its change, and half that change over the time
+        self._to_rates = np.array(((1.0 / span, -0.5), (0.0, 0.5 / span)))
         self._now_rows, self._end_rows = tuple(self._now), tuple(self._end)
         if self._has_robots:
             self._where(self._now, self._now_rows)
@@ -289,13 +290,11 @@ class Emulation:
 
     def _move(self) -> None:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
-        now, end, motion, change = self._now, self._end, self._motion, self._change
-        rows, mean, h = self._now_rows, self._mean, self._h
+        now, end, rows = self._now, self._end, self._now_rows
         self._where(end, self._end_rows)
-        np.subtract(end, now, motion)
-        np.divide(motion, self._spans, motion)  # mean velocity and h
-        np.multiply(h, self._spans[0], change)
-        np.subtract(mean, change, mean)  # the velocity at the beginning
+        np.subtract(end, now, self._change)
+        self._start[...] = rows[0]
+        self._to_rates.dot(self._change, self._rates)
         self._now, self._end, self._now_rows, self._end_rows = end, now, self._end_rows, rows
         for bus, cut in self._cut:
-            bus.encoders.follow(self.begin, self._span, rows[0][cut], mean[cut], h[cut])
+            bus.encoders.follow(self.begin, self._span, self._curve[:, cut])

@@ -23,7 +23,7 @@ DIRECTION = 16  # above the four bits of an edge's type
 RISING = (reg.EDGE_B_DOWN, reg.EDGE_A_UP, reg.EDGE_B_UP, reg.EDGE_A_DOWN)  # crossing k upwards, by k mod 4
 FALLING = (reg.EDGE_B_UP, reg.EDGE_A_DOWN, reg.EDGE_B_DOWN, reg.EDGE_A_UP)
 PINS = (0, reg.ENCODER_PIN_A, reg.ENCODER_PIN_A | reg.ENCODER_PIN_B, reg.ENCODER_PIN_B)  # by ⌊x⌋ mod 4
-PERIOD, QUARTER_1, QUARTER_5, RUNNING, POSITION, INPUTS, BEHIND = range(7)  # rows of the flags
+POSITION, PERIOD, QUARTER_1, QUARTER_5, RUNNING, INPUTS, BEHIND = range(7)  # rows of the flags
 
 _WAYS = 32
 _SEEN = 5
@@ -71,7 +71,7 @@ def _edges_of(state: int, phase: int) -> list[int]:
 def flag_table() -> Ints:
     """By state · 16 + ⌊x⌋ mod 4 (column).
 
-    Rows 0-3: bits of period, quarter 1, quarter 5 and running. Row 4: pins in the position word. Row 5: pins in the
+    Row 0: pins in the position word. Rows 1-4: bits of period, quarter 1, quarter 5 and running. Row 5: pins in the
     digital inputs of axis 0. Row 6: what a counter lacks while the latched direction is up.
     """
     table = np.zeros((7, _STATES, STRIDE), dtype=np.int64)
@@ -84,8 +84,8 @@ def flag_table() -> Ints:
             period = ((newest & DIRECTION) << reg.QUARTER_EDGE_SHIFT | changed * reg.PERIOD_DIRECTION_CHANGED
                       | (0 if edges[3] & 15 else reg.PERIOD_PARTIAL))
             table[:, state, phase] = (
-                period, newest << reg.QUARTER_EDGE_SHIFT, edges[4] << reg.QUARTER_EDGE_SHIFT,
-                up << reg.QUARTER_EDGE_SHIFT, pins,
+                pins, period, newest << reg.QUARTER_EDGE_SHIFT, edges[4] << reg.QUARTER_EDGE_SHIFT,
+                up << reg.QUARTER_EDGE_SHIFT,
                 (pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT,
                 LAG if up else 0)
     return table.reshape(7, -1)

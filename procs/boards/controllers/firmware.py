@@ -107,7 +107,7 @@ class Firmware:
         """Bring what real-time blocks show of all boards up to `tick`; time stamps are left alone."""
         samples, encoders, power = self.samples, self.encoders, self.power
         encoders.observe(tick)
-        encoders.words(tick, samples.positions, samples.velocities)
+        encoders.words(tick, samples.encoders)
         if self._seen_changes != power.changes:
             self._seen_changes = power.changes
             samples.status[...] = power.status

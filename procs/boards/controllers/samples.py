@@ -35,8 +35,9 @@ class Samples:
         self.temperatures[:] = TEMPERATURES
         self.adc, self.positions, *_, self.motor_status = (
             block[:, SCALARS + kind * width : SCALARS + (kind + 1) * width] for kind in range(KINDS))
-        self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
-        assert np.shares_memory(self.velocities, self._rows)
+        self.encoders = block[:, SCALARS + width : SCALARS + 6 * width].reshape(n, 5, width)
+        assert np.shares_memory(self.encoders, self._rows)
+        self.velocities = self.encoders[:, 1:]
         self._sampled = [-1] * n  # tick of every board's last sample
         self._places = [row * self._rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
         self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}

@@ -28,15 +28,16 @@ class Bench:
         self.encoders.observe(self.tick)
         speed, half = np.zeros(4), np.zeros(4)
         speed[0], half[0] = v * PER_TICK, 0.5 * a * PER_TICK**2
-        self.encoders.follow(self.tick, STEP, self.x, speed, half)
+        self.encoders.follow(self.tick, STEP, np.array((self.x, speed, half)))
         self.x = self.x + speed * STEP + half * STEP**2
         self.tick += STEP
 
     def words(self, tick: int) -> list[int]:
-        position, velocity = np.zeros((1, 4), dtype=np.uint32), np.zeros((1, 4, 4), dtype=np.uint32)
+        words = np.zeros((1, 5, 4), dtype=np.uint32)
         self.encoders.observe(tick)
-        self.encoders.words(tick, position, velocity)
-        return [int(position[0, 0]), *velocity[0, :, 0].tolist()]
+        self.encoders.words(tick, words)
+        found: list[int] = words[0, :, 0].tolist()
+        return found
 
 
 def _speed(period: int) -> float:
@@ -215,14 +216,14 @@ def test_boards_of_any_width_keep_their_axes_apart(width: int) -> None:
     x: Floats = slots + np.full(3 * width, 0.5)
     encoders.place(x)
     encoders.observe(0)
-    encoders.follow(0, STEP, x, 10.0 / STEP * (x - 0.5), np.zeros(3 * width))  # slot k moves 10 · k counts
-    position = np.zeros((3, width), dtype=np.uint32)
-    velocity = np.zeros((3, 4, width), dtype=np.uint32)
+    encoders.follow(0, STEP, np.array((x, 10.0 / STEP * slots, 0.0 * slots)))  # slot k moves 10 · k counts
+    words = np.zeros((3, 5, width), dtype=np.uint32)
+    position, period = words[:, 0], words[:, 1]
     encoders.observe(STEP)
-    encoders.words(STEP, position, velocity)
+    encoders.words(STEP, words)
     assert (position & reg.ENCODER_MASK).ravel().tolist() == [
         reg.ENCODER_ZERO + (10 * slot - 2 if slot else 0) for slot in slots]
-    assert (velocity[:, 0] & reg.VELOCITY_DIRECTION).ravel().astype(bool).all()
+    assert (period & reg.VELOCITY_DIRECTION).ravel().astype(bool).all()
     lines = position >> 28 & 3  # A, B
     for board in range(3):
         shown = int(encoders.pins[board])

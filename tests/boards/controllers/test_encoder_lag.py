@@ -61,7 +61,7 @@ class Pair:
         velocity, half = np.full(8, 3.0 / STEP), np.zeros(8)
         velocity[5], half[5] = v, h
         self.encoders.observe(self.tick)
-        self.encoders.follow(self.tick, STEP, self.x, velocity, half)
+        self.encoders.follow(self.tick, STEP, np.array((self.x, velocity, half)))
         turn = -v / (2.0 * h) if h else -1.0
         stops = {float(sample): True for sample in samples} | {float(STEP): False}
         if 0.0 < turn < STEP:
@@ -80,10 +80,10 @@ class Pair:
         self.encoders.observe(self.tick)
 
     def word(self, tick: int) -> int:
-        position, velocity = np.zeros((2, 4), dtype=np.uint32), np.zeros((2, 4, 4), dtype=np.uint32)
+        words = np.zeros((2, 5, 4), dtype=np.uint32)
         self.encoders.observe(tick)
-        self.encoders.words(tick, position, velocity)
-        return int(position[1, 1]) & (reg.ENCODER_OVERFLOW | reg.ENCODER_MASK)
+        self.encoders.words(tick, words)
+        return int(words[1, 0, 1]) & (reg.ENCODER_OVERFLOW | reg.ENCODER_MASK)
 
     def load(self, value: int) -> None:
         self.encoders.load(np.array([5]), np.array([value]))
@@ -195,15 +195,15 @@ def test_power_up_leaves_no_trace_of_edges_and_other_boards_alone() -> None:
         pair.step((3.5, 6.5))
         pair.step((3.5, 0.5))
     pair.load(0x123456)
-    position, velocity = np.zeros((2, 4), dtype=np.uint32), np.zeros((2, 4, 4), dtype=np.uint32)
-    pair.encoders.words(pair.tick, position, velocity)
-    others = position[0].copy(), velocity[0].copy()
+    words = np.zeros((2, 5, 4), dtype=np.uint32)
+    pair.encoders.words(pair.tick, words)
+    others = words[0].copy()
     pair.encoders.power_up(1)
-    pair.encoders.words(pair.tick, position, velocity)
-    assert (position[1] & 0x1FF_FFFF).tolist() == [0x800000] * 4
-    assert velocity[1].tolist() == [[0xCBFFFFFF] * 4, [0x43FFFFFF] * 4, [0x43FFFFFF] * 4, [0x83FFFFFF] * 4]
+    pair.encoders.words(pair.tick, words)
+    assert (words[1, 0] & 0x1FF_FFFF).tolist() == [0x800000] * 4
+    assert words[1, 1:].tolist() == [[0xCBFFFFFF] * 4, [0x43FFFFFF] * 4, [0x43FFFFFF] * 4, [0x83FFFFFF] * 4]
     assert pair.encoders.preload[4:].tolist() == [0x800000] * 4
-    assert (position[0] == others[0]).all() and (velocity[0] == others[1]).all()
+    assert (words[0] == others).all()
 
 
 def test_quirks_must_be_given_for_every_board_or_none() -> None:

@@ -293,7 +293,7 @@ def test_its_real_time_block_has_10_motors_and_7_encoders() -> None:
 def test_periods_are_measured_by_a_clock_of_80_mhz() -> None:
     desk = Desk(board(9), board(9, "dRA1", 4))
     rate, axes = 0.001, 2 * desk.bus.firmware.width  # counts a tick
-    desk.bus.encoders.follow(0, 49_152, np.zeros(axes), np.full(axes, rate), np.zeros(axes))
+    desk.bus.encoders.follow(0, 49_152, np.outer((0.0, rate, 0.0), np.ones(axes)))
     desk.tick = 40_000
     plain, far = (desk.axis(0, reg.PERIOD, node) & reg.VELOCITY_TICKS_MASK for node in (0, 1))
     assert far == pytest.approx(plain * 80 / 49.152, abs=2)
