@@ -8,6 +8,7 @@ for all comes by multicast, and the hub, which is nearest to the host, answers a
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 
 from procs.boards.controllers.commands import Commands
 from procs.boards.controllers.firmware import Firmware
@@ -240,6 +241,9 @@ class Bus:
             length = min(_QUAD.unpack_from(data, 14)[0] >> 16, size - _DATA_AT) & ~3
             if address == reg.REAL_TIME:
                 self._commands.write(rows, data, _DATA_AT, length // 4, tick)
+                if self.firmware.motors.rebooting:
+                    self._reboot(self.firmware.motors.rebooting, tick)
+                    self.firmware.motors.rebooting.clear()
             else:
                 for row in rows:
                     self.firmware.write_block(row, address, bytes(data[_DATA_AT : _DATA_AT + length]), tick)
@@ -256,14 +260,18 @@ class Bus:
         resets = [self.boards[row].network.phy.bus_resets for row in rows]
         for row in rows:
             if address == reg.STATUS and value & reg.CONTROL_REBOOT == reg.CONTROL_REBOOT:
-                self.power.cut(row, tick)
-                self._silent_until[row] = tick + REBOOT_TICKS
+                self._reboot((row,), tick)
             else:
                 self.firmware.write(row, address, value, tick, receiver not in (row, GROUP))
-        if address == reg.STATUS:
-            self._see_who_is_there()
-        elif address == reg.PHY_REQUEST and resets != [self.boards[row].network.phy.bus_resets for row in rows]:
+        if address == reg.PHY_REQUEST and resets != [self.boards[row].network.phy.bus_resets for row in rows]:
             self.reset()
+
+    def _reboot(self, rows: Iterable[int], tick: int) -> None:
+        """FPGAs are configured anew: their boards are away meanwhile."""
+        for row in rows:
+            self.power.cut(row, tick)
+            self._silent_until[row] = tick + REBOOT_TICKS
+        self._see_who_is_there()
 
     def _query(self, rows: tuple[int, ...], value: int, head: _Head, receiver: int,
                tick: int) -> wire.Buffer | None:
