@@ -373,6 +373,7 @@ class Firmware:
         self.encoders.observe(tick)
         self.encoders.power_up(row)
         self.motors.power_up(row)
+        self.samples.power_up(row, tick)
         if row in self._espms:
             self._espms[row].power_up()
         if row in self._expanders:

@@ -53,8 +53,12 @@ class Samples:
         for row in rows:
             sampled[row] = tick
 
+    def power_up(self, row: int, tick: int) -> None:
+        """The FPGA of a board is configured anew: its time counts from here."""
+        self._sampled[row] = tick - 1
+
     def sampled_at(self, row: int) -> int:
-        """Tick of a board's last sample; -1: never."""
+        """Tick of a board's last sample; without one, that before it got power."""
         return self._sampled[row]
 
     def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:

@@ -33,22 +33,21 @@ class Board:
         self.qla_prom = QlaProm(model.serial)
         self.dallas = Dallas(self.firmware)
         self._now = 0
-        self._begin()
+        self._begin(0)
 
-    def _begin(self) -> None:
+    def _begin(self, tick: int) -> None:
         model = self.model
         self.show_watchdog = 0
         self.network = Network(model.fpga, model.firmware, model.board_id, model.node)
-        self.collection = Collection(model.firmware)
+        self.collection = Collection(model.firmware, tick)
         self.digital = Outputs(max(model.hardware.outputs, 1), longest_holds=model.quirks.longest_pwm_holds,
                                playing_hides_table=model.quirks.playing_hides_table)
         self._scratch = 0x2000  # Rev 7
 
     def power_up(self, tick: int) -> None:
         """The FPGA is configured anew: the memories and an instrument stay."""
-        self._time(tick)
         self.dallas.power_up()
-        self._begin()
+        self._begin(self._time(tick))
 
     @property
     def outputs(self) -> int:

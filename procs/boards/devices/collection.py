@@ -29,16 +29,17 @@ STATUS_OFFSET: Final = 0x800  # from the buffer's address
 class Collection:
     """The buffer and its state; channels count from 1 as they do on the wire."""
 
-    def __init__(self, firmware: int) -> None:
-        """Empty as after power-up at tick 0."""
+    def __init__(self, firmware: int, tick: int = 0) -> None:
+        """Empty as after power-up at `tick`."""
         self.collecting = False
         self._free_running = firmware >= 9
         self._entries = [0] * ENTRIES
         self._channel = 1
         self._index = 0  # of the newest entry
         self._measured = reg.CURRENT_ZERO
-        self._zero = -1  # tick of the last real-time sample: the time stamp counts from there
-        self._done = 0  # everything up to this tick has been entered
+        self._zero = tick - 1  # tick of the last real-time sample: the time stamp counts from there
+        self._first = tick + SAMPLE_PHASE
+        self._done = tick  # everything up to this tick has been entered
 
     def command(self, channel: int, word: int, tick: int, measured: int = reg.CURRENT_ZERO) -> None:
         """A motor command is written to an axis; `measured` is that axis' current, which holds from `tick` on."""
@@ -86,7 +87,7 @@ class Collection:
 
     def _run(self, tick: int) -> None:
         """Enter the measurements up to and including `tick`."""
-        first, last = ((at - SAMPLE_PHASE) // SAMPLE_TICKS for at in (self._done, tick))
+        first, last = ((at - self._first) // SAMPLE_TICKS for at in (self._done, tick))
         self._done = max(self._done, tick)
         if not self.collecting:
             return
@@ -94,4 +95,4 @@ class Collection:
         self._index = (self._index + start - first) % ENTRIES
         for k in range(start + 1, last + 1):
             self._index = (self._index + 1) % ENTRIES
-            self._entries[self._index] = MEASURED | self._stamp(SAMPLE_PHASE + k * SAMPLE_TICKS) | self._measured
+            self._entries[self._index] = MEASURED | self._stamp(self._first + k * SAMPLE_TICKS) | self._measured

@@ -258,6 +258,8 @@ def test_reboot_gives_the_bus_a_new_generation() -> None:
     host.bus.step(host.tick)
     assert host.bus.generation == before + 1
     assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8000
+    host.tick += 1000
+    assert host.block(0, reg.REAL_TIME, 128)[0] == 1000, "its time counts from power-up, too"
 
 
 @pytest.mark.parametrize("ids", [(), (3, 3), (16,)])

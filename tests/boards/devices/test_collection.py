@@ -172,3 +172,12 @@ def test_stepping_in_one_go_equals_tick_by_tick(
                 assert collection.status(slow.tick) == status
                 assert collection.read(0, 1024, slow.tick) == slow.entries
         assert collection.collecting == slow.collecting
+
+
+@pytest.mark.parametrize("firmware", [8, 9])
+def test_time_counts_from_power_up(firmware: int) -> None:
+    late, first = Collection(firmware, 1_000_001), Collection(firmware)
+    for collection, tick in ((late, 1_000_001), (first, 0)):
+        collection.command(1, ON | 0x9000, tick + 100)
+    assert late.read(0, 8, 1_000_001 + 2000) == first.read(0, 8, 2000)
+    assert first.read(1, 1, 2000)[0] >> 31
