@@ -25,6 +25,7 @@ from procs.lib.document import System
 
 Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
+MIDDLE = (0x7FFF, 0x8000)  # commands on either side of no current
 MOST_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
 
 
@@ -66,6 +67,13 @@ def ns_of(tick: int) -> int:
     return -(-tick * 15625 // 768)
 
 
+def _too_much(measured: Floats, commanded: Floats | npt.NDArray[np.uint32]) -> Floats:
+    """Bits by which measured currents (offset binary) exceed what the boards allow."""
+    middle = 0.5 * reg.DAC_VALUE_MASK
+    excess: Floats = np.abs(measured - middle) - np.abs(commanded - middle) - CURRENT_EXCESS
+    return excess
+
+
 def _nothing() -> None:
     pass
 
@@ -103,7 +111,8 @@ class Emulation:
         self._has_robots = axes > 0  # boards may be there for their own sake
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
         self.current = np.zeros(axes)
-        self._dac, self._on, self._adc = (a.reshape(-1) for a in (self.lines.dac, self.lines.on, self.lines.adc))
+        self._dac, self._on = self.lines.dac.reshape(-1), self.lines.on.reshape(-1)
+        self._adc = self.lines.adc.reshape(-1).view("<u2").reshape(-1, 2).T  # measured currents, potentiometers
         self._at_slots(len(self._dac))
         self._cut = tuple(self._cuts())
         for robot, own in wiring.brakes.robots:
@@ -133,29 +142,26 @@ class Emulation:
 
         of_brakes = wiring.brakes
         self._let_go = np.zeros(len(of_brakes.slots), dtype=np.bool_)
-        self._amps = (spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
-                      spread(wiring.amps.offset, 0.0, of_brakes.amps.offset))
-        self._volts = (spread(wiring.pot_volts.scale), spread(wiring.pot_volts.offset))
+        self._amps = np.array((spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
+                               spread(wiring.amps.offset, 0.0, of_brakes.amps.offset)))
+        self._on_bytes = b""
         counts = spread(wiring.counts.scale)
         self._counts = (np.array((counts, counts / reg.CLOCK_HZ)),
                         np.array((spread(wiring.counts.offset), np.zeros(count))))
         measured = (spread(wiring.measured.scale, 0.0, of_brakes.measured.scale),
                     spread(wiring.measured.offset, reg.CURRENT_ZERO, of_brakes.measured.offset))
-        self._to_bits = (np.array((spread(wiring.pot_bits.scale), measured[0])),
-                         np.array((spread(wiring.pot_bits.offset), measured[1])))
-        self._flowing = np.zeros(count)
-        self._bits = np.zeros((3, count))  # potentiometers, measured and commanded currents
+        # Rows: motor currents, A, and potentiometers, V; scales and offsets that make them of commands and positions.
+        self._scales, self._offsets = (np.array((np.zeros(count), spread(k)))
+                                       for k in (wiring.pot_volts.scale, wiring.pot_volts.offset))
+        self._to_bits = (np.array((measured[0], spread(wiring.pot_bits.scale))),
+                         np.array((measured[1], spread(wiring.pot_bits.offset))))
+        self._truth, self._bits, self._seen = (np.zeros((2, count)) for _ in range(3))
+        self._flowing, self._volts = self._truth
         self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
-        self._upper = np.full(count, 65536.0)
-        self._compared = np.zeros((2, count))  # measured and commanded currents, bits from mid-range
-        self._middle = np.full((2, count), 32767.5)
-        self._over, self._excess = np.zeros(count, dtype=np.bool_), np.full(count, float(CURRENT_EXCESS))
-        self._is_over = False
+        self._is_over, self._may_be_over = False, self._may_exceed()
         self._now, self._end, self._change = (np.zeros((2, count)) for _ in range(3))
         self._curve = np.zeros((3, count))
         # Rows as arrays of their own: indexing makes a new one every time, which costs as much as using it.
-        self._words, (self._pot_volts, self._measured, self._commanded) = self._bits[:2], self._bits
-        self._currents, (self._measured_off, self._commanded_off) = self._bits[1:], self._compared
         self._start, self._rates = self._curve[0], self._curve[1:]
         span = float(self._span)  # mean velocity less half its change, and half that change over the time
         self._to_rates = np.array(((1.0 / span, -0.5), (0.0, 0.5 / span)))
@@ -222,7 +228,7 @@ class Emulation:
             self._check_currents(tick)
             if self._let_go.size:
                 self._brake()
-            self.position[:], self.velocity[:] = self._world.position, self._world.velocity
+            self.position[...], self.velocity[...] = self._world.position, self._world.velocity
             self._world.step_current(self.current)
             self._move()
         self.on_step()
@@ -243,46 +249,56 @@ class Emulation:
 
     def _sense(self) -> None:
         """The currents that flow, and what the converters make of them and of the potentiometers."""
-        words, volts, measured, commanded = self._words, self._pot_volts, self._measured, self._commanded
-        flowing = self._flowing
-        np.copyto(commanded, self._dac)
-        np.multiply(commanded, self._amps[0], flowing)
-        np.add(flowing, self._amps[1], flowing)
-        np.multiply(flowing, self._on, flowing)
-        flowing.take(self.wiring.slots, None, self.current, "clip")
+        truth, flowing, volts, bits = self._truth, self._flowing, self._volts, self._bits
+        on = self._on.tobytes()
+        if on != self._on_bytes:
+            self._on_bytes = on
+            self._scales[0], self._offsets[0] = self._amps * self._on
+        flowing[...] = self._dac
         self._world.pot_position.take(self._axis_of, None, volts, "clip")
-        np.multiply(volts, self._volts[0], volts)
-        np.add(volts, self._volts[1], volts)
+        np.multiply(truth, self._scales, truth)
+        np.add(truth, self._offsets, truth)
+        flowing.take(self.wiring.slots, None, self.current, "clip")
         for joints in self.setup_joints.values():
-            volts[joints.slots] = joints.step(flowing, self.lines.on.reshape(-1))
+            volts[joints.slots] = joints.step(flowing, self._on)
         if self._noise_v > 0.0:
             volts += self._random.normal(0.0, self._noise_v, self.current.size)[self._axis_of]
-        measured[:] = flowing
         if self.sensor_errors is not None:
-            errors = self.sensor_errors
-            np.add(errors.pot, errors.pot_drift, errors.pot)
-            np.add(volts, errors.pot, volts)
-            np.add(measured, errors.current, measured)
-        np.multiply(words, self._to_bits[0], words)
-        np.add(words, self._to_bits[1], words)
-        np.rint(words, words)
-        np.maximum(words, self._least, out=words)
-        np.minimum(words, self._most, out=words)
-        np.multiply(volts, self._upper, volts)
-        np.add(volts, measured, volts)
-        np.copyto(self._adc, volts, casting="unsafe")
+            truth = self._with_errors(self.sensor_errors)
+        np.multiply(truth, self._to_bits[0], bits)
+        np.add(bits, self._to_bits[1], bits)
+        np.rint(bits, bits)
+        np.maximum(bits, self._least, out=bits)
+        np.minimum(bits, self._most, out=bits)
+        self._adc[...] = bits
+
+    def _with_errors(self, errors: SensorErrors) -> Floats:
+        """What the sensors say instead of the truth."""
+        np.add(errors.pot, errors.pot_drift, errors.pot)
+        np.add(self._truth, (errors.current, errors.pot), self._seen)
+        return self._seen
+
+    def _may_exceed(self) -> bool:
+        """Whether a measured current can be too much, by the files, while amplifiers do as told and sensors are right.
+
+        It is a straight line over the commanded one: no command exceeds more than one at an end or in the middle.
+        """
+        for on in (0.0, 1.0):
+            for command in (0.0, *MIDDLE, reg.DAC_VALUE_MASK):
+                flowing = (command * self._amps[0] + self._amps[1]) * on
+                measured = flowing * self._to_bits[0][0] + self._to_bits[1][0]
+                if (_too_much(measured, np.full_like(measured, command)) > -1.0).any():  # less than that is rounded
+                    return True
+        return False
 
     def _check_currents(self, tick: int) -> None:
         """The boards' current check, left out while no current is near being too much and none was.
 
         A voltage has no commanded current to compare with, and digital amplifiers are stricter.
         """
-        compared, over = self._compared, self._over
-        np.subtract(self._currents, self._middle, compared)
-        np.absolute(compared, compared)
-        np.subtract(self._measured_off, self._commanded_off, self._measured_off)
-        np.greater(self._measured_off, self._excess, over)
-        is_over = bool(np.count_nonzero(over))
+        is_over = False
+        if self._may_be_over or self.sensor_errors is not None:
+            is_over = bool((_too_much(self._bits[0], self._dac) > 0.0).any())
         for bus in self.buses:
             if is_over or self._is_over or bus.firmware.motors.checks_always:
                 bus.check_currents(tick)
