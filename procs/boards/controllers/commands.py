@@ -53,10 +53,11 @@ class Commands:
         self._quads = 0
         if sizes == {(True, firmware.width + 2)}:
             self._quads = firmware.count * (firmware.width + 2)
-            self._groups = np.zeros((firmware.count, firmware.width + 2), dtype=np.uint32)
+            self._shape = (firmware.count, firmware.width + 2)
             heads = [model.board_id << 8 | model.write_quads for model in models]
-            self._heads = np.array(heads, dtype=np.uint32).tobytes()
-            self._group_words, self._group_control = self._groups[:, 1:-1], self._groups[:, -1]
+            self._heads = np.array(heads, dtype=_BIG_QUAD).tobytes()
+            self._group_words = np.zeros(shape, dtype=np.uint32)
+            self._group_control = np.zeros(firmware.count, dtype=np.uint32)
         # Where enables lie in command words alone, and for data collection, it matters whether a word is written.
         self._particular = any(model.firmware == 8 and model.hardware.name != "QLA1" for model in models)
         self._late = np.array([model.firmware > 8 for model in models])
@@ -65,9 +66,9 @@ class Commands:
         """A block of `count` quadlets at byte `at` of a datagram reaches boards `rows`."""
         quads = np.frombuffer(data, _BIG_QUAD, count, at)
         if 0 < count == self._quads and len(rows) == len(self._every):
-            groups = self._groups
-            groups[...] = quads.reshape(groups.shape)
+            groups = quads.reshape(self._shape)
             if groups[:, 0].tobytes() == self._heads:
+                self._group_words[...], self._group_control[...] = groups[:, 1:-1], groups[:, -1]
                 written = self._worth_writing() if self._particular or self._firmware.collecting else None
                 self._firmware.execute(self._group_words, self._group_control, self._every, tick, written)
                 return

@@ -59,7 +59,7 @@ class Motors:
         self._top = np.zeros(shape, dtype=np.uint32)  # top byte of the last command words
         self._last_top = b""
         self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (_TOP_SHIFT, reg.DAC_VALUE_MASK))
-        self._accept = np.zeros(shape, dtype=np.bool_)
+        self._accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
         self._settled = -1
         self._values = np.zeros(shape, dtype=np.uint32)
         power.when_cut = self._forget
@@ -83,7 +83,10 @@ class Motors:
                 self._control(control, tick, executed)
             self._last_top = enables if written is None else b""
         np.bitwise_and(words, self._dac_mask, self._values)
-        np.copyto(self.command, self._values, where=self._accept)
+        if self._accepts_all:
+            self.command[...] = self._values
+        else:
+            np.copyto(self.command, self._values, where=self._accept)
         if self._knows_voltage:
             self._drive(words)
 
@@ -99,7 +102,7 @@ class Motors:
                 power.set_modes(mode, tick)
             # What is off forgets its command at once, also that of the very word that enables it.
             accept &= ~traits.digital[:, None] | power.on & (mode == reg.MODE_CURRENT)
-        self._accept = accept
+        self._accept, self._accepts_all = accept, bool(accept.all())
         if self._any_old:
             new = accept & traits.old[:, None]
             self.written |= new

@@ -47,10 +47,10 @@ class Samples:
         sampled = self._sampled
         if len(rows) == len(sampled) == sampled.count(sampled[0]):
             self._stamp.fill(max(tick - 1 - sampled[0], 0) & 0xFFFF_FFFF)  # the counter wraps
-        else:
-            for row in rows:
-                self._stamp[row] = max(tick - 1 - sampled[row], 0) & 0xFFFF_FFFF
+            sampled[:] = [tick] * len(sampled)
+            return
         for row in rows:
+            self._stamp[row] = max(tick - 1 - sampled[row], 0) & 0xFFFF_FFFF
             sampled[row] = tick
 
     def power_up(self, row: int, tick: int) -> None:
