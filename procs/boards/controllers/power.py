@@ -40,6 +40,10 @@ def _nobody(_: Flags) -> None:
     pass
 
 
+def _first_after(tick: int, times: Ints) -> int:
+    return int(times[times > tick].min(initial=NEVER))
+
+
 class Power:
     """State of all boards; arrays (boards,) and (boards, width)."""
 
@@ -67,6 +71,7 @@ class Power:
         self.good = np.zeros(n, dtype=np.bool_)  # motor supply
         self.changes = 0  # counts changes of `status` and `motor_flags`
         self.next_event = 0  # nothing happens by itself before this tick
+        self._next_other = 0  # nothing but watchdogs
         self.currents = Currents(on.shape)
         self._words = Words(traits)
         self._relay_at, self._good_at, self._outputs_at, self._expander_at = (
@@ -87,6 +92,9 @@ class Power:
     def _event(self, tick: int) -> None:
         fire = self._watchdog_at()
         fired = fire <= tick
+        if tick < self._next_other and self.digital is None and not fired.any():  # they were refreshed meanwhile
+            self.next_event = min(self._next_other, int(fire.min()))
+            return
         if fired.any():
             self.watchdog[fired] = True
             self.watchdog_tick[fired] = fire[fired]
@@ -145,15 +153,15 @@ class Power:
         self._look_ahead(tick, held_until)
 
     def _look_ahead(self, tick: int, held_until: Ints) -> None:
-        ahead = [self._watchdog_at(), self._good_at, held_until, self._relay_at, self._outputs_at, self._expander_at,
+        ahead = [self._good_at, held_until, self._relay_at, self._outputs_at, self._expander_at,
                  self.currents.trip_at.ravel()]
         if self._delays:
             ahead.append(self._delayed_until.ravel())
         if self.digital is not None:
             ahead.append(self.digital.times())
-        times = np.concatenate(ahead)
+        self._next_other = _first_after(tick, np.concatenate(ahead))
         # A watchdog time in the past belongs to a board that was just refreshed or latched; never step back.
-        self.next_event = int(min(NEVER, times[times > tick].min(initial=NEVER)))
+        self.next_event = min(self._next_other, _first_after(tick, self._watchdog_at()))
 
     def _delay(self, awake: Flags, tick: int) -> Flags:
         """Which axes are through the delay that a QLA with an expander gives its enables."""
@@ -351,4 +359,5 @@ class Power:
             unchecked = unchecked | traits.digital[:, None]
         if self.currents.compare(tick, asked, measured, unchecked, limits):
             self.currents.trip_at[self.safety] = NEVER
-            self.next_event = min(self.next_event, int(self.currents.trip_at.min()))
+            self._next_other = min(self._next_other, int(self.currents.trip_at.min()))
+            self.next_event = min(self.next_event, self._next_other)
