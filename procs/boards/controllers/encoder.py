@@ -207,7 +207,7 @@ class Encoders:
         np.multiply(self._half_speed, self._half_speed, self._square)
         np.multiply(self._last_speed, self._v, self._sum)  # below 0 where v changes sign within the step
         np.less(self._sum, self._nothing, turned)
-        self._turning = bool(np.count_nonzero(turned))
+        self._turning = 1 in turned.tobytes()
         self._turns = self._find_turns() if self._turning else []
 
     def _find_turns(self) -> list[float]:
