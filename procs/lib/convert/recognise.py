@@ -1,0 +1,80 @@
+"""An old configuration file by its content: which kind it is, and the files of today that it becomes."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from procs.lib.config.problem import Problem
+from procs.lib.convert.io_xml import convert_io
+from procs.lib.convert.report import LOST, Change, Report
+from procs.lib.convert.xmltext import Node, XmlError, parse_xml
+
+Json = dict[str, object]
+
+UNKNOWN = "unknown"
+KINDS = "IO XML"
+
+_XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A file of today: its name and what is in it."""
+
+    name: str
+    data: Json
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """What an old file became. With problems there are no outputs."""
+
+    kind: str
+    outputs: tuple[Output, ...]
+    changes: tuple[Change, ...]
+    problems: tuple[Problem, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything in the old file that means something went over."""
+        return not self.problems and all(change.fate != LOST for change in self.changes)
+
+
+def convert_file(name: str, data: bytes) -> Converted:
+    """Convert the bytes of the file called `name`. Nothing raises: mistakes are the result's `problems`."""
+    report = Report(name)
+    if _XML.match(data):
+        kind, outputs = _xml(PurePath(name), data, report)
+    else:
+        kind, outputs = UNKNOWN, []
+        report.error(1, "", "", "no known kind of file", KINDS)
+    changes = tuple(sorted(report.changes, key=lambda change: change.line))
+    return Converted(kind, () if report.problems else tuple(outputs), changes, tuple(report.problems))
+
+
+def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+    try:
+        root = parse_xml(data)
+    except XmlError as bad:
+        report.error(bad.line, "", "", bad.what)
+        return UNKNOWN, []
+    if root.tag == "Config":
+        files = convert_io(root, report)
+        outputs = [Output(f"{path.stem}.json", files.main)]
+        if files.grippers is not None:
+            outputs.append(Output(_gripper_name(path.stem), files.grippers))
+        return "io", outputs
+    _refuse(root, report)
+    return UNKNOWN, []
+
+
+def _refuse(root: Node, report: Report) -> None:
+    report.error(root.line, root.tag, "", "no known kind of file", "Config (IO)")
+
+
+def _gripper_name(stem: str) -> str:
+    """Where a system looks for it: the arm's name, then `gripper`, then the serial number."""
+    name, count = re.subn(r"(MTM[LR]?)(?=-|\Z)", r"\1-gripper", stem, count=1)
+    return f"{name if count else f'{stem}-gripper'}.json"
