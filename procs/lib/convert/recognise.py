@@ -8,13 +8,14 @@ from pathlib import PurePath
 
 from procs.lib.config.problem import Problem
 from procs.lib.convert.io_xml import convert_io
+from procs.lib.convert.pid_xml import convert_pid
 from procs.lib.convert.report import LOST, Change, Report
 from procs.lib.convert.xmltext import Node, XmlError, parse_xml
 
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
-KINDS = "IO XML"
+KINDS = "IO XML, PID XML"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
 
@@ -66,12 +67,14 @@ def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]
         if files.grippers is not None:
             outputs.append(Output(_gripper_name(path.stem), files.grippers))
         return "io", outputs
+    if root.tag == "controller" and root.attributes.get("type") == "PID":
+        return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
     _refuse(root, report)
     return UNKNOWN, []
 
 
 def _refuse(root: Node, report: Report) -> None:
-    report.error(root.line, root.tag, "", "no known kind of file", "Config (IO)")
+    report.error(root.line, root.tag, "", "no known kind of file", "Config (IO), controller with type PID")
 
 
 def _gripper_name(stem: str) -> str:
