@@ -10,12 +10,13 @@ from procs.lib.config.problem import Problem
 from procs.lib.convert.io_xml import convert_io
 from procs.lib.convert.pid_xml import convert_pid
 from procs.lib.convert.report import LOST, Change, Report
+from procs.lib.convert.rob_text import convert_rob, looks_like_rob
 from procs.lib.convert.xmltext import Node, XmlError, parse_xml
 
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
-KINDS = "IO XML, PID XML"
+KINDS = "IO XML, PID XML, .rob"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
 
@@ -49,8 +50,7 @@ def convert_file(name: str, data: bytes) -> Converted:
     if _XML.match(data):
         kind, outputs = _xml(PurePath(name), data, report)
     else:
-        kind, outputs = UNKNOWN, []
-        report.error(1, "", "", "no known kind of file", KINDS)
+        kind, outputs = _text(PurePath(name), data, report)
     changes = tuple(sorted(report.changes, key=lambda change: change.line))
     return Converted(kind, () if report.problems else tuple(outputs), changes, tuple(report.problems))
 
@@ -81,3 +81,16 @@ def _gripper_name(stem: str) -> str:
     """Where a system looks for it: the arm's name, then `gripper`, then the serial number."""
     name, count = re.subn(r"(MTM[LR]?)(?=-|\Z)", r"\1-gripper", stem, count=1)
     return f"{name if count else f'{stem}-gripper'}.json"
+
+
+def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as bad:
+        report.error(0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")
+        return UNKNOWN, []
+    if looks_like_rob(text):
+        return "rob", [Output(f"{path.stem}.json", convert_rob(text, report))]
+    report.error(1, "", "", "no known kind of file", KINDS)
+    return UNKNOWN, []
+
