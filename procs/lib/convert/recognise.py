@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import PurePath
 
+from procs.lib.config.jsontext import Parsed, TextError, parse_json
 from procs.lib.config.problem import Problem
+from procs.lib.convert.armfile import convert_arm, looks_like_arm
+from procs.lib.convert.console import convert_console, looks_like_console
 from procs.lib.convert.io_xml import convert_io
 from procs.lib.convert.pid_xml import convert_pid
 from procs.lib.convert.report import LOST, Change, Report
@@ -16,9 +20,11 @@ from procs.lib.convert.xmltext import Node, XmlError, parse_xml
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
-KINDS = "IO XML, PID XML, .rob"
+KINDS = "IO XML, PID XML, .rob, console*.json, arm files from before 2.4"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
+_JSON = re.compile(r"\s*(?:\{|//|/\*)")
+_TODAY = {"IOs", "consoles", "$id", "$version"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +97,38 @@ def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output
         return UNKNOWN, []
     if looks_like_rob(text):
         return "rob", [Output(f"{path.stem}.json", convert_rob(text, report))]
+    if _JSON.match(text):
+        return _json(path, text, report)
     report.error(1, "", "", "no known kind of file", KINDS)
     return UNKNOWN, []
 
+
+def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]:
+    try:
+        parsed = parse_json(text)
+    except TextError as bad:
+        report.error(bad.line, "", "", f"broken JSON, column {bad.column}: {bad.what}")
+        return UNKNOWN, []
+    for kind, fits, convert in _READERS:
+        if isinstance(parsed.data, dict) and fits(parsed.data):
+            return kind, convert(path, parsed, report)
+    today = isinstance(parsed.data, dict) and _TODAY & set(parsed.data)
+    report.error(1, "", "", "this is today's format already" if today else "no known kind of file", KINDS)
+    return UNKNOWN, []
+
+
+def _from_console(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    stem = f"system-{path.stem.removeprefix('console').lstrip('-_') or 'console'}"
+    files = convert_console(parsed, stem, report)
+    return [Output(f"{stem}.json", files.system), *(Output(name, data) for name, data in files.arms.items())]
+
+
+def _from_arm(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    return [Output(path.name, convert_arm(parsed, path.name, report))]
+
+
+_Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, Report], list[Output]]]
+_READERS: tuple[_Reader, ...] = (
+    ("console", looks_like_console, _from_console),
+    ("arm", looks_like_arm, _from_arm),
+)

@@ -1,0 +1,184 @@
+"""Console files from before dVRK 2.4 (`console*.json`) to system files: one bus, the arms, one console."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from procs.lib.config.jsontext import Parsed
+from procs.lib.config.problem import value_text
+from procs.lib.convert.consolearm import Arms
+from procs.lib.convert.keys import Keys
+from procs.lib.convert.names import file_today, today
+from procs.lib.convert.report import Report
+from procs.lib.convert.teleops import ecm_teleop, psm_teleop
+
+Json = dict[str, object]
+
+BUS = "IO1"
+CONSOLE = "console"
+
+_OLD_BUS = "io"
+_PROTOCOLS = {"broadcast-read-write": "broadcast-query-read-write"}
+_INPUTS = ("clutch", "camera", "operator_present")
+_PEDALS = {"clutch": "clutch", "camera": "camera", "operator_present": "coag"}
+_TELEOP_KEYS = {"psm-teleops", "ecm-teleop"}
+_INPUT_KEYS = {"console-inputs", "operator-present"}
+_BUS_KEYS = {"endoscope-focus", "custom-components", "component-manager", "io"}
+_ONLY_OLD = _TELEOP_KEYS | _INPUT_KEYS | _BUS_KEYS
+_ONLY_NEW = {"IOs", "consoles", "$id", "$version", "$schema"}
+
+
+def looks_like_console(data: dict[str, object]) -> bool:
+    """Whether an object is a console file: arms, and nothing that only today's files have."""
+    return not _ONLY_NEW & set(data) and ("arms" in data or bool(_ONLY_OLD & set(data)))
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleFiles:
+    """The system file, and the arm files whose keys stood in the old one, by their names."""
+
+    system: Json
+    arms: dict[str, Json] = field(default_factory=dict)
+
+
+def convert_console(parsed: Parsed, system_name: str, report: Report) -> ConsoleFiles:
+    """The new files; `system_name` is the name of the first, without suffix. Of no use when the report has problems."""
+    for key, line in parsed.repeated:
+        report.dropped(line, ".".join(str(part) for part in key), "", "the key occurs twice: the last one counts")
+    top = Keys(parsed.data, parsed.lines, report)
+    arms = Arms(top.items("arms"), BUS, system_name)
+    system: Json = {"$id": "dvrk-system.schema.json", "$version": "1"}
+    io = top.inside("io")
+    bus = _bus(top, io)
+    pedals = file_name(io, "footpedals") if io is not None else ""
+    console = _console(top, io, pedals)
+    teleops = [psm_teleop(keys) for keys in top.items("psm-teleops")]
+    ecm = top.inside("ecm-teleop")
+    uses_bus = arms.use_bus or bool(pedals) or "configuration_files" in bus or "IO_head_sensor" in console
+    focus = top.inside("endoscope-focus")
+    if focus is not None:
+        bus_file = file_name(focus, "io")
+        system["ISI_focus_controller"] = {"name": "focus_controller", "IO": BUS, "IO_file": bus_file}
+        uses_bus = True
+    if uses_bus:
+        system["IOs"] = [bus]
+    system["arms"] = arms.rows
+    if teleops or ecm is not None or len(console) > 1:
+        row: Json = {"name": CONSOLE, **console}
+        row |= {"teleop_PSMs": teleops} if teleops else {}
+        row |= {"teleop_ECMs": [ecm_teleop(ecm)]} if ecm is not None else {}
+        system["consoles"] = [row]
+        top.defaulted("consoles[0].name", CONSOLE, "there was one console, without a name")
+    system |= _rest(top)
+    top.finish()
+    return ConsoleFiles(system, arms.files)
+
+
+def file_name(keys: Keys, name: str) -> str:
+    """The name of a file that was XML, as it is called today."""
+    old = keys.text(name)
+    new = file_today(old)
+    if new != old:
+        keys.converted(name, old, new, "convert the file, too, unless it is a stock one")
+    return new
+
+
+def _bus(top: Keys, io: Keys | None) -> Json:
+    row: Json = {"name": BUS}
+    if io is None:
+        return row | {"port": "fw"}
+    row["port"] = _port(io)
+    protocol = io.text("firewire-protocol")
+    if protocol:
+        row["protocol"] = _PROTOCOLS.get(protocol, protocol)
+        if row["protocol"] != protocol:
+            io.converted("firewire-protocol", protocol, str(row["protocol"]), "today's name")
+    for old, new in (("period", "period"), ("watchdog-timeout", "watchdog_timeout")):
+        value = io.number(old)
+        if value is not None:
+            row[new] = value
+    relays = io.flag("close-all-relays")
+    if relays is not None:
+        row["close_all_relays"] = relays
+    files = io.take("configuration-files")
+    if isinstance(files, list):
+        row["configuration_files"] = [file_today(str(name)) for name in files]
+    elif files is not None:
+        io.report.error(io.line(), io.key("configuration-files"), value_text(files), "wrong type", "a list of files")
+    io.drop("physical-footpedals-required", "the console's input_type says it")
+    io.drop("has-footpedals", "the console's input_type says it")
+    return row
+
+
+def _port(io: Keys) -> str:
+    found = io.take("port")
+    if isinstance(found, int) and not isinstance(found, bool):
+        new = f"fw:{found}" if found else "fw"
+        io.converted("port", str(found), new, "a number was a FireWire port")
+        return new
+    return str(found) if found is not None else "fw"
+
+
+def _console(top: Keys, io: Keys | None, pedals: str) -> Json:
+    """Where clutch, camera and operator come from."""
+    sensor = top.inside("operator-present")
+    given = top.inside("console-inputs")
+    sources = {name: _interface(given, name.replace("_", "-")) for name in _INPUTS} if given is not None else {}
+    if sensor is not None and sensor.has("component"):  # the first versions: an input of the arms' own IO files
+        sources["operator_present"] = _own(sensor)
+        sources |= {name: {"component": BUS, "interface": name} for name in ("clutch", "camera")}
+    sources = {name: source for name, source in sources.items() if source}
+    if sources:
+        if pedals:
+            for name in _INPUTS:
+                sources.setdefault(name, {"component": BUS, "interface": _PEDALS[name]})
+        for name in _INPUTS:
+            if name not in sources:
+                reason = "today's consoles need it: say what it comes from"
+                top.report.lost(top.line(), f"console-inputs.{name}", "", reason)
+        row: Json = {"input_type": "COMPONENTS", **sources}
+        return row | ({"IO_pedals": _device(pedals)} if pedals else {})
+    if not pedals:
+        if sensor is not None:
+            sensor.lose("io", "a head sensor needs foot pedals beside it today")
+        return {"input_type": "SIMULATED"}
+    row = {"input_type": "PEDALS_ONLY", "IO_pedals": _device(pedals)}
+    if sensor is not None and sensor.has("io"):
+        return row | {"input_type": "PEDALS_ISI_HEAD_SENSOR", "IO_head_sensor": _device(file_name(sensor, "io"))}
+    if sensor is not None and sensor.has("hid"):
+        return row | {"input_type": "PEDALS_GOOVIS_HEAD_SENSOR", "HID_file": sensor.text("hid")}
+    return row
+
+
+def _device(file: str) -> Json:
+    return {"IO": BUS, "IO_file": file}
+
+
+def _interface(keys: Keys, name: str) -> Json | None:
+    inside = keys.inside(name)
+    return _own(inside) if inside is not None else None
+
+
+def _own(keys: Keys) -> Json:
+    component, interface = keys.text("component"), keys.text("interface")
+    if component != _OLD_BUS:
+        return {"component": component, "interface": interface}
+    keys.converted("component", component, BUS, "the bus has a name now")
+    if today(interface) != interface:
+        keys.converted("interface", interface, today(interface), "today's name")
+    return {"component": BUS, "interface": today(interface)}
+
+
+def _rest(top: Keys) -> Json:
+    row: Json = {}
+    chatty = top.flag("chatty")
+    if chatty is not None:
+        row["settings"] = {"chatty": chatty}
+    manager = top.take("component-manager")
+    custom = top.take("custom-components")
+    if custom is not None:
+        top.converted("custom-components", "a list", "component_manager.components", "the same list")
+        manager = {"components": custom} if manager is None else manager
+    if manager is not None:
+        row["component_manager"] = manager
+    return row
