@@ -163,10 +163,16 @@ class Hub:
         return bytes(memory[4 * offset : 4 * (offset + count)].ljust(4 * count, b"\0"))
 
     def read_register(self, row: int, place: int) -> int:
-        """Debug registers 0x1800 to 0x1803."""
+        """Registers 0x1800 to 0x1803, for debugging: the query, how memory is filled, whom a board waits for."""
         board = self._firmware.ids[row]
-        registers: tuple[int, ...] = (self.sequence << 16 | self.mask, self.quads, self.quads,
-                                      board << 16 | self.mask & (1 << board) - 1)
-        return registers[place]
-
-
+        if place == 0:
+            return self.sequence << 16 | self.mask
+        if place == 3:
+            return board << 16 | self.mask & (1 << board) - 1
+        if self._firmware.models[row].firmware == 7:  # the boards asked, over and over, eight a register
+            asked = [board for board in range(BUS_BOARDS) if self.mask >> board & 1] or [0]
+            return sum(asked[k % len(asked)] << 4 * (8 * place - 1 - k) for k in range(8 * place - 8, 8 * place))
+        if place == 2 or not self.quads:
+            return self.quads
+        last = self._firmware.models[self._rows[-1]].read_quads  # the block that was written last, and where
+        return last << 16 | self.quads - last - 1

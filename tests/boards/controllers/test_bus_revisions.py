@@ -234,3 +234,13 @@ def test_sixteen_boards_of_rev_7_have_room_in_hub_memory() -> None:
     line = Line(Bus(controllers(7, *range(16), fpga="V2")))
     line.query(1, 0xFFFF)
     assert len(line.hub(29 * 16 + 1)) == 465
+
+
+def test_hub_registers_tell_how_the_memory_was_filled() -> None:
+    line = Line(Bus(controllers(8, 1, 2, 5)))
+    line.query(0x123, 0x26)
+    found = [line.read(2, reg.QUERY + k) for k in range(4)]
+    assert found == [(2, 0x123_0026), (2, 32 << 16 | 66), (2, 99), (2, 5 << 16 | 6)]
+    old = Line(Bus(controllers(7, 0, 5, 7, fpga="V2")))
+    old.query(1, 0xA1)
+    assert [old.read(0, reg.QUERY + k) for k in (1, 2)] == [(0, 0x0570_5705), (0, 0x7057_0570)]
