@@ -154,7 +154,8 @@ class Bus:
             self._let_return()
         if q0 >> 22 != wire.BUS:
             self.errors += 1
-            self.boards[self._hub].network.errors |= DESTINATION_ERROR
+            for row in self._plugged_in(to):
+                self.boards[row].network.errors |= DESTINATION_ERROR
             return None
         self.packets += 1
         self.firmware.until(tick)
@@ -166,10 +167,18 @@ class Bus:
         if to == GROUP and q0 >> 16 & 0x3F == wire.BROADCAST and q0 >> 4 & 0xF not in _READS:
             return self._write(self._there, q0 >> 4 & 0xF, data, head, GROUP, tick)
         reply = None
-        for row in self._there if to == GROUP else (self._row_of_id.get(to, -1),):
+        for row in self._plugged_in(to):
             if row in self._there:
                 reply = self._receive(row, data, head, tick) or reply
         return reply
+
+    def _plugged_in(self, to: int) -> tuple[int, ...]:
+        """Rows of the boards that hear by Ethernet what is sent `to` a board or all."""
+        if not self.over_ethernet:
+            return (self._hub,)
+        if to == GROUP:
+            return self._there
+        return (self._row_of_id[to],) if to in self._row_of_id else ()
 
     def _receive(self, row: int, data: wire.Buffer, head: _Head, tick: int) -> wire.Buffer | None:
         """A datagram reaches the board in `row` by Ethernet."""
@@ -177,7 +186,7 @@ class Bus:
         node, tcode, stays = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, flags & wire.NO_FORWARD
         is_read, everyone, late = tcode in _READS, node == wire.BROADCAST, self._revision[row] > 8
         if generation != self.generation and not everyone and not (late and stays):
-            return struct.pack(">BBBBHH", *self._trailer(flags if late else 0, wire.DROPPED)) if is_read else None
+            return struct.pack(">BBBBHH", *self._trailer(row, flags if late else 0, wire.DROPPED)) if is_read else None
         own = self.ids[row] if late and stays else self._node_of[row]
         local = node == own or everyone
         if late and everyone and is_read:
@@ -193,9 +202,10 @@ class Bus:
             rows = (target,) if target in self._there else ()
         return self._write(rows, tcode, data, head, row, tick)
 
-    def _trailer(self, flags: int, state: int = 0) -> tuple[int, ...]:
-        """Echo of the control flags (Rev 9), and the state of the bus."""
-        network_error = wire.ETHERNET_ERROR if self.boards[self._hub].network.errors else 0
+    def _trailer(self, row: int, flags: int, state: int = 0) -> tuple[int, ...]:
+        """Echo of the control flags (Rev 9), the state of the network where the board in `row` is heard, of the bus."""
+        sender = self.boards[row if self.over_ethernet else self._hub]
+        network_error = wire.ETHERNET_ERROR if sender.network.errors else 0
         return ((flags & wire.NO_FORWARD) << 4 | state | network_error, self.generation, 0, self.errors & 0xFF,
                 RECEIVE_TICKS, ANSWER_TICKS)
 
@@ -211,19 +221,19 @@ class Bus:
         if tcode == wire.QUADLET_READ:
             value = self._quadlet(row, address, tick)
             return _REPLY.pack(label | wire.QUADLET_RESPONSE << 4, (0xFFC0 | source) << 16, 0, value, 0) + struct.pack(
-                ">BBBBHH", *self._trailer(echo))
+                ">BBBBHH", *self._trailer(row, echo))
         length = (_QUAD.unpack_from(data, 14)[0] >> 16 if len(data) >= 22 else 0) & ~3
         if not 0 < length <= wire.MAX_DATA:
             return None
         reply = (label | wire.BLOCK_RESPONSE << 4, (0xFFC0 | source) << 16, 0, length << 16, 0)
         memory = self.hub_memory
         if address == reg.HUB and length == (memory.quads + 1) * 4:
-            return memory.answer(reply, self._trailer(echo), tick)
+            return memory.answer(reply, self._trailer(row, echo), tick)
         if reg.HUB <= address < reg.QUERY:
             block = memory.read(address - reg.HUB, length // 4, tick)
         else:
             block = self.firmware.read_block(row, address, length, tick)
-        return b"".join((_REPLY.pack(*reply), block, bytes(4), struct.pack(">BBBBHH", *self._trailer(echo))))
+        return b"".join((_REPLY.pack(*reply), block, bytes(4), struct.pack(">BBBBHH", *self._trailer(row, echo))))
 
     def _quadlet(self, row: int, address: int, tick: int) -> int:
         if reg.HUB <= address < reg.QUERY:
@@ -292,4 +302,4 @@ class Bus:
             return None
         reply = (wire.HOST_ID << 16 | q0 & 0xFC00 | wire.BLOCK_RESPONSE << 4, (0xFFC0 | self.ids[hub]) << 16, 0,
                  (memory.quads + 1) << 18, 0)
-        return memory.answer(reply, self._trailer(flags), tick + REPORT_TICKS * self.count)
+        return memory.answer(reply, self._trailer(hub, flags), tick + REPORT_TICKS * self.count)

@@ -244,3 +244,16 @@ def test_hub_registers_tell_how_the_memory_was_filled() -> None:
     old = Line(Bus(controllers(7, 0, 5, 7, fpga="V2")))
     old.query(1, 0xA1)
     assert [old.read(0, reg.QUERY + k) for k in (1, 2)] == [(0, 0x0570_5705), (0, 0x7057_0570)]
+
+
+def test_boards_on_the_network_tell_of_their_own_errors_only() -> None:
+    line = Line(Bus(controllers(9, 2, 5), network="ethernet"))
+    astray = bytearray(wire.quadlet_read(5, reg.FIRMWARE, 9, line.bus.generation, STAY))
+    astray[2] ^= 0x80  # another destination bus
+    assert line.ask(bytes(astray), 5) is None
+    errors = []
+    for board in (2, 5):
+        reply = line.ask(wire.quadlet_read(board, reg.ETHERNET, 9, line.bus.generation, STAY), board)
+        assert isinstance(reply, wire.Response)
+        errors.append((reply.value >> 25 & 1, reply.trailer.flags & wire.ETHERNET_ERROR != 0))
+    assert errors == [(0, False), (1, True)]
