@@ -48,6 +48,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("echo", "tools.echo:echo", "Values of a topic."),
     Verb("attach", "tools.attach:attach", "Live table of processes and topics."),
     Verb("check", "tools.checking:check", "Validate configuration files."),
+    Verb("convert", "tools.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
     Verb("bench", "tools.bench:bench", "Measure the machine and the software."),
 )
 
