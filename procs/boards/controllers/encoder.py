@@ -346,7 +346,8 @@ class Encoders:
             np.subtract(spans, self._spent, spans)
             np.maximum(running, self._none, out=running)
             np.greater(spans, self._longest, self._over)
-            np.putmask(spans, self._over, self._too_long)
+            if 1 in self._over.tobytes():
+                np.putmask(spans, self._over, self._too_long)
             np.bitwise_or(self._words, self._word_flags, self._words)
         else:  # only the running counters go on
             np.subtract(pool.now, pool.queue[0], running)

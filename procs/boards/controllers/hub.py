@@ -24,6 +24,7 @@ FIRST_UPDATE_ETHERNET, NEXT_UPDATE_ETHERNET = 400, 4000  # ticks of 125 MHz
 READ_TICKS = 24  # a hub read takes so long a board
 HUB_AT = 20  # payload of a block response
 _QUAD = struct.Struct(">I")
+_HEAD = struct.Struct(">IIIII")
 _END = struct.Struct(">IIBBBBHH")  # timing quadlet, data CRC, trailer
 
 
@@ -143,7 +144,7 @@ class Hub:
 
     def answer(self, head: tuple[int, ...], trailer: tuple[int, ...], tick: int) -> memoryview:
         """The reply to a read of all blocks and the timing quadlet; good until the next query or read."""
-        struct.pack_into(">IIIII", self.reply, 0, *head)
+        _HEAD.pack_into(self.reply, 0, *head)
         at = HUB_AT + 4 * self.quads
         _END.pack_into(self.reply, at, self.timing(tick), 0, *trailer)
         return memoryview(self.reply)[: at + _END.size]
