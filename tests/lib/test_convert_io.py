@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib.convert import CONVERTED, DEFAULTED, DROPPED
+from procs.lib.convert import CONVERTED, DEFAULTED, DROPPED, LOST
 from tests.old import GEAR, actuator, config, convert, drive, fates, matrix, one_problem, only, robot, three
 
 NUMBERS = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
@@ -93,8 +93,15 @@ def test_what_old_versions_lack_is_defaulted_and_told() -> None:
         "Robot@SerialNumber": '""',
         "Robot@HardwareVersion": "QLA1",
         "Robot/Actuator/Encoder@VelocitySource": "FIRMWARE",
-        "Robot/Actuator/Encoder/PositionLimitsSoft": "0 to 0 rad",
     }
+
+
+def test_absent_position_limits_are_left_to_a_person() -> None:
+    result = convert(config(robot(actuator(0, limits=False), 1)))
+    assert fates(result)["Robot/Actuator/Encoder/PositionLimitsSoft"] == LOST
+    assert not result.complete
+    limits = result.outputs[0].data["robots"][0]["actuators"][0]["encoder"]["position_limits_soft"]  # type: ignore[index]
+    assert limits == {"lower": 0.0, "upper": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -199,6 +206,8 @@ def test_gripper_of_old_masters_becomes_a_file_of_its_own() -> None:
     assert len(arm["actuators"]) == arm["number_of_actuators"] == 7
     assert len(arm["potentiometers"]["coupling"]["JointToActuatorPosition"]) == 7
     assert (hand["name"], hand["only_IO"], hand["actuators"][0]["axis_id"]) == ("MTMR_gripper", True, 3)
+    assert "encoder" not in hand["actuators"][0]
+    assert fates(result)["Robot/Actuator[8]/Encoder/BitsToPosSI@Scale"] == DROPPED
 
 
 def test_io_only_robots_need_no_encoders_and_efforts() -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from procs.lib.convert.element import Element
 from procs.lib.convert.era import Era
-from procs.lib.convert.report import number_text
-from procs.lib.convert.units import PRISMATIC, REVOLUTE, SI, Unit
+from procs.lib.convert.units import PRISMATIC, REVOLUTE, Unit
 
 Json = dict[str, object]
 
@@ -16,15 +15,17 @@ _MOST_BOARDS, _MOST_AXES = 16, 16
 _QLA_AXES, _DQLA_AXES = 4, 8
 _DRA_SCALES = (4800.0, 16000.0)  # bits/A of the dRA1's amplifiers; a QLA has 5242.88
 _ESTIMATED = "the firmware's velocity is scaled by bits_to_position"
-_NO_ENCODERS = "encoders of an io-only robot are not read"
+_NO_ENCODERS = "a gripper and an io-only robot have none that is read"
 
 
 class Actuators:
     """The rows of a robot's actuators and brakes, and what they tell about its hardware."""
 
-    def __init__(self, elements: list[Element], era: Era, only_io: bool) -> None:
+    def __init__(self, elements: list[Element], era: Era, only_io: bool, encoders: int) -> None:
+        """Of the actuators, the first `encoders` have an encoder that counts."""
         self._era = era
         self._only_io = only_io
+        self._encoders = encoders
         self._scales: list[float] = []
         self._axes: list[int] = []
         self.brakes: list[Json] = []
@@ -55,7 +56,7 @@ class Actuators:
             element.report.defaulted(element.line, element.key("JointType"), REVOLUTE, "as in the original software")
         row["joint_type"] = joint_type
         row["drive"] = self._drive(element.need("Drive"), effort=True)
-        if self._only_io:
+        if number >= self._encoders:
             element.drop_child("Encoder", _NO_ENCODERS)
         else:
             row["encoder"] = self._encoder(element.need("Encoder"), joint_type)
@@ -109,9 +110,8 @@ class Actuators:
             unit = Unit(soft, joint_type, self._era.unit(joint_type))
             limits = {"lower": unit.number("Lower"), "upper": unit.number("Upper")}
         else:
-            why = "the file has no limits, those of the arm's PID file counted: write them here (0 to 0: none)"
-            new = number_text(0.0, f"to 0 {SI[joint_type]}")
-            element.report.defaulted(element.line, f"{element.path}/PositionLimitsSoft", new, why)
+            why = "not there: those of the PID file counted; write them in place of 0 to 0, or the arm does not home"
+            element.report.lost(element.line, f"{element.path}/PositionLimitsSoft", "", why)
         return {"bits_to_position": linear, "position_limits_soft": limits, "velocity_source": source}
 
     def _potentiometer(self, element: Element, joint_type: str) -> Json:

@@ -74,12 +74,12 @@ def _robot(element: Element, era: Era) -> tuple[Json, Json | None]:
     if len(listed) < count:
         text = f"the file has {len(listed)} actuators"
         report.error(element.line, element.key("NumOfActuator"), str(count), text, str(len(listed)))
-    actuators = Actuators(listed[:count], era, only_io)
+    splits = era.old and not only_io and name.startswith("MTM") and count == _GRIPPER_AXIS + 1
+    axes = _GRIPPER_AXIS if splits else count
+    actuators = Actuators(listed[:count], era, only_io, 0 if only_io else axes)
     serial = element.take("SerialNumber", "SN")
     if serial is None:
         report.defaulted(element.line, element.key("SerialNumber"), '""', "the file has none")
-    splits = era.old and not only_io and name.startswith("MTM") and count == _GRIPPER_AXIS + 1
-    axes = _GRIPPER_AXIS if splits else count
     pots = potentiometers(element, [str(row["joint_type"]) for row in actuators.rows], axes, era, actuators.analog)
     robot: Json = {
         "name": name,
@@ -110,14 +110,13 @@ def _gripper(robot: Json, actuator: Json, element: Element) -> Json:
     name = f"{robot['name']}_gripper"
     reason = "the gripper is a robot of its own, in a file of its own"
     element.report.converted(element.line, element.path, f"actuator {_GRIPPER_AXIS} of {robot['name']}", name, reason)
-    alone = {key: value for key, value in actuator.items() if key != "encoder"}
     return {
         "name": name,
         "serial_number": robot["serial_number"],
         "hardware_version": robot["hardware_version"],
         "number_of_actuators": 1,
         "number_of_brakes": 0,
-        "actuators": [alone | {"actuator_id": 0}],
+        "actuators": [actuator | {"actuator_id": 0}],
         "potentiometers": {"potentiometers_type": "ANALOG" if "potentiometer" in actuator else "NONE"},
         "only_IO": True,
     }

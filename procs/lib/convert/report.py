@@ -9,7 +9,7 @@ from procs.lib.config.problem import Problem
 CONVERTED = "converted"  # its value stands in the new file in another unit or under another name
 DEFAULTED = "defaulted"  # the old file said nothing; the new one must
 DROPPED = "dropped"  # nothing needs it any more
-LOST = "lost"  # it meant something that the new format cannot say: a person has to decide
+LOST = "lost"  # the new format cannot say it, or needs what the old one did not have: a person has to decide
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Report:
         self.changes.append(Change(self.file, line, DROPPED, key, old, "", reason))
 
     def lost(self, line: int, key: str, old: str, reason: str) -> None:
-        """The new format cannot say it; `reason` tells what to do."""
+        """The new format cannot say it, or wants what is not there; `reason` tells what to do."""
         self.changes.append(Change(self.file, line, LOST, key, old, "", reason))
 
     def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:
