@@ -142,6 +142,12 @@ def test_components_and_chattiness_go_over() -> None:
     assert data["component_manager"] == {"components": [{"class-name": "mtsX"}]}
 
 
+def test_components_for_teleoperations_get_their_names_of_today() -> None:
+    manager = {"components": [{"class-name": "mtsMine", "constructor-arg": {"Name": "MTMR-PSM1"}}]}
+    data = system(arms=[PSM, MTM], **{"component-manager": manager, "psm-teleops": [{"mtm": "MTMR", "psm": "PSM1"}]})
+    assert data["component_manager"]["components"][0]["constructor-arg"] == {"Name": "MTMR_PSM1"}
+
+
 EMBEDDED = {"type": "PSM", "name": "PSM1", "io": "sawRobotIO1394-PSM1-11111.xml", "pid": "../sawControllersPID-PSM.xml",
             "kinematic": "../psm-large-needle-driver.json"}
 

@@ -69,7 +69,7 @@ def convert_console(parsed: Parsed, system_name: str, report: Report) -> Console
         row |= {"teleop_ECMs": [ecm_teleop(ecm)]} if ecm is not None else {}
         system["consoles"] = [row]
         top.defaulted("consoles[0].name", CONSOLE, "there was one console, without a name")
-    system |= _rest(top)
+    system |= _rest(top, [f"{row['MTM']}-{row['PSM']}" for row in teleops])
     top.finish()
     return ConsoleFiles(system, arms.files)
 
@@ -169,7 +169,8 @@ def _own(keys: Keys) -> Json:
     return {"component": BUS, "interface": today(interface)}
 
 
-def _rest(top: Keys) -> Json:
+def _rest(top: Keys, teleops: list[str]) -> Json:
+    """What is not of arms and console; `teleops` are the names that components had to stand for tele-operations."""
     row: Json = {}
     chatty = top.flag("chatty")
     if chatty is not None:
@@ -180,5 +181,18 @@ def _rest(top: Keys) -> Json:
         top.converted("custom-components", "a list", "component_manager.components", "the same list")
         manager = {"components": custom} if manager is None else manager
     if manager is not None:
-        row["component_manager"] = manager
+        row["component_manager"] = _renamed(manager, teleops, top)
     return row
+
+
+def _renamed(data: object, names: list[str], top: Keys) -> object:
+    """The same, with the names of tele-operations as they are today: `MTMR_PSM1`, not `MTMR-PSM1`."""
+    if isinstance(data, dict):
+        return {key: _renamed(value, names, top) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_renamed(item, names, top) for item in data]
+    if isinstance(data, str) and data in names:
+        new = data.replace("-", "_")
+        top.converted("component-manager", data, new, "today's name of a tele-operation")
+        return new
+    return data
