@@ -41,6 +41,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("pot_check", "on", "robot", "compare potentiometers with encoders", moves=False),
         Command("use_setpoint_v", "on", "robot", "use the velocity feed of set-points", moves=False),
         Command("torque_mode", "{n}", "robot", "per actuator: 1 passes efforts through, 0 follows positions"),
+        Command("brake_release", "", "robot", "let the brakes go; the joint controller must hold the arm"),
+        Command("brake_engage", "", "robot", "let the brakes hold", moves=False),
         Command("clear_fault", "", "robot", "forget the latched fault", moves=False),
     ),
     "arm": (

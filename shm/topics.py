@@ -1,8 +1,8 @@
 """THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
 
-A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `robots`, `inputs`, `boards`): they
-are filled in when an instance is created, and the filled-in schema travels in the segment's header. Every record
-begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
+A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `drives`, `robots`, `inputs`,
+`boards`): they are filled in when an instance is created, and the filled-in schema travels in the segment's header.
+Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ IO_STATE = Topic(
         Field("write_ns", "<i8", "ns", "monotonic time when the last write had been sent"),
         Field("bad_reads", "<u8", "", "failed reads since start"),
         # axes: all actuators of all robots, in the order of the document; `robots` of the header's info has the cuts
+        # drives: these, then the brakes of all robots
         Field("position", "(axes,)<f8", "rad|m", "measured actuator position from the encoders"),
         Field("velocity", "(axes,)<f8", "rad/s|m/s", "measured actuator velocity from the source the file chose"),
         Field("effort", "(axes,)<f8", "N·m|N", "effort from the measured motor current"),
@@ -72,12 +73,12 @@ IO_STATE = Topic(
         Field("position_error", "(axes,)<f8", "rad|m", "set-point minus measured, after the dead-band"),
         Field("pot_position", "(axes,)<f8", "rad|m", "actuator position from the potentiometers"),
         Field("pot_voltage", "(axes,)<f8", "V", "potentiometer voltage"),
-        Field("current", "(axes,)<f8", "A", "measured motor current"),
-        Field("current_request", "(axes,)<f8", "A", "motor current sent to the board, after clamping"),
-        Field("temperature", "(axes,)<f8", "°C", "amplifier temperature"),
+        Field("current", "(drives,)<f8", "A", "measured motor current"),
+        Field("current_request", "(drives,)<f8", "A", "motor current sent to the board, after clamping"),
+        Field("temperature", "(drives,)<f8", "°C", "amplifier temperature"),
         Field("encoder_bits", "(axes,)<i4", "counts", "encoder counter, 0 at mid-range"),
-        Field("amp_enabled", "(axes,)?", "", "amplifier enable requested"),
-        Field("amp_on", "(axes,)?", "", "amplifier reports that it is on"),
+        Field("amp_enabled", "(drives,)?", "", "amplifier enable requested"),
+        Field("amp_on", "(drives,)?", "", "amplifier reports that it is on"),
         Field("effort_mode", "(axes,)?", "", "efforts are passed through, positions not followed"),
         Field("at_limit", "(axes,)?", "", "the set-point was clipped to a position limit"),
         # robots
@@ -90,6 +91,7 @@ IO_STATE = Topic(
         Field("biased", "(robots,)?", "", "encoders were set from the potentiometers, or found preset"),
         Field("biasing", "(robots,)?", "", "potentiometer samples are being collected"),
         Field("bias_generation", "(robots,)<u4", "", "counts biases over the system's life; homing is valid for one"),
+        Field("brakes_released", "(robots,)?", "", "the brakes have let go; false without brakes"),
         Field("pot_check", "(robots,)?", "", "potentiometers are compared with the encoders"),
         Field("pid_enabled", "(robots,)?", "", "the joint controller drives the motors"),
         Field("pid_generation", "(robots,)<u4", "", "counts enables of the joint controller"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from procs.io.port import Port
 from procs.io.record import Record
 from procs.io.reports import Event, Reports
 from procs.io.robots import Robots
@@ -19,14 +19,14 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, releas
 class Buttons:
     """The inputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, source: NDArray[np.uint32], record: Record, reports: Reports) -> None:
-        """`source` (n_boards, 32) is where the port leaves the real-time blocks."""
+    def __init__(self, robots: Robots, port: Port, record: Record, reports: Reports) -> None:
+        """Looks at what the port leaves in its `blocks`; its boards are discovered."""
         inputs = robots.io.digital_inputs
         row = {board: k for k, board in enumerate(robots.board_ids)}
         self._names = [i.name for i in inputs]
-        self._flat = source.reshape(-1)
+        self._flat = port.blocks.reshape(-1)
         self._index = np.array(
-            [row[i.board_id] * blocks.READ_COLUMNS + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
+            [row[i.board_id] * port.columns.count + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
         self._bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
         self._words, self._zero = np.zeros(len(inputs), np.uint32), np.zeros(len(inputs), np.uint32)
         self._set = np.zeros(len(inputs), dtype=bool)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.bias import Bias
+from procs.io.brakes import Brakes
 from procs.io.follow import Follow
 from procs.io.power import Power
 from procs.io.record import Record
@@ -57,9 +58,9 @@ class Commands:
     """Carries out commands; power and bias answer again when they are finished."""
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
-                 safety: Safety) -> None:
+                 safety: Safety, brakes: Brakes) -> None:
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
-        self._follow, self._pid, self._safety = follow, pid, safety
+        self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Command]] = []
         self._now_ns = 0
@@ -68,6 +69,7 @@ class Commands:
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
             "tracking_check": self._tracking_check, "pot_check": self._pot_check,
             "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
+            "brake_release": self._brake_release, "brake_engage": self._brake_engage,
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
@@ -141,6 +143,22 @@ class Commands:
             raise Refused(reason)
         command.accept()
         self._biasing.append((robot, command))
+
+    def _brake_release(self, robot: int, command: Command) -> None:
+        self._need_brakes(robot)
+        if not self._record.amps_on[robot]:
+            raise Refused("its amplifiers are not on")
+        self._brakes.release(robot)
+        command.done()
+
+    def _brake_engage(self, robot: int, command: Command) -> None:
+        self._need_brakes(robot)
+        self._brakes.engage(robot)
+        command.done()
+
+    def _need_brakes(self, robot: int) -> None:
+        if not self._brakes.has(robot):
+            raise Refused("it has no brakes")
 
     def _pid_enable(self, robot: int, command: Command) -> None:
         record, on = self._record, _switch(command)

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from procs.io.bias import Bias
+from procs.io.brakes import Brakes
 from procs.io.buttons import Buttons
 from procs.io.commands import Command, Commands
 from procs.io.follow import Follow, SetpointSource
@@ -46,17 +47,19 @@ class RobotIo:
         record.restart()
         preset = list(preset or [False] * len(robots.names))
         record.biased[...] = preset
-        self.samples = samples = Samples(robots, port.blocks, record)
-        self._outputs = Outputs(robots, port, record)
+        self.samples = samples = Samples(robots, port, record)
+        self._brakes = Brakes(robots, record)
+        self._outputs = Outputs(robots, port, record, self._brakes)
         self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
-        self._power = Power(robots, port.blocks, record, self._outputs, self.reports, samples)
+        self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
         self._safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports, preset)
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
-        self._buttons = Buttons(robots, port.blocks, record, self.reports)
-        self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety)
+        self._buttons = Buttons(robots, port, record, self.reports)
+        self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
+                                  self._brakes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -110,6 +113,7 @@ class RobotIo:
             for robot in self._safety.set_encoder_zero:
                 self._bias.zero(robot)
             self._safety.set_encoder_zero.clear()
+        self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
 
     def _missed(self, now_ns: int) -> None:
@@ -148,8 +152,8 @@ class RobotIo:
     def _not_finite(self, now_ns: int) -> None:
         """An effort that was not a number left as 0 A; whoever made it is switched off."""
         request = self.record.current_request
-        for robot, axes in enumerate(self.robots.slices):
-            bad = ~np.isfinite(request[axes])
+        for robot, places in enumerate(self.robots.of_robot):
+            bad = ~np.isfinite(request[places])
             if bad.any():
                 self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)))
         request[~np.isfinite(request)] = 0.0
@@ -168,6 +172,7 @@ class RobotIo:
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
             self._follow.enable(robot, False, now_ns)
+            self._brakes.engage(robot)  # what the joint controller no longer holds
             if fault.action == faults.POWER_OFF:
                 self._bias.stop(robot)
                 self._power.off(robot)

@@ -26,6 +26,7 @@ class Hub:
     board: int
     firmware: int
     fpga: int
+    hardware: str
 
 
 def find_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub:
@@ -49,7 +50,8 @@ def find_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub:
         if value is None:
             raise PortError(f"the hub does not answer reads of register 0x{register:02X}", address, "check the cable")
         values.append(value)
-    hub = Hub(registers.board_of(values[0]), values[1], registers.fpga_of(values[2]))
+    hub = Hub(registers.board_of(values[0]), values[1], registers.fpga_of(values[2]),
+              registers.hardware_name(hardware))
     _check_hub(hub, address, bridge)
     # From Rev 9 on every board has the base address plus its board id.
     own_address = address if hub.firmware < 9 else _shifted(address, hub.board)
@@ -74,8 +76,8 @@ def _silent(link: Link, address: str) -> PortError:
     return PortError("no controller answers", f"{address}:{link.udp_port}", "check power, cable and address of the hub")
 
 
-def find_boards(link: Link, hub: Hub, wanted: Sequence[int], hardware: str) -> tuple[BoardInfo, ...]:
-    """All boards of the bus, by board id; every wanted one must be there with the right hardware and firmware.
+def find_boards(link: Link, hub: Hub, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
+    """All boards of the bus, by board id; every wanted one must be there with hardware and firmware we know.
 
     Without wanted boards, everything that answers is returned unjudged.
     """
@@ -89,7 +91,7 @@ def find_boards(link: Link, hub: Hub, wanted: Sequence[int], hardware: str) -> t
             break
     boards = tuple(sorted(found.values(), key=lambda info: info.board))
     if wanted:
-        check_boards(boards, wanted, hardware, link.address)
+        check_boards(boards, wanted, link.address)
     return boards
 
 
@@ -108,7 +110,7 @@ def _identify(link: Link, node: int, hub: Hub, timeout_ms: int) -> BoardInfo | N
                      board == hub.board)
 
 
-def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], hardware: str, where: str) -> None:
+def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], where: str) -> None:
     """Raise PortError for a board that is missing, there twice, or of the wrong kind."""
     by_id: dict[int, BoardInfo] = {}
     for info in boards:
@@ -122,8 +124,9 @@ def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], hardware: s
         raise PortError(f"missing: board {', '.join(map(str, missing))}", where, f"boards on this bus: {there}")
     for board in wanted:
         info = by_id[board]
-        if info.hardware != hardware:
-            raise PortError(f"hardware {info.hardware}", f"{where} board {board}", f"allowed: {hardware}")
+        if info.hardware not in blocks.AXES_OF:
+            raise PortError(f"hardware {info.hardware}", f"{where} board {board}",
+                            f"allowed: {', '.join(blocks.AXES_OF)}")
         if info.firmware not in registers.FIRMWARE_REVISIONS:
             raise PortError(f"firmware Rev {info.firmware}", f"{where} board {board}", "allowed: Rev 7, 8, 9")
     revisions = {by_id[board].firmware for board in wanted}
@@ -150,7 +153,7 @@ def refuse_other_host(link: Link, hub: Hub) -> None:
     """Raise PortError when somebody else samples the boards: the time since the last sample would be too short."""
     if not link.real_time:
         return
-    length = 4 * blocks.read_quads(hub.firmware)
+    length = 4 * blocks.read_quads(hub.firmware, *blocks.AXES_OF.get(hub.hardware, blocks.AXES_OF["QLA1"]))
     if _sample(link, length) is None:
         raise PortError("the hub does not answer real-time reads", link.where, "check its firmware")
     link.pause(OTHER_HOST_PAUSE_MS)

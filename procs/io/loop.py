@@ -36,8 +36,7 @@ def main() -> None:
     with runtime.process("io") as me:
         io = me.document.io(me.name)
         robots = Robots(io)
-        hardware = next((r.hardware for r in io.robots if r.hardware != "HARDWARE_UNDEFINED"), "QLA1")
-        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, hardware=hardware,
+        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol,
                        real_time=not me.clock.simulated, first_control=POWER_OFF)
         try:
             out, mailbox = me.writes("state"), me.mailbox()

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.io.brakes import Brakes
 from procs.io.port import Port
 from procs.io.record import Flags, Floats, Record
 from procs.io.robots import Robots
-from procs.lib import blocks, conversion, registers
+from procs.lib import conversion, registers
 
 ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
 DISABLE = registers.DAC_VALID | registers.DAC_AMP_MASK
@@ -21,14 +22,16 @@ PLAIN = registers.DAC_VALID
 
 
 class Outputs:
-    """Fills `port.out` from efforts (n,)."""
+    """Fills `port.out` from efforts (n,) and the brakes' currents (b,)."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record) -> None:
-        n = robots.axes
-        self._robots, self._record = robots, record
+    def __init__(self, robots: Robots, port: Port, record: Record, brakes: Brakes) -> None:
+        n = robots.drives
+        self._robots, self._record, self._brakes = robots, record, brakes.current
+        self._of_actuators = record.current_request[: robots.axes]
+        self._of_brakes = record.current_request[robots.axes :]
         self._out = port.out.reshape(-1)
-        self._control = port.out[:, registers.AXES]
-        self._index = robots.board_row * blocks.WRITE_COLUMNS + robots.channel
+        self._control = port.out[:, -1]
+        self._index = robots.board_row * port.out.shape[1] + robots.channel
         self._encoder = conversion.CurrentEncoder(robots.dac_scale, robots.dac_offset)
         self._flags: NDArray[np.int64] = np.full(n, DISABLE, dtype=np.int64)
         self._words: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
@@ -56,16 +59,16 @@ class Outputs:
         self._once |= np.uint32(registers.CONTROL_RELAY_ON)
         self._pulses = True
 
-    def enable_amps(self, axes: slice) -> None:
-        """Enable the amplifiers with the next write."""
-        self._flags[axes] = ENABLE
-        self._record.amp_enabled[axes] = True
+    def enable_amps(self, places: NDArray[np.intp]) -> None:
+        """Enable the amplifiers of drives with the next write."""
+        self._flags[places] = ENABLE
+        self._record.amp_enabled[places] = True
         self._pulses = True
 
-    def disable_amps(self, axes: slice) -> None:
-        """Keep the amplifiers disabled with every write from now on."""
-        self._flags[axes] = DISABLE
-        self._record.amp_enabled[axes] = False
+    def disable_amps(self, places: NDArray[np.intp]) -> None:
+        """Keep the amplifiers of drives disabled with every write from now on."""
+        self._flags[places] = DISABLE
+        self._record.amp_enabled[places] = False
 
     def all_off(self) -> None:
         """Amplifiers and motor power of all boards off, relays open, whatever was asked for before."""
@@ -78,7 +81,8 @@ class Outputs:
     def encode(self, effort: Floats) -> bool:
         """Efforts [N·m or N] to words in the port's buffer; False when one was not finite (it went out as 0 A)."""
         request = self._record.current_request
-        np.multiply(effort, self._robots.effort_to_current, request)
+        np.multiply(effort, self._robots.effort_to_current, self._of_actuators)
+        np.copyto(self._of_brakes, self._brakes)
         np.minimum(request, self._most, out=request)
         np.maximum(request, self._least, out=request)
         finite = self._encoder.encode(request)

@@ -10,6 +10,8 @@ from typing import Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.blocks import Columns
+
 Quads: TypeAlias = NDArray[np.uint32]
 
 DEFAULT_ADDRESS: Final = "169.254.0.100"
@@ -98,10 +100,16 @@ class Port(Protocol):
     """A bus with its boards; rows of all arrays are the boards in ascending board id."""
 
     board_ids: tuple[int, ...]
+    hardware: tuple[str, ...]
+    """Of every board: QLA1, DQLA or dRA1; known, like all arrays, when the boards are discovered."""
+    columns: Columns
+    """Where what lies in a row of `blocks`."""
     blocks: Quads
-    """(n_boards, 32): the last good real-time block of every board; untouched by a bad read."""
+    """(n_boards, columns.count): the last good real-time block of every board; untouched by a bad read."""
     out: Quads
-    """(n_boards, 5): DAC 1-4 and control for the next write, as Rev 8 words; control is zeroed once it is sent."""
+    """(n_boards, columns.width + 1): a command for every motor, and control, for the next write, as Rev 8 words.
+
+    Control is zeroed once it is sent."""
     recv_ns: int
     """When the last datagram of the last read arrived."""
     send_ns: int

@@ -15,7 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.io.brakes import Brakes
 from procs.io.outputs import Outputs
+from procs.io.port import Port
 from procs.io.record import Flags, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots, Samples
@@ -33,8 +35,7 @@ RETRY_NS: Final = 100_000_000
 NEVER: Final = 1 << 62
 
 GOOD: Final = (registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK)
-WATCHED: Final = GOOD | registers.STATUS_POWER | registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT | (
-    0xF << registers.STATUS_AMP_ON_SHIFT)
+WATCHED: Final = GOOD | registers.STATUS_POWER | registers.STATUS_WATCHDOG
 
 
 @dataclass(slots=True)
@@ -51,32 +52,25 @@ class Supply:
 class Power:
     """Power state machines of all robots; works only when a status changed or a time ran out."""
 
-    def __init__(self, robots: Robots, source: NDArray[np.uint32], record: Record, outputs: Outputs,
-                 reports: Reports, samples: Samples) -> None:
-        """`source` (n_boards, 32) is where the port leaves the real-time blocks."""
+    def __init__(self, robots: Robots, port: Port, record: Record, outputs: Outputs, reports: Reports,
+                 samples: Samples, brakes: Brakes) -> None:
+        """Looks at the status words that the port leaves in its `blocks`; its boards are discovered."""
+        self._brakes = brakes
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         self._samples = samples
-        self._status = source[:, blocks.STATUS]
-        n_boards = len(robots.board_ids)
-        self._mask = np.full(n_boards, WATCHED, dtype=np.uint32)
+        self._status = port.blocks[:, blocks.STATUS]
+        n_boards, hardware = len(robots.board_ids), np.array(port.hardware)
+        # only a QLA1 reports a supply fault, and a DQLA does not say whether its relay really closed
+        self._mask = np.where(hardware == "QLA1", WATCHED | registers.STATUS_MV_FAULT, WATCHED).astype(np.uint32)
+        self._relay_unseen = hardware == "DQLA"
+        self._any_unseen = bool(self._relay_unseen.any())
         self._now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
         self._before = b""
         self._supplies = [Supply() for _ in robots.names]
         self._rows = [np.flatnonzero(row) for row in robots.on_board]
-        self._amp_bits = self._amp_masks()
         self._wake_ns = 0
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
         self.changed = False  # limits that depend on power must be looked at again
-
-    def _amp_masks(self) -> list[NDArray[np.uint32]]:
-        masks = []
-        for robot, axes in enumerate(self._robots.slices):
-            mask = np.zeros(len(self._robots.board_ids), dtype=np.uint32)
-            for axis in range(axes.start, axes.stop):
-                mask[self._robots.board_row[axis]] |= np.uint32(
-                    1 << registers.STATUS_AMP_ON_SHIFT + int(self._robots.channel[axis]))
-            masks.append(mask[self._rows[robot]])
-        return masks
 
     def on(self, robot: int, now_ns: int) -> None:
         """Begin the power sequence; while it runs or after it, asking again changes nothing."""
@@ -94,7 +88,8 @@ class Power:
         record.power_wanted[robot] = record.amps_on[robot] = False
         self._supplies[robot] = Supply()
         self.reached[robot] = False
-        self._outputs.disable_amps(robots.slices[robot])
+        self._outputs.disable_amps(robots.of_robot[robot])
+        self._brakes.engage(robot)
         free = robots.on_board[robot].copy()
         for other in robots.sharing(robot):
             if record.power_wanted[other]:
@@ -107,7 +102,10 @@ class Power:
     def step(self, now_ns: int) -> None:
         """Look at the status words of a good sample."""
         np.bitwise_and(self._status, self._mask, self._now)
-        words = self._now.tobytes()
+        if self._any_unseen:
+            relay = self._now[self._relay_unseen] & np.uint32(registers.STATUS_RELAY)
+            self._now[self._relay_unseen] |= relay << 1
+        words = self._now.tobytes() + self._samples.amp_on.tobytes()
         if words == self._before and now_ns < self._wake_ns:
             return
         self._before = words
@@ -131,11 +129,11 @@ class Power:
         record.watchdog[robot] = bool(some & registers.STATUS_WATCHDOG)
         record.power_fault[robot] = bool(some & registers.STATUS_MV_FAULT)
         record.relay[robot] = bool(every & registers.STATUS_RELAY_FEEDBACK)
-        amps: Flags = words & self._amp_bits[robot] == self._amp_bits[robot]
+        amps = self._samples.amp_on[self._robots.of_robot[robot]] > 0.5
         record.amps_on[robot] = bool(amps.all()) and len(words) > 0 and bool(record.power_wanted[robot])
 
     def _advance(self, robot: int, now_ns: int) -> None:
-        supply, record, axes = self._supplies[robot], self._record, self._robots.slices[robot]
+        supply, record = self._supplies[robot], self._record
         every = int(np.bitwise_and.reduce(self._now[self._rows[robot]]))
         in_time = now_ns - supply.start_ns <= POWER_GRACE_NS
         commanded = every & registers.STATUS_POWER and every & registers.STATUS_RELAY
@@ -152,7 +150,7 @@ class Power:
             if supply.state == SUPPLY:
                 self._outputs.command_power(self._robots.on_board[robot], relay=True)
             else:
-                self._outputs.enable_amps(axes)
+                self._outputs.enable_amps(self._robots.of_robot[robot])
         if supply.state in (SUPPLY, AMPS):
             self._wake_at(supply.retry_ns)
 
@@ -184,7 +182,7 @@ class Power:
             self._wake_at(supply.amps_off_ns + AMP_GRACE_NS + 1)
         lost = supply.state == ON and now_ns - supply.amps_off_ns > AMP_GRACE_NS
         if lost or age_ns > POWER_GRACE_NS:
-            off = ~self._samples.amps_on(self._robots.slices[robot])
+            off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5)
             self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)))
 
     def _wake_at(self, when_ns: int) -> None:

@@ -50,6 +50,7 @@ class Record:
         self.biased: Flags = field("biased")
         self.biasing: Flags = field("biasing")
         self.bias_generation: NDArray[np.uint32] = field("bias_generation")
+        self.brakes_released: Flags = field("brakes_released")
         self.pot_check: Flags = field("pot_check")
         self.pid_enabled: Flags = field("pid_enabled")
         self.pid_generation: NDArray[np.uint32] = field("pid_generation")
@@ -64,9 +65,9 @@ class Record:
         self._all = [field(f.name) for f in IO_STATE.fields]
 
     @classmethod
-    def private(cls, axes: int, robots: int, inputs: int) -> Record:
+    def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0) -> Record:
         """A record nobody else sees, all zero."""
-        dims = {"axes": axes, "robots": robots, "inputs": inputs}
+        dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs}
         memory: NDArray[Any] = np.zeros(1, dtype=schema_of(IO_STATE, dims).dtype)
         return cls(lambda name: memory[name].reshape(memory[name].shape[1:]))
 

@@ -1,20 +1,26 @@
 """The robots of one bus as flat arrays: every actuator of every robot in the order of the document.
 
-`Robots` holds the constants (where in the boards' blocks, scales, limits), `Samples` turns one read of all boards into
-SI units with a fixed number of array operations, whatever the number of boards.
+Drives are all motor channels in use: the actuators, then the brakes of every robot. Arrays over drives are (n + b,),
+those over actuators (n,), so an actuator has the same place in both. `Robots` holds the constants (where in the boards'
+blocks, scales, limits), `Samples` turns one read of all boards into SI units with a fixed number of array operations,
+whatever the number of boards.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.io.port import Port
 from procs.io.record import Flags, Floats, Record
 from procs.lib import blocks, conversion, registers
-from procs.lib.document import Actuator, Encoder, Io, Linear
+from procs.lib.blocks import Columns
+from procs.lib.document import Actuator, Brake, Encoder, Io, Linear
 from procs.lib.velocity import FirmwareVelocity, SoftwareVelocity
+
+Places: TypeAlias = NDArray[np.intp]
 
 # rows of Samples.values; the first five are what safety compares with limits
 CURRENT: Final = 0
@@ -33,25 +39,35 @@ NO_ENCODER: Final = Encoder(Linear(), 0.0, 0.0, "FIRMWARE")
 
 
 class Robots:
-    """Constants of all robots of an io; axis arrays are (n,), robot and board masks say who shares what."""
+    """Constants of all robots of an io; robot and board masks say who shares what."""
 
     def __init__(self, io: Io) -> None:
         """From the document."""
         self.io = io
         self.names = tuple(robot.name for robot in io.robots)
         actuators = [a for robot in io.robots for a in robot.actuators]
-        self.axes = len(actuators)
-        self.board_ids = tuple(sorted({a.board_id for a in actuators} | {i.board_id for i in io.digital_inputs}))
+        brakes = [b for robot in io.robots for b in robot.brakes]
+        drives: list[Actuator | Brake] = [*actuators, *brakes]
+        self.actuators, self.brakes, self.all = tuple(actuators), tuple(brakes), tuple(drives)
+        self.axes, self.drives = len(actuators), len(drives)
+        boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
+        boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}
+        self.board_ids = tuple(sorted(boards))
         self.slices: list[slice] = []
         for robot in io.robots:
             first = self.slices[-1].stop if self.slices else 0
             self.slices.append(slice(first, first + len(robot.actuators)))
-        self.robot_of_axis = np.array([r for r, s in enumerate(self.slices) for _ in range(s.start, s.stop)], dtype=int)
+        of_axis = [r for r, robot in enumerate(io.robots) for _ in robot.actuators]
+        of_brake = [r for r, robot in enumerate(io.robots) for _ in robot.brakes]
+        self.robot_of_drive: Places = np.array([*of_axis, *of_brake], dtype=np.intp)
+        self.robot_of_axis = self.robot_of_drive[: self.axes]
+        self.of_robot = [np.flatnonzero(self.robot_of_drive == r) for r in range(len(io.robots))]
+        """Places of every robot's drives, its actuators first."""
         row = {board: k for k, board in enumerate(self.board_ids)}
-        self.board_row = np.array([row[a.board_id] for a in actuators], dtype=int)
-        self.channel = np.array([a.axis_id for a in actuators], dtype=int)
+        self.board_row: Places = np.array([row[d.board_id] for d in drives], dtype=np.intp)
+        self.channel: Places = np.array([d.axis_id for d in drives], dtype=np.intp)
         self.on_board: Flags = np.zeros((len(self.names), len(self.board_ids)), dtype=bool)
-        self.on_board[self.robot_of_axis, self.board_row] = True
+        self.on_board[self.robot_of_drive, self.board_row] = True
         encoders = [a.encoder or NO_ENCODER for a in actuators]
         self.has_encoder: Flags = np.array([a.encoder is not None for a in actuators], dtype=bool)
         self.has_pot: Flags = np.array([a.potentiometer is not None for a in actuators], dtype=bool)
@@ -59,21 +75,20 @@ class Robots:
         self.position_offset = np.array([e.bits_to_position.offset for e in encoders])
         self.lower, self.upper = np.array([e.lower for e in encoders]), np.array([e.upper for e in encoders])
         self.software: Flags = np.array([e.velocity_source == "SOFTWARE" for e in encoders], dtype=bool)
-        self.maximum_current = np.array([a.maximum_current for a in actuators])
+        self.maximum_current = np.array([d.maximum_current for d in drives])
         self.effort_to_current = np.array([a.effort_to_current for a in actuators])
         self.current_to_effort = conversion.inverse(self.effort_to_current)
-        self.maximum_effort = np.abs(self.maximum_current * self.current_to_effort)
-        self.dac_scale = np.array([a.current_to_bits.scale for a in actuators])
-        self.dac_offset = np.array([a.current_to_bits.offset for a in actuators])
-        self.actuators: tuple[Actuator, ...] = tuple(actuators)
+        self.maximum_effort = np.abs(self.maximum_current[: self.axes] * self.current_to_effort)
+        self.dac_scale = np.array([d.current_to_bits.scale for d in drives])
+        self.dac_offset = np.array([d.current_to_bits.offset for d in drives])
 
-    def place(self, axis: int) -> tuple[int, int]:
-        """(robot, axis within the robot) of a flat axis."""
-        robot = int(self.robot_of_axis[axis])
-        return robot, axis - self.slices[robot].start
+    def place(self, drive: int) -> tuple[int, int]:
+        """(robot, axis within the robot) of a drive; the brakes of a robot come after its actuators."""
+        robot = int(self.robot_of_drive[drive])
+        return robot, int(np.searchsorted(self.of_robot[robot], drive))
 
     def sharing(self, robot: int) -> list[int]:
-        """Other robots with an actuator on one of this robot's boards."""
+        """Other robots with a drive on one of this robot's boards."""
         shared = (self.on_board & self.on_board[robot]).any(axis=1)
         return [int(r) for r in np.flatnonzero(shared) if r != robot]
 
@@ -81,19 +96,20 @@ class Robots:
 class Samples:
     """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views on it."""
 
-    def __init__(self, robots: Robots, source: NDArray[np.uint32], record: Record) -> None:
-        """`source` (n_boards, 32) is where the port leaves the real-time blocks."""
-        n = robots.axes
-        self._robots, self._record, self._flat = robots, record, source.reshape(-1)
-        self.values: Floats = np.zeros((ROWS, n))
-        self.current, self.volts = self.values[CURRENT], self.values[VOLTAGE]
-        self.position, self.period_s = self.values[POSITION], self.values[PERIOD]
-        self.pot_error = self.values[POT_ERROR]
+    def __init__(self, robots: Robots, port: Port, record: Record) -> None:
+        """Decodes what the port leaves in its `blocks`; its boards are discovered."""
+        n, hardware = robots.axes, np.array(port.hardware)[robots.board_row]
+        self._robots, self._record, self._flat = robots, record, port.blocks.reshape(-1)
+        self.values: Floats = np.zeros((ROWS, robots.drives))
+        self.current, self.amp_on = self.values[CURRENT], self.values[AMP_ON]
+        self.volts, self.position = self.values[VOLTAGE, :n], self.values[POSITION, :n]
+        self.period_s, self.pot_error = self.values[PERIOD, :n], self.values[POT_ERROR, :n]
         self.pot_position: Floats = np.zeros(n)
         self.velocity: Floats = record.velocity
-        self._words = np.zeros((ROWS, n), dtype=np.uint32)
-        self._index, self._shift, self._mask = _where(robots)
+        self._words = np.zeros((ROWS, robots.drives), dtype=np.uint32)
+        self._index, self._shift, self._mask = _where(robots, port.columns, hardware)
         self._bias, self._scale, self._offset = _scales(robots)
+        self._counts = self._words[POSITION, :n]
         self._pot_scale = np.array([a.potentiometer.voltage_to_position.scale if a.potentiometer else 0.0
                                     for a in robots.actuators])
         self._pot_offset = np.array([a.potentiometer.voltage_to_position.offset if a.potentiometer else 0.0
@@ -101,11 +117,13 @@ class Samples:
         self._couplings = [(s, np.array(r.joint_to_actuator_position).T.copy(), np.zeros(len(r.actuators)))
                            for s, r in zip(robots.slices, robots.io.robots, strict=True)
                            if r.joint_to_actuator_position is not None]
-        columns = (blocks.PERIOD, blocks.QUARTER_5, blocks.QUARTER_1, blocks.RUNNING)
+        columns = port.columns
+        kinds = (columns.period, columns.quarter_5, columns.quarter_1, columns.running)
         self._velocity_index = np.array(
-            [robots.board_row * blocks.READ_COLUMNS + c.start + robots.channel for c in columns], dtype=np.intp)
+            [(robots.board_row * columns.count + kind.start + robots.channel)[:n] for kind in kinds], dtype=np.intp)
         self._any_software = bool(np.any(robots.software))
-        self._firmware = FirmwareVelocity(n)
+        clocks = np.where(hardware[:n] == "dRA1", registers.ESPM_CLOCK_HZ, registers.CLOCK_HZ)
+        self._firmware = FirmwareVelocity(n, clocks.astype(np.float64))
         self._softly = SoftwareVelocity(n)
         self._no_pot = ~robots.has_pot
         self._first_axis = np.array([s.start for s in robots.slices], dtype=np.intp)
@@ -133,14 +151,9 @@ class Samples:
             self._update_software()
 
     def _update_software(self) -> None:
-        counts = (self._words[POSITION].astype(np.int64) - conversion.ENCODER_MIDRANGE)
-        software = self._softly.update(counts, self.period_s) * self._scale[POSITION]
+        counts = self._counts.astype(np.int64) - conversion.ENCODER_MIDRANGE
+        software = self._softly.update(counts, self.period_s) * self._robots.position_scale
         np.copyto(self.velocity, software, where=self._robots.software)
-
-    def amps_on(self, axes: slice) -> Flags:
-        """Which amplifiers say that they are on."""
-        found: Flags = self.values[AMP_ON, axes] > 0.5
-        return found
 
     def encoders_were_set(self) -> None:
         """The counters were preloaded: the next difference is no motion."""
@@ -151,53 +164,61 @@ class Samples:
         record, values = self._record, self.values
         record.position[...] = self.position
         record.current[...] = self.current
-        np.multiply(self.current, self._robots.current_to_effort, record.effort)
+        np.multiply(self.current[: self._robots.axes], self._robots.current_to_effort, record.effort)
         record.temperature[...] = values[TEMPERATURE]
         record.pot_voltage[...] = self.volts
         record.pot_position[...] = self.pot_position
         if len(self._no_pot):
             np.putmask(record.pot_position, self._no_pot, np.nan)
-        np.subtract(self._words[POSITION].view(np.int32), conversion.ENCODER_MIDRANGE, record.encoder_bits)
-        np.greater(values[AMP_ON], 0.5, record.amp_on)
+        np.subtract(self._counts.view(np.int32), conversion.ENCODER_MIDRANGE, record.encoder_bits)
+        np.greater(self.amp_on, 0.5, record.amp_on)
         if len(self._first_axis):
             self.period_s.take(self._first_axis, out=record.board_period, mode="clip")
 
 
-def _where(robots: Robots) -> tuple[NDArray[np.intp], NDArray[np.uint32], NDArray[np.uint32]]:
-    """Flat index, shift and mask of every row and axis."""
-    base, channel = robots.board_row * blocks.READ_COLUMNS, robots.channel
-    index = np.zeros((ROWS, robots.axes), dtype=np.intp)
-    shift = np.zeros((ROWS, robots.axes), dtype=np.uint32)
-    mask = np.zeros((ROWS, robots.axes), dtype=np.uint32)
-    index[CURRENT] = index[VOLTAGE] = base + blocks.ADC.start + channel
+def _where(robots: Robots, columns: Columns,
+           hardware: NDArray[np.str_]) -> tuple[Places, NDArray[np.uint32], NDArray[np.uint32]]:
+    """Flat index, shift and mask of every row and drive; a row of zeros where its controller has no such thing."""
+    base, channel = robots.board_row * columns.count, robots.channel
+    plain, dual, digital = (hardware == name for name in ("QLA1", "DQLA", "dRA1"))
+    index = np.zeros((ROWS, robots.drives), dtype=np.intp)
+    shift = np.zeros((ROWS, robots.drives), dtype=np.uint32)
+    mask = np.zeros((ROWS, robots.drives), dtype=np.uint32)
+    index[CURRENT] = index[VOLTAGE] = base + columns.adc.start + channel
     index[TEMPERATURE] = base + blocks.TEMPERATURE
-    index[OVERFLOW] = index[POSITION] = base + blocks.POSITION.start + channel
-    index[SAFETY] = index[AMP_ON] = base + blocks.STATUS
+    index[OVERFLOW] = index[POSITION] = base + columns.position.start + channel
+    index[SAFETY] = index[AMP_ON] = np.where(plain, base + blocks.STATUS, base + columns.motor_status.start + channel)
     index[PERIOD] = base + blocks.TIMESTAMP
     shift[VOLTAGE] = 16
-    shift[TEMPERATURE] = np.where(channel < 2, 8, 0)  # the first pair of amplifiers is in the upper byte
+    # a byte for each pair of amplifiers: 15:8, 7:0, and of a DQLA's second QLA 31:24, 23:16
+    shift[TEMPERATURE] = np.array([8, 0, 24, 16])[channel // 2 % 4]
     shift[OVERFLOW] = 24
-    shift[SAFETY] = registers.STATUS_SAFETY_SHIFT + channel
-    shift[AMP_ON] = registers.STATUS_AMP_ON_SHIFT + channel
-    mask[CURRENT] = mask[VOLTAGE] = 0xFFFF
-    mask[TEMPERATURE] = 0xFF
-    mask[OVERFLOW] = mask[SAFETY] = mask[AMP_ON] = 1
+    shift[SAFETY] = np.where(plain, registers.STATUS_SAFETY_SHIFT + channel, registers.MOTOR_STATUS_SAFETY_SHIFT)
+    shift[AMP_ON] = np.where(plain, registers.STATUS_AMP_ON_SHIFT + channel, registers.MOTOR_STATUS_AMP_ON_SHIFT)
+    mask[CURRENT] = 0xFFFF
+    mask[VOLTAGE] = np.where(digital, registers.DIGITAL_POT_MASK, 0xFFFF)
+    mask[TEMPERATURE] = np.where(digital, 0, 0xFF)
+    mask[OVERFLOW] = np.where(digital, 0, 1)
+    mask[SAFETY] = np.where(plain | dual, 1, 0)
+    mask[AMP_ON] = 1
     mask[POSITION] = registers.ENCODER_MASK
     mask[PERIOD] = 0xFFFF_FFFF
     return index, shift, mask
 
 
 def _scales(robots: Robots) -> tuple[Floats, Floats, Floats]:
-    """Bias (before), scale and offset (after) of every row and axis."""
-    bias, scale, offset = (np.zeros((ROWS, robots.axes)) for _ in range(3))
+    """Bias (before), scale and offset (after) of every row and drive."""
+    n = robots.axes
+    bias, scale, offset = (np.zeros((ROWS, robots.drives)) for _ in range(3))
     scale[OVERFLOW] = scale[SAFETY] = scale[AMP_ON] = 1.0
     scale[TEMPERATURE] = registers.TEMPERATURE_C_PER_BIT
     bias[POSITION] = -float(conversion.ENCODER_MIDRANGE)
-    scale[POSITION], offset[POSITION] = robots.position_scale, robots.position_offset
+    scale[POSITION, :n], offset[POSITION, :n] = robots.position_scale, robots.position_offset
     bias[PERIOD], scale[PERIOD] = 1.0, registers.TICK_S
+    for place, drive in enumerate(robots.all):
+        scale[CURRENT, place] = drive.bits_to_current.scale
+        offset[CURRENT, place] = drive.bits_to_current.offset
     for axis, actuator in enumerate(robots.actuators):
-        scale[CURRENT, axis] = actuator.bits_to_current.scale
-        offset[CURRENT, axis] = actuator.bits_to_current.offset
         if actuator.potentiometer is not None:
             scale[VOLTAGE, axis] = actuator.potentiometer.bits_to_voltage.scale
             offset[VOLTAGE, axis] = actuator.potentiometer.bits_to_voltage.offset

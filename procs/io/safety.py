@@ -26,15 +26,15 @@ WARM_REPEAT_NS: Final = 120_000_000_000
 
 
 class Safety:
-    """Limits as one (5, n) array beside the measured rows; they change only with amplifiers, power and switches."""
+    """Limits as one (5, drives) array beside the measured rows; amplifiers, power and switches change them."""
 
     def __init__(self, robots: Robots, samples: Samples, record: Record, reports: Reports) -> None:
-        n = robots.axes
+        n, drives = robots.axes, robots.drives
         self._robots, self._samples, self._record, self._reports = robots, samples, record, reports
         self._values = samples.values[:CHECKED]
-        self._magnitude: Floats = np.zeros((CHECKED, n))
-        self._limits: Floats = np.full((CHECKED, n), np.inf)
-        self._ok: NDArray[np.bool_] = np.ones((CHECKED, n), dtype=bool)
+        self._magnitude: Floats = np.zeros((CHECKED, drives))
+        self._limits: Floats = np.full((CHECKED, drives), np.inf)
+        self._ok: NDArray[np.bool_] = np.ones((CHECKED, drives), dtype=bool)
         self._enabled_limit = conversion.feedback_limit(robots.maximum_current)
         tolerances = [robot.tolerances[i] if i < len(robot.tolerances) else None
                       for robot in robots.io.robots for i in range(len(robot.actuators))]
@@ -49,7 +49,7 @@ class Safety:
         self._counting = False
         counts = np.array([not r.only_io for r in robots.io.robots], dtype=bool)
         counted = counts[robots.robot_of_axis] if n else np.zeros(0, dtype=bool)
-        self._limits[OVERFLOW] = np.where(counted & robots.has_encoder, 0.5, np.inf)
+        self._limits[OVERFLOW, :n] = np.where(counted & robots.has_encoder, 0.5, np.inf)
         self.set_encoder_zero: list[int] = []  # robots whose encoders overflowed in this cycle
         self.refresh(np.zeros(len(robots.names), dtype=bool))
 
@@ -59,15 +59,16 @@ class Safety:
         `reached` (robots,): all amplifiers have been on. A board's cut-off counts from then on, also when the amplifier
         it cut shows as off in the same sample; what is latched from before goes with the enable.
         """
-        robots, record = self._robots, self._record
-        wanted = record.power_wanted[robots.robot_of_axis]
-        powered = record.powered[robots.robot_of_axis]
+        robots, record, n = self._robots, self._record, self._robots.axes
+        wanted = record.power_wanted[robots.robot_of_drive]
+        powered = record.powered[robots.robot_of_drive]
         idle = np.where(powered, IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
+        limit[n:] = self._enabled_limit[n:]  # brakes: the same whether on or off
         self._limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
         self._limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
-        self._limits[SAFETY] = np.where(reached[robots.robot_of_axis], 0.5, np.inf)
-        self._limits[POT_ERROR] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
+        self._limits[SAFETY] = np.where(reached[robots.robot_of_drive], 0.5, np.inf)
+        self._limits[POT_ERROR, :n] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
 
     def forget_pots(self, axes: slice) -> None:
         """The potentiometer check was switched: durations start again."""
@@ -84,16 +85,16 @@ class Safety:
     def _examine(self, now_ns: int) -> None:
         fine = self._ok
         self._counting = False
-        for robot, axes in enumerate(self._robots.slices):
-            self._check_current(robot, fine[CURRENT, axes], axes)
-            if not fine[SAFETY, axes].all():
-                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, axes]))
-            if not fine[TEMPERATURE, axes].all():
-                self._check_temperature(robot, axes, now_ns)
-            self._check_overflow(robot, fine[OVERFLOW, axes])
-        self._check_pots(fine[POT_ERROR])
+        for robot, places in enumerate(self._robots.of_robot):
+            self._check_current(robot, fine[CURRENT, places], places)
+            if not fine[SAFETY, places].all():
+                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]))
+            if not fine[TEMPERATURE, places].all():
+                self._check_temperature(robot, places, now_ns)
+            self._check_overflow(robot, fine[OVERFLOW, places])
+        self._check_pots(fine[POT_ERROR, : self._robots.axes])
 
-    def _check_current(self, robot: int, fine: Flags, axes: slice) -> None:
+    def _check_current(self, robot: int, fine: Flags, places: NDArray[np.intp]) -> None:
         if fine.all():
             self._cycles[robot] = 0
             return
@@ -102,11 +103,11 @@ class Safety:
         if self._cycles[robot] > CURRENT_CYCLES:
             axis = _first(fine)
             self._cycles[robot] = 0
-            self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, axes][axis]),
-                               float(self._limits[CURRENT, axes][axis]))
+            self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
+                               float(self._limits[CURRENT, places][axis]))
 
-    def _check_temperature(self, robot: int, axes: slice, now_ns: int) -> None:
-        celsius = self._values[TEMPERATURE, axes]
+    def _check_temperature(self, robot: int, places: NDArray[np.intp], now_ns: int) -> None:
+        celsius = self._values[TEMPERATURE, places]
         hot = ~(celsius <= HOT_C)
         if hot.any():
             axis = int(np.argmax(hot))

@@ -40,7 +40,7 @@ class UdpPort:
     """
 
     def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
-                 protocol: str = BROADCAST_QUERY, *, hardware: str = "QLA1", real_time: bool = True,
+                 protocol: str = BROADCAST_QUERY, *, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
                  asked_at: str = "", first_control: int = 0, udp_port: int = wire.UDP_PORT) -> None:
         self._name = PortName.parse(name)
@@ -51,12 +51,11 @@ class UdpPort:
             raise PortError(f"board ids {list(board_ids)}", where, "allowed: each once, 0 to 15")
         if protocol not in PROTOCOLS:
             raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
-        self._protocol, self._hardware = protocol, hardware
+        self._protocol = protocol
         self._exclusive, self._query_wait_ns, self._asked_at = exclusive, query_wait_ns, asked_at
         self._first_control = first_control
         count = len(self.board_ids)
-        self.blocks: Quads = np.zeros((count, blocks.READ_COLUMNS), np.uint32)
-        self.out: Quads = np.zeros((count, blocks.WRITE_COLUMNS), np.uint32)
+        self._make_rows(registers.AXES)
         self.bad = np.zeros(count, np.bool_)  # boards to blame for the last bad read
         self.recv_ns = 0
         self.send_ns = 0
@@ -68,6 +67,13 @@ class UdpPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: protocols.Reader | None = None
         self._writer: protocols.Writer | None = None
+
+    def _make_rows(self, width: int) -> None:
+        count = len(self.board_ids)
+        self.hardware = ("QLA1",) * count
+        self.columns = blocks.Columns(width)
+        self.blocks: Quads = np.zeros((count, self.columns.count), np.uint32)
+        self.out: Quads = np.zeros((count, width + 1), np.uint32)
 
     def open(self) -> None:
         """Make the socket."""
@@ -95,7 +101,7 @@ class UdpPort:
             discovery.refuse_other_host(link, hub)
         if self._first_control:
             link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
-        boards = discovery.find_boards(link, hub, self.board_ids, self._hardware)
+        boards = discovery.find_boards(link, hub, self.board_ids)
         self._nodes = ChainMap({info.board: info.node for info in boards})
         if hub.board not in self._nodes:
             raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
@@ -107,24 +113,29 @@ class UdpPort:
         return boards
 
     def _prepare(self, hub: discovery.Hub) -> None:
-        firmware = {info.board: info.firmware for info in self.boards}
-        layout = blocks.layout_of(min(firmware[board] for board in self.board_ids))
-        self._check_size(layout)
+        known = {info.board: info for info in self.boards}
+        wanted_boards = [known[board] for board in self.board_ids]
+        layouts = tuple(blocks.layout_of(info.firmware, *blocks.AXES_OF[info.hardware]) for info in wanted_boards)
+        self._check_size(layouts)
+        width = max(max(layout.motors, layout.encoders) for layout in layouts)
+        if width != self.columns.width:
+            self._make_rows(width)
+        self.hardware = tuple(info.hardware for info in wanted_boards)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
-        rows = protocols.Rows(self.board_ids, layout, self.blocks, self.out, self.bad, wanted, hub.board,
-                              self._query_wait_ns)
+        rows = protocols.Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, wanted,
+                              hub.board, self._query_wait_ns)
         self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
         self._reader, self._writer = protocols.parts(self._protocol, self._link, rows)
 
-    def _check_size(self, layout: blocks.Layout) -> None:
+    def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
         """A hub read must fit one datagram."""
         if self._protocol != BROADCAST_QUERY:
             return
         limit = wire.MAX_DATA if is_loopback(self._name.address) else ETHERNET_DATA_BYTES
-        most = (limit // 4 - 1) // layout.hub_quads
-        if len(self.board_ids) > most:
-            raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast read", self._link.where,
-                            f"allowed: {most}, or protocol {SEQUENTIAL}")
+        needed = 4 * (sum(layout.hub_quads for layout in layouts) + 1)
+        if needed > limit:
+            raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast read ({needed} bytes)",
+                            self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
 
     def read_all(self) -> bool:
         """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample."""

@@ -15,12 +15,14 @@ AXES: Final = 4  # of a QLA1
 # -- clock and units ---------------------------------------------------------------------------------------------------
 CLOCK_HZ: Final = 49_152_000
 TICK_S: Final = 1.0 / CLOCK_HZ
+ESPM_CLOCK_HZ: Final = 80_000_000  # of encoder periods measured in an Si arm (dRA1)
 WATCHDOG_TICKS: Final = 256  # one count of the watchdog period
 WATCHDOG_UNIT_S: Final = WATCHDOG_TICKS / CLOCK_HZ
 WATCHDOG_POWER_UP: Final = 0x1680  # 30 ms
 CURRENT_BITS_PER_A: Final = 65536 / 12.5  # commanded and measured alike
 CURRENT_ZERO: Final = 0x8000
 POT_V_PER_BIT: Final = 4.5 / 65536
+DIGITAL_POT_MASK: Final = 0xFFF  # of a dRA1: 12 bits
 TEMPERATURE_C_PER_BIT: Final = 0.5
 TEMPERATURE_INVALID: Final = 0xFF
 
@@ -162,11 +164,13 @@ MOTOR_CONFIG_DELAY_SHIFT: Final = 16  # eight bits of MOTOR_CONFIG_DELAY_TICKS e
 MOTOR_CONFIG_DELAY_TICKS: Final = 1024
 MOTOR_CONFIG_LIMIT_MASK: Final = 0x7FFF
 MOTOR_STATUS_POWER_UP: Final = 0x0010_8000
-MOTOR_STATUS_AMP_ON: Final = 1 << 29
+MOTOR_STATUS_AMP_ON_SHIFT: Final = 29
+MOTOR_STATUS_AMP_ON: Final = 1 << MOTOR_STATUS_AMP_ON_SHIFT
 MOTOR_STATUS_AMP_REQUESTED: Final = 1 << 28
 MOTOR_STATUS_MODE_SHIFT: Final = 24
 MOTOR_STATUS_CURRENT_CONTROL: Final = 1 << 20
-MOTOR_STATUS_SAFETY: Final = 1 << 17
+MOTOR_STATUS_SAFETY_SHIFT: Final = 17
+MOTOR_STATUS_SAFETY: Final = 1 << MOTOR_STATUS_SAFETY_SHIFT
 MOTOR_STATUS_AMP_FAULT: Final = 1 << 16
 MOTOR_STATUS_FAULT_SHIFT: Final = 16  # dRA1: a code of four bits
 

@@ -30,8 +30,8 @@ class FirmwareVelocity:
     prediction that would change sign stops at zero.
     """
 
-    def __init__(self, n: int, clock_hz: float = float(registers.CLOCK_HZ)) -> None:
-        """`clock_hz` is the tick rate of the boards."""
+    def __init__(self, n: int, clock_hz: float | Floats = float(registers.CLOCK_HZ)) -> None:
+        """`clock_hz` is the tick rate of the boards, of all or (n,) of each."""
         self.words: Words = np.zeros((4, n), dtype=np.uint32)
         self.predicted: Floats = np.zeros(n)  # counts/s at the time of the sample
         self._speed, self._rate, self._sign = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -56,7 +56,7 @@ class FirmwareVelocity:
         self._largest = np.full(n, float(registers.VELOCITY_TICKS_MASK))
         self._four_hz, self._clock = np.full(n, 4.0 * clock_hz), np.full(n, clock_hz)
         self._eight_hz2 = np.full(n, 8.0 * clock_hz * clock_hz)
-        self._half_period, self._tick = np.full(n, 0.5), np.full(n, 1.0 / clock_hz)
+        self._half_period, self._tick = np.full(n, 0.5), np.full(n, 1.0 / np.asarray(clock_hz))
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._none = np.zeros(n)
 

@@ -54,7 +54,7 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
 
 
 def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
-    robots, first, inputs = {}, 0, []
+    robots, first, inputs, brakes = {}, 0, [], 0
     for io in ios:
         names = {pid.robot: [axis.name for axis in pid.axes] for pid in io.pids}
         for robot in io.robots:
@@ -62,8 +62,10 @@ def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
             labels = names.get(robot.name) or [f"actuator_{i}" for i in range(count)]
             robots[robot.name] = {"first": first, "count": count, "names": labels, "io": io.name}
             first += count
+            brakes += len(robot.brakes)
         inputs += [i.name for i in io.digital_inputs]
-    return {"axes": first, "robots": len(robots), "inputs": len(inputs)}, {"robots": robots, "inputs": inputs}
+    dims = {"axes": first, "drives": first + brakes, "robots": len(robots), "inputs": len(inputs)}
+    return dims, {"robots": robots, "inputs": inputs}
 
 
 def hold_name(name: str) -> socket.socket:

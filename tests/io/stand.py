@@ -83,6 +83,7 @@ class FakePort:
         n = len(board_ids)
         self.blocks = np.zeros((n, 32), dtype=np.uint32)
         self.out = np.zeros((n, 5), dtype=np.uint32)
+        self.hardware, self.columns = ("QLA1",) * n, blocks.Columns(4)
         self.live = np.zeros((n, 32), dtype=np.uint32)
         self.counters = Counters(n)
         self.recv_ns = self.send_ns = 0
@@ -232,7 +233,8 @@ class Stand:
         self.clock, self.port = Clock(), FakePort(tuple(boards))
         self.arms = [FakeSource() for _ in self.io.pids]
         axes = sum(len(r.actuators) for r in self.io.robots)
-        self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs))
+        self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs),
+                                     sum(len(r.brakes) for r in self.io.robots))
         self.port.now_ns = self.clock
         self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, [preset] * len(self.io.robots))
         self.arms_alive = True

@@ -12,7 +12,7 @@ from procs.io.udp import UdpPort
 from procs.lib import blocks, registers, wire
 from tests.io.stub_bus import StubBoard, StubBus, bus_of
 
-DQLA = registers.DQLA
+DQLA, BCFG = registers.DQLA, 0x42434647
 
 
 def port_to(bus, boards, **options):
@@ -52,7 +52,7 @@ def test_broadcast_discovery_finds_the_hub():
     ("boards", "wanted", "words"),
     [
         ([StubBoard(0, 0), StubBoard(1, 1)], (0, 1, 5, 7), ("missing: board 5, 7", "0 (node 0), 1 (node 1)")),
-        ([StubBoard(0, 0), StubBoard(3, 1, hardware=DQLA)], (0, 3), ("board 3", "hardware DQLA", "allowed: QLA1")),
+        ([StubBoard(0, 0), StubBoard(3, 1, hardware=BCFG)], (0, 3), ("board 3", "hardware BCFG", "allowed: QLA1")),
         ([StubBoard(0, 0), StubBoard(0, 1)], (0,), ("two boards have id 0", "nodes 0 and 1")),
         ([StubBoard(0, 0, firmware=6)], (0,), ("firmware Rev 6", "allowed: Rev 7, 8, 9")),
         ([StubBoard(0, 0), StubBoard(1, 1, firmware=4)], (0, 1), ("board 1", "firmware Rev 4", "allowed: Rev 7, 8, 9")),

@@ -191,7 +191,7 @@ def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
 
 
 @pytest.mark.parametrize(("code", "count", "reason"), [
-    (len(COMMANDS["io"]), 0, "command 11 is not in the table"), (0xFFFF, 3, "command 65535"), (0, 65, "65 values"),
+    (len(COMMANDS["io"]), 0, "is not in the table"), (0xFFFF, 3, "command 65535"), (0, 65, "65 values"),
     (0, 0xFFFF, "65535 values"),
 ])
 def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, count: int, reason: str) -> None:
@@ -199,7 +199,7 @@ def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, c
     client._words[client._sent] = 1
     assert list(box.drain()) == []
     (reply,) = client.poll()
-    assert (reply.id, reply.outcome) == (1, "refused") and reply.text.startswith(reason)
+    assert (reply.id, reply.outcome) == (1, "refused") and reason in reply.text
 
 
 @pytest.mark.parametrize("garbage", [33, 2**31, 2**63, 2**64 - 1])

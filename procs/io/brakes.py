@@ -1,0 +1,62 @@
+"""Brakes: a current lets them go, a smaller one keeps them so, without any they hold.
+
+    ENGAGED    release  → RELEASING   release current, each brake for its own time
+    RELEASING  time over → RELEASED   released current; the robot's brakes are released when all are
+    any        engage   → ENGAGED     engaged current, at once
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procs.io.record import Floats, Record
+from procs.io.robots import Robots
+
+
+class Brakes:
+    """Requested currents of all brakes, in A: `current` (b,), limited like every current when they are sent."""
+
+    def __init__(self, robots: Robots, record: Record) -> None:
+        """All engaged."""
+        self._record = record
+        self._of_robot = [places[places >= robots.axes] - robots.axes for places in robots.of_robot]
+        rows = robots.brakes
+        self._release = np.array([b.release_current for b in rows])
+        self._released = np.array([b.released_current for b in rows])
+        self._engaged = np.array([b.engaged_current for b in rows])
+        self._time_s = np.array([b.release_s for b in rows])
+        self._spent_s = np.zeros(len(rows))
+        self._releasing = np.zeros(len(rows), dtype=bool)
+        self._busy = False
+        self.current: Floats = self._engaged.copy()
+
+    def has(self, robot: int) -> bool:
+        """Whether the robot has brakes."""
+        return len(self._of_robot[robot]) > 0
+
+    def release(self, robot: int) -> None:
+        """Let go; nothing to do for brakes that are on their way or let go already."""
+        rows = self._of_robot[robot]
+        if self._record.brakes_released[robot] or self._releasing[rows].any():
+            return
+        self.current[rows], self._spent_s[rows], self._releasing[rows] = self._release[rows], 0.0, True
+        self._busy = True
+
+    def engage(self, robot: int) -> None:
+        """Hold."""
+        rows = self._of_robot[robot]
+        self.current[rows], self._releasing[rows] = self._engaged[rows], False
+        self._record.brakes_released[robot] = False
+
+    def step(self, period_s: float) -> None:
+        """One good sample, `period_s` after the one before."""
+        if not self._busy:
+            return
+        self._spent_s[self._releasing] += period_s
+        over = self._releasing & (self._spent_s > self._time_s)
+        self.current[over] = self._released[over]
+        self._releasing[over] = False
+        self._busy = bool(self._releasing.any())
+        for robot, rows in enumerate(self._of_robot):
+            if over[rows].any() and not self._releasing[rows].any():
+                self._record.brakes_released[robot] = True

@@ -1,0 +1,55 @@
+"""Emulated controllers of any kind behind a socket, for tests of the host's side; they move nothing."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import time
+
+from procs.boards.controllers.bus import Bus
+from procs.lib import blocks, wire
+from procs.lib.document import Controller
+from tests.io.stub_bus import own_address
+
+TICKS_PER_NS = 49.152e-3
+
+
+def controller(board: int, hardware: str = "QLA1", firmware: int = 8) -> Controller:
+    return Controller(board, hardware, firmware, "V2" if hardware == "QLA1" and firmware < 9 else "V3")
+
+
+class ControllersBus:
+    """A thread that answers for a bus of controllers, on a clock that follows the wall's."""
+
+    def __init__(self, *controllers: Controller) -> None:
+        self.bus = Bus(controllers)
+        self.ids = sorted(c.board_id for c in controllers)
+        self.address = own_address()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((self.address, 0))
+        self.port = self._socket.getsockname()[1]
+        self.groups: list[blocks.WriteGroup] = []
+        self._start_ns = time.monotonic_ns()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> ControllersBus:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+    def _serve(self) -> None:
+        while not self._stop.is_set():
+            if select.select([self._socket], (), (), 0.02)[0]:
+                data, sender = self._socket.recvfrom(4096)
+                request = wire.decode_request(data)
+                if request.tcode == wire.BLOCK_WRITE:
+                    self.groups += blocks.decode_write(request.data, 8)
+                reply = self.bus.answer(data, round((time.monotonic_ns() - self._start_ns) * TICKS_PER_NS))
+                if reply:
+                    self._socket.sendto(bytes(reply), sender)
