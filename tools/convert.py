@@ -43,6 +43,9 @@ def convert(
         Path | None, typer.Option("--to", metavar="FOLDER", help="Write here, not beside the old file.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
+    path: Annotated[
+        list[Path] | None, typer.Option("--path", help="The check also looks for named files here.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Convert old configuration files to dVRK 2.4: what changed unit, was assumed or dropped is told key by key.
@@ -53,7 +56,7 @@ def convert(
         raise Misuse(f"--to {to}: no such folder")
     results = [_converted(file, to, force) for file in files]
     for result in results:  # when all are written: systems name the others
-        result.checks = [check_file(path, search=(result.file.parent,)) for path in result.written]
+        result.checks = [check_file(new, search=(*(path or ()), result.file.parent)) for new in result.written]
     if as_json:
         print(json.dumps({"files": [_row(r) for r in results], "ok": all(r.ok for r in results)}, indent=2,
                          ensure_ascii=False))

@@ -122,6 +122,17 @@ def test_a_missing_file_is_told_and_the_others_are_converted(tmp_path: Path) -> 
     assert (tmp_path / f"{NAME}.json").exists()
 
 
+def test_the_check_looks_where_path_says(tmp_path: Path) -> None:
+    stock, to = tmp_path / "stock", tmp_path / "to"
+    stock.mkdir()
+    to.mkdir()
+    console = {"arms": [], "io": {"configuration-files": ["x.xml"], "port": "udp"}}
+    old = written(tmp_path, json.dumps(console), "console.json")
+    assert run(old, "--to", to).exit_code == 1
+    run(written(stock, config(three()), "x.xml"))
+    assert run(old, "--to", to, "--force", "--path", stock).exit_code == 0
+
+
 def test_a_system_finds_what_was_converted_with_it(tmp_path: Path) -> None:
     suj = actuator(0).replace("<Encoder", "<Old").replace("</Encoder", "</Old")
     io = written(tmp_path, config(robot(suj, 1, name="SUJ", attributes='Type="io-only"')), "suj-io.xml")
