@@ -116,6 +116,8 @@ class Incidents:
             if not 0.0 <= celsius <= HOTTEST:
                 raise ValueError(f"{celsius:g} °C; allowed: 0 to {HOTTEST}")
         on, local = self._bus_of_row[self._row(board, bus)]
+        if on.power.traits.digital[local]:
+            raise ValueError(f"board {board}: a dRA1 has no temperature sensors")
         on.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
 
     def buses(self, name: str) -> range:

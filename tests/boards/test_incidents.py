@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
+from procs.lib.document import Controller
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 
@@ -145,6 +147,17 @@ def test_temperatures_are_shown_in_half_degrees() -> None:
     assert real_time(world, 1, 0, START + 1000)[blocks.TEMPERATURE] & 0xFFFF == 133 << 8 | 62
     with pytest.raises(ValueError, match=r"128 °C; allowed: 0 to 127\.5"):
         incidents.heat(9, 30.0, 128.0, "IO2")
+
+
+def test_a_dra1_cannot_be_heated() -> None:
+    system = two_buses()
+    assert system.emulation is not None
+    first, second = system.emulation.buses
+    buses = (first, replace(second, controllers=(Controller(9, "dRA1", 8, "V3"),)))
+    rails = Rails(7)
+    world = Emulation(replace(system, emulation=replace(system.emulation, buses=buses)), rails, START)
+    with pytest.raises(ValueError, match="board 9: a dRA1 has no temperature sensors"):
+        Incidents(world, rails).heat(9, 30.0, 31.0, "IO2")  # type: ignore[arg-type]  # a plant as far as it goes
 
 
 def test_too_much_measured_current_trips_the_check_of_the_board() -> None:
