@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from procs.lib import registers as reg
 
 ENTRIES: Final = 1024
@@ -33,7 +35,7 @@ class Collection:
         """Empty as after power-up at `tick`."""
         self.collecting = False
         self._free_running = firmware >= 9
-        self._entries = [0] * ENTRIES
+        self._entries = np.zeros(ENTRIES, dtype=np.int64)
         self._channel = 1
         self._index = 0  # of the newest entry
         self._measured = reg.CURRENT_ZERO
@@ -78,7 +80,7 @@ class Collection:
     def read(self, offset: int, count: int, tick: int) -> list[int]:
         """Quadlets from `offset` (address minus 0x7000) on: the buffer, its mirror at 0x400, the status at 0x800."""
         status = self.status(tick)
-        return [self._entries[at % ENTRIES] if not at & STATUS_OFFSET else status if at == STATUS_OFFSET else 0
+        return [int(self._entries[at % ENTRIES]) if not at & STATUS_OFFSET else status if at == STATUS_OFFSET else 0
                 for at in range(offset, offset + count)]
 
     def _stamp(self, tick: int) -> int:
@@ -91,8 +93,12 @@ class Collection:
         self._done = max(self._done, tick)
         if not self.collecting:
             return
-        start = max(first, last - ENTRIES)
-        self._index = (self._index + start - first) % ENTRIES
-        for k in range(start + 1, last + 1):
-            self._index = (self._index + 1) % ENTRIES
-            self._entries[self._index] = MEASURED | self._stamp(self._first + k * SAMPLE_TICKS) | self._measured
+        if last == first:
+            return
+        # Some hundred a millisecond while it collects: all at once.
+        at = self._first + np.arange(max(first, last - ENTRIES) + 1, last + 1, dtype=np.int64) * SAMPLE_TICKS
+        ticks = at - 1 - self._zero & 0xFFFF_FFFF
+        places = (self._index - at.size + np.arange(1, at.size + 1) + last - first) % ENTRIES
+        self._entries[places] = (MEASURED | self._measured | (ticks > STAMP_MASK) * LATE
+                                 | (ticks & STAMP_MASK) << STAMP_SHIFT)
+        self._index = (self._index + last - first) % ENTRIES
