@@ -47,6 +47,17 @@ def test_bus_settings_go_over() -> None:
                    "watchdog_timeout": 0.04, "close_all_relays": False, "configuration_files": ["a.json", "b.json"]}
 
 
+def test_defaults_that_have_changed_are_told() -> None:
+    told = fates(convert(json.dumps({"arms": [PSM]}), "console.json"))
+    assert (told["IOs[0].protocol"], told["IOs[0].close_all_relays"]) == (DEFAULTED, DEFAULTED)
+
+
+def test_settings_of_a_bus_without_arms_are_dropped() -> None:
+    arm = {"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm": "x.json"}
+    result = convert(json.dumps({"arms": [arm], "io": {"port": "udp"}}), "console.json")
+    assert fates(result)["io"] == DROPPED
+
+
 def test_simulated_arms_need_no_bus() -> None:
     data = system(arms=[{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm": "arm/x.json"}])
     assert data["arms"] == [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arm/x.json"}]

@@ -19,6 +19,10 @@ CONSOLE = "console"
 
 _OLD_BUS = "io"
 _PROTOCOLS = {"broadcast-read-write": "broadcast-query-read-write"}
+_TODAY = {  # what a bus does when its keys are left out, where that was otherwise
+    "protocol": ("broadcast-query-read-write", "today's default; it was sequential-read-broadcast-write"),
+    "close_all_relays": ("true", "the default since 2.3.1; before, it was false"),
+}
 _INPUTS = ("clutch", "camera", "operator_present")
 _PEDALS = {"clutch": "clutch", "camera": "camera", "operator_present": "coag"}
 _TELEOP_KEYS = {"psm-teleops", "ecm-teleop"}
@@ -62,6 +66,12 @@ def convert_console(parsed: Parsed, system_name: str, report: Report) -> Console
         uses_bus = True
     if uses_bus:
         system["IOs"] = [bus]
+        for name, (new, why) in _TODAY.items():
+            if name not in bus:
+                top.defaulted(f"IOs[0].{name}", new, why)
+    elif io is not None:
+        left = {name: value for name, value in bus.items() if name != "name"}
+        report.dropped(io.line(), io.key(), value_text(left), "no arm needs it")
     system["arms"] = arms.rows
     if teleops or ecm is not None or len(console) > 1:
         row: Json = {"name": CONSOLE, **console}
