@@ -196,12 +196,13 @@ def test_contradicting_matrices_are_refused() -> None:
 
 
 def test_gripper_of_old_masters_becomes_a_file_of_its_own() -> None:
-    text = robot("".join(actuator(number, board=2) for number in range(8)), 8, name="MTMR",
+    text = robot("".join(actuator(number, board=2) for number in range(8)), 8, name="MTMR", attributes='SN="22222"',
                  inside=block("Joints", matrix("ActuatorToJointPosition", [[float(i == j) for j in range(8)]
                                                                            for i in range(8)])))
-    result = convert(config(text, 2), "sawRobotIO1394-MTMR-22222.xml")
+    result = convert(config(text, 2), "sawRobotIO1394-MTMR-foot-pedal-22222.xml")
     main, gripper = result.outputs
-    assert (main.name, gripper.name) == ("sawRobotIO1394-MTMR-22222.json", "sawRobotIO1394-MTMR-gripper-22222.json")
+    assert (main.name, gripper.name) == ("sawRobotIO1394-MTMR-foot-pedal-22222.json",
+                                         "sawRobotIO1394-MTMR-gripper-22222.json")
     (arm,), (hand,) = main.data["robots"], gripper.data["robots"]  # type: ignore[misc]
     assert len(arm["actuators"]) == arm["number_of_actuators"] == 7
     assert len(arm["potentiometers"]["coupling"]["JointToActuatorPosition"]) == 7

@@ -12,7 +12,7 @@ from procs.lib.convert.actuator import Actuators
 from procs.lib.convert.digital import dallas_chip, digital_input, digital_output
 from procs.lib.convert.element import Element
 from procs.lib.convert.era import Era, era_of
-from procs.lib.convert.names import today
+from procs.lib.convert.names import plain, today
 from procs.lib.convert.pots import potentiometers
 from procs.lib.convert.report import Report
 from procs.lib.convert.xmltext import Node
@@ -32,6 +32,7 @@ class IoFiles:
 
     main: Json
     grippers: Json | None = None
+    gripper_name: str = ""  # where a system looks for that file, unless it is told otherwise
 
 
 def convert_io(root: Node, report: Report) -> IoFiles:
@@ -53,7 +54,11 @@ def convert_io(root: Node, report: Report) -> IoFiles:
     if len(main) == len(_file()):
         report.error(root.line, "Config", "", "nothing in it", "Robot, DigitalIn, DigitalOut or DallasChip")
     top.finish()
-    return IoFiles(main, _file(robots=grippers) if grippers else None)
+    if not grippers:
+        return IoFiles(main)
+    first = grippers[0]
+    arm = str(first["name"]).removesuffix("_gripper")
+    return IoFiles(main, _file(robots=grippers), plain(f"sawRobotIO1394-{arm}-gripper-{first['serial_number']}"))
 
 
 def _file(**lists: list[Json]) -> Json:

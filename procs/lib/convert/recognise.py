@@ -71,7 +71,7 @@ def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]
         files = convert_io(root, report)
         outputs = [Output(f"{path.stem}.json", files.main)]
         if files.grippers is not None:
-            outputs.append(Output(_gripper_name(path.stem), files.grippers))
+            outputs.append(Output(f"{files.gripper_name}.json", files.grippers))
         return "io", outputs
     if root.tag == "controller" and root.attributes.get("type") == "PID":
         return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
@@ -81,12 +81,6 @@ def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]
 
 def _refuse(root: Node, report: Report) -> None:
     report.error(root.line, root.tag, "", "no known kind of file", "Config (IO), controller with type PID")
-
-
-def _gripper_name(stem: str) -> str:
-    """Where a system looks for it: the arm's name, then `gripper`, then the serial number."""
-    name, count = re.subn(r"(MTM[LR]?)(?=-|\Z)", r"\1-gripper", stem, count=1)
-    return f"{name if count else f'{stem}-gripper'}.json"
 
 
 def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
