@@ -43,7 +43,8 @@ _OFFSET_SPAN_NS = 20_000
 Answer = Callable[[int, Buffer, int, int], Buffer | None]
 Addressee = Callable[[int, bytes], int | None]
 Sender = tuple[str, int]
-Arrival = tuple[int, int, int, Sender, int]  # number of the door, size, receive time, sender, to whom
+# Number of the door, size, receive time, sender, to whom, where the reply must come from (empty: the door)
+Arrival = tuple[int, int, int, Sender, int, bytes]
 
 
 @dataclass(slots=True)
@@ -114,24 +115,25 @@ class Endpoints:
             for arrival in sorted(arrived, key=_STAMP_OF):
                 self._reply(*arrival)
         if self._mishaps.active:
-            for _, reply, sender in self._mishaps.due(self._now_ns()):
-                self._send_to(reply, sender)
+            for _, reply, receiver in self._mishaps.due(self._now_ns()):
+                self._send_to(reply, receiver)
 
     def _receive(self, number: int) -> Arrival:
         door = self._doors[number]
         size, ancillary, _, sender = door.sock.recvmsg_into((self._buffers[number],), _ANCILLARY)
-        now, stamp, to = self._now_ns(), 0, door.to
+        now, stamp, to, source = self._now_ns(), 0, door.to, b""
         for _, kind, data in ancillary:
             if kind == SO_TIMESTAMPNS and not self._simulated:
                 seconds, nanoseconds = _STAMP.unpack_from(data)
                 stamp = seconds * 1_000_000_000 + nanoseconds
             elif kind == IP_PKTINFO and door.any_address:
-                to = self._board_at(door.bus, _PACKET_INFO.unpack_from(data)[2])
+                _, source, address = _PACKET_INFO.unpack_from(data)
+                to = self._board_at(door.bus, address)
         if stamp:
             if now >= self._offset_until:
                 self._compare_clocks(now)
             now = min(stamp - self._offset, now)
-        return number, size, now, sender, to
+        return number, size, now, sender, to, source
 
     def _board_at(self, bus: int, address: bytes) -> int:
         """Who is meant; GROUP for multicast, broadcast and addresses that no board was given."""
@@ -147,7 +149,7 @@ class Endpoints:
         if after - before < _OFFSET_SPAN_NS or abs(before - between - self._offset) > _OFFSET_AGE_NS:
             self._offset = (before + after) // 2 - between  # else we were held up, and the old one is better
 
-    def _reply(self, number: int, size: int, stamp_ns: int, sender: Sender, to: int) -> None:
+    def _reply(self, number: int, size: int, stamp_ns: int, sender: Sender, to: int, source: bytes) -> None:
         door, mishaps = self._doors[number], self._mishaps
         if door.only_from is not None and not _heard(sender[0], door.only_from):
             return
@@ -157,18 +159,23 @@ class Endpoints:
         if reply is None:
             return
         if not mishaps.active:
-            self._send(door.replies, reply, sender)
+            self._send(door.replies, reply, sender, source)
             return
-        for leaving, receiver in mishaps.leave(door.bus, reply, (door.replies, sender), self._now_ns()):
+        for leaving, receiver in mishaps.leave(door.bus, reply, (door.replies, sender, source), self._now_ns()):
             self._send_to(leaving, receiver)
 
     def _send_to(self, reply: Buffer, receiver: object) -> None:
-        sock, sender = cast(tuple[socket.socket, Sender], receiver)  # as `_reply` gave it to the mishaps
-        self._send(sock, reply, sender)
+        # as `_reply` gave it to the mishaps
+        sock, sender, source = cast(tuple[socket.socket, Sender, bytes], receiver)
+        self._send(sock, reply, sender, source)
 
-    def _send(self, sock: socket.socket, reply: Buffer, sender: Sender) -> None:
+    def _send(self, sock: socket.socket, reply: Buffer, sender: Sender, source: bytes) -> None:
         with contextlib.suppress(OSError):  # who asked is gone, or its buffer is full: as on a cable, it is lost
-            sock.sendto(reply, sender)
+            if source:  # hosts may refuse what comes from another address than they asked
+                where = _PACKET_INFO.pack(0, source, bytes(4))
+                sock.sendmsg((reply,), ((socket.IPPROTO_IP, IP_PKTINFO, where),), 0, sender)
+            else:
+                sock.sendto(reply, sender)
 
     def close(self) -> None:
         """Close the sockets."""

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from procs.boards import endpoints as endpoints_module
 from procs.boards.controllers.bus import GROUP
-from procs.boards.endpoints import MULTICAST, Endpoints
+from procs.boards.endpoints import ANY, MULTICAST, Endpoints
 from procs.lib import wire
 from procs.lib.document import Bus, Controller
 
@@ -80,6 +81,20 @@ def test_a_rev_9_bridge_is_reached_at_the_bus_and_at_its_hubs_address() -> None:
             serve_until(endpoints, heard, 1)
             assert host.recvfrom(100) == (b"hub", (f"127.91.8.{last}", wire.UDP_PORT))
             heard.clear()
+
+
+def test_a_bus_at_every_address_answers_from_the_one_that_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    with host_at(ANY) as taken:  # a free port: on 1394 it would be in the way of other buses of this machine
+        port = taken.getsockname()[1]
+    monkeypatch.setattr(endpoints_module, "UDP_PORT", port)
+    heard: Heard = []
+    with served(Bus("a", ANY, (Controller(5, firmware=9, fpga="V3"),)), heard) as endpoints, host_at(ANY) as host:
+        for asked in ("127.0.0.6", "127.0.0.1"):
+            host.connect((asked, port))  # and hears nobody else
+            host.send(b"x")
+            serve_until(endpoints, heard, len(heard) + 1)
+            assert host.recv(100) == b"x"
+        assert [to for _, to, _ in heard] == [5, GROUP]
 
 
 def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
