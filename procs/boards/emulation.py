@@ -109,10 +109,11 @@ class Emulation:
         self._heard = [-FRAME_TICKS] * len(self.buses)  # tick of each bus's last datagram
         axes = len(wiring.slots)
         self._has_robots = axes > 0  # boards may be there for their own sake
+        self._has_tables = wiring.table_slots.size > 0
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
         self.current = np.zeros(axes)
         self._dac, self._on = self.lines.dac.reshape(-1), self.lines.on.reshape(-1)
-        self._adc = self.lines.adc.reshape(-1).view("<u2").reshape(-1, 2).T  # measured currents, potentiometers
+        self._adc = self.lines.adc.reshape(-1).view(np.uint16).reshape(-1, 2).T  # measured currents, potentiometers
         self._at_slots(len(self._dac))
         self._cut = tuple(self._cuts())
         for robot, own in wiring.brakes.robots:
@@ -268,6 +269,8 @@ class Emulation:
         np.multiply(truth, self._to_bits[0], bits)
         np.add(bits, self._to_bits[1], bits)
         np.rint(bits, bits)
+        if self._has_tables:
+            bits[1, self.wiring.table_slots] = self.wiring.tables.readings(truth[1, self.wiring.table_slots])
         np.maximum(bits, self._least, out=bits)
         np.minimum(bits, self._most, out=bits)
         self._adc[...] = bits
