@@ -280,6 +280,7 @@ class Quirks:
     repeated_amp_bits: bool = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
     longest_pwm_holds: bool = True  # a PWM count of 65535 is held for ever, as 0 is
     playing_hides_table: bool = True  # a table being played reads as the entry that is on
+    late_deviation: bool = True  # dRA1: a current too far off is noticed when the amplifier goes off for another reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ the ESPM began. A broken interlock or a fault cuts the amplifier, the request st
 it back. Commands are not kept while an amplifier is off.
 
 The deviation of the measured current from the commanded one is counted down in every cycle of the current loop in
-which it is too much, and up in the others. Real ones have a slip here, and so do we: the empty counter is looked at
-only when the amplifier has been switched off.
+which it is too much, and up in the others. Real ones have a slip here, and so do we unless the quirk is off: the empty
+counter is looked at only when the amplifier has been switched off.
 """
 
 from __future__ import annotations
@@ -52,6 +52,7 @@ class Digital:
         self._allowed = np.where(large, DEVIATION_LARGE, DEVIATION_SMALL)
         self._left = np.full(shape, DEVIATION_TOP, dtype=np.int64)
         self._deviates = np.zeros(shape, dtype=np.bool_)
+        self._prompt, self._any_prompt = traits.prompt[:, None], bool(traits.prompt.any())
         self._cycle = 0
         self._regulated = np.zeros(shape, dtype=np.bool_)  # on, in current mode
 
@@ -69,19 +70,29 @@ class Digital:
 
     def times(self) -> Ints:
         """When something will happen by itself."""
-        return np.minimum(self._connect_at, self._preload_at)
+        times = np.minimum(self._connect_at, self._preload_at)
+        if self._any_prompt:
+            counting = self._prompt & self._regulated & self._deviates
+            empty_at = -(-(self._cycle + self._left) * CYCLE_CLOCKS // 3)
+            times = np.minimum(times, np.where(counting, empty_at, NEVER).min(axis=1))
+        return times
 
     def pins(self, on: Flags, enabled: Flags, broken: Flags, closed: Flags, tick: int) -> Flags:
         """Which amplifiers are on from `tick` on; `closed`: watchdog and supply, (2, boards)."""
         self._count(tick)
         self.faults |= np.where(broken & self.axes, FAULT_BRIDGE, 0).astype(np.uint32)
+        if self._any_prompt:
+            self._deviate(self._prompt & self._regulated)
         interlocks = np.array((*closed, self.connected, self.there, self.preloaded)) * (1 << np.arange(5))[:, None]
         whole = (interlocks.sum(axis=0) | self.bypass) == 0x1F
         pins: Flags = (on | self.pending) & enabled & (self.faults == 0) & whole[:, None] & self.axes
         self.pending &= ~pins
-        empty = self._regulated & ~pins & (self._left == 0)
-        self.faults |= np.where(empty, FAULT_DEVIATION, 0).astype(np.uint32)
+        self._deviate(self._regulated & ~pins)
         return pins
+
+    def _deviate(self, looked_at: Flags) -> None:
+        """Keep the fault of those whose counter is empty."""
+        self.faults |= np.where(looked_at & (self._left == 0), FAULT_DEVIATION, 0).astype(np.uint32)
 
     def regulate(self, pins: Flags, mode: Quads) -> None:
         """These amplifiers regulate a current from now on."""
@@ -96,12 +107,13 @@ class Digital:
             self._left = np.where(self._regulated, np.clip(left, 0, DEVIATION_TOP), DEVIATION_TOP)
 
     def compare(self, tick: int, asked: Ints, measured: Ints) -> bool:
-        """Currents that hold from `tick` on (offset binary); whether a converter is at its end."""
+        """Currents that hold from `tick` on (offset binary); whether that may switch an amplifier off."""
         self._count(tick)
-        self._deviates = np.abs(asked - measured) > self._allowed
+        before, self._deviates = self._deviates, np.abs(asked - measured) > self._allowed
+        turned = self._any_prompt and bool((self._prompt & (before != self._deviates)).any())
         stuck = self.axes & ((measured == 0) | (measured == 0xFFFF)) & (self.faults & FAULT_CONVERTER == 0)
         self.faults |= np.where(stuck, FAULT_CONVERTER, 0).astype(np.uint32)
-        return bool(stuck.any())
+        return turned or bool(stuck.any())
 
     # -- what the host does --------------------------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ class Traits:
     single: Flags  # QLA1
     dual: Flags  # DQLA
     digital: Flags  # dRA1: digital amplifiers
+    prompt: Flags  # a dRA1 that cuts an amplifier as soon as its current was too far off for too long
     expander: Flags  # QLA from 1.5 on
     shows_requests: Flags  # in status bits 3:0, instead of the feedback once more
     ecm: Flags  # a dRA1 in an ECM
@@ -46,9 +47,11 @@ class Traits:
         axes = np.arange(width) < np.array([model.hardware.motors for model in models])[:, None]
         modes = np.where(expander, _MODE & ~1, np.where(old | digital, 0, _MODE))
         repeats = np.array([model.quirks.repeated_amp_bits for model in models])
+        tardy = np.array([model.quirks.late_deviation for model in models])
         return cls(
             ids=np.array([model.board_id for model in models], dtype=np.int64), old=old, late=firmware >= 9,
-            single=single, dual=names == "DQLA", digital=digital, expander=expander, shows_requests=old | ~repeats,
+            single=single, dual=names == "DQLA", digital=digital, prompt=digital & ~tardy,
+            expander=expander, shows_requests=old | ~repeats,
             ecm=np.array([model.robot_serial.startswith("e") for model in models]), axes=axes,
             by_control=axes & single[:, None],
             real_time_bits=np.where(firmware >= 9, 0xFFFF_FFFF, reg.CONTROL_REAL_TIME_BITS).astype(np.uint32),

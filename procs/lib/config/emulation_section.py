@@ -47,6 +47,7 @@ class QuirkKeys(Section):
     repeated_amp_bits: bool | None = None
     longest_pwm_holds: bool | None = None
     playing_hides_table: bool | None = None
+    late_deviation: bool | None = None
 
 
 class BoardKeys(Section):

@@ -9,6 +9,7 @@ from procs.boards.controllers import digital, power
 from procs.boards.controllers.espm import SUPPLY_BITS
 from procs.boards.devices.dallas import instrument_memory
 from procs.lib import registers as reg
+from procs.lib.document import Quirks
 from tests.boards.desk import COLLECT, MASK, MS, ON, VALID, Desk, board
 
 BASE = 0xA300_0007  # 10 axes, board 3, ESPM there in all respects, encoders not preloaded
@@ -17,16 +18,16 @@ POWERED = 0x000C_0000
 REQUESTED, PIN = reg.MOTOR_STATUS_AMP_REQUESTED, reg.MOTOR_STATUS_AMP_ON
 
 
-def _desk(firmware: int = 9, *, preload: bool = True, serial: str = "p292409.cal") -> Desk:
-    desk = Desk(board(firmware, "dRA1", serial=serial))
+def _desk(firmware: int = 9, *, preload: bool = True, serial: str = "p292409.cal", tardy: bool = True) -> Desk:
+    desk = Desk(board(firmware, "dRA1", serial=serial, quirks=Quirks(late_deviation=tardy)))
     if preload:
         desk.write(reg.axis_register(0, reg.ENCODER_PRELOAD), 0x80_0000)
         desk.tick += MS
     return desk
 
 
-def _on(firmware: int = 9) -> Desk:
-    desk = _desk(firmware)
+def _on(firmware: int = 9, *, tardy: bool = True) -> Desk:
+    desk = _desk(firmware, tardy=tardy)
     desk.write(reg.STATUS, reg.CONTROL_POWER_ON)
     desk.tick += power.SUPPLY_RAMP
     desk.group(*[ON | VALID | 0x8000] * 10, 0)
@@ -215,6 +216,23 @@ def test_the_deviation_counts_down_and_is_looked_at_only_when_the_amplifier_goes
     desk.hold(1)
     desk.dac(axis, ON)
     assert desk.motor(axis) & 0x300F_0000 == REQUESTED | PIN, "an enable forgives"
+
+
+def test_without_the_quirk_the_deviation_cuts_the_amplifier_when_it_is_counted_down() -> None:
+    desk = _on(tardy=False)
+    desk.lines.adc[0, 4] = 0x9000
+    desk.bus.step(desk.tick)
+    desk.bus.check_currents(desk.tick)
+    empty = desk.tick + 4095 * 2048 // 3
+    desk.tick = empty - 700  # a cycle of the current loop
+    assert desk.on()[4] is True
+    desk.tick = empty + 700
+    assert desk.on()[4] is False and desk.on()[5] is True
+    assert desk.motor(4) >> 16 & 0xF == 2
+    desk.lines.adc[0, 4] = 0x8000
+    desk.hold(1)
+    desk.dac(4, ON)
+    assert desk.motor(4) & 0x300F_0000 == REQUESTED | PIN, "an enable forgives"
 
 
 def test_the_deviation_takes_4095_cycles_of_13_9_us_and_comes_back_as_slowly() -> None:
