@@ -228,7 +228,7 @@ class Stand:
 
     def __init__(self, robot_count: int = 1, preset: bool = True, **changes) -> None:
         self.io = document(robot_count, **changes)
-        boards = sorted({a.board_id for r in self.io.robots for a in r.actuators}
+        boards = sorted({d.board_id for r in self.io.robots for d in (*r.actuators, *r.brakes)}
                         | {i.board_id for i in self.io.digital_inputs})
         self.clock, self.port = Clock(), FakePort(tuple(boards))
         self.arms = [FakeSource() for _ in self.io.pids]
