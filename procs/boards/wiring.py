@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.models import HARDWARE, models_of, width_of
+from procs.lib import lookup
 from procs.lib.document import Actuator, Brake, Emulation, Linear, System
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
@@ -86,9 +87,15 @@ class Wiring:
                 actuators += robot.actuators
                 slots += [width * self._row(io.name, a.board_id, robot.name) + a.axis_id for a in robot.actuators]
         self.slots: Ints = np.array(slots, dtype=np.intp)
-        none = Linear()
-        pots = [(a.potentiometer.bits_to_voltage, a.potentiometer.voltage_to_position) if a.potentiometer
-                else (none, none) for a in actuators]
+        none, itself = Linear(), Linear(1.0, 0.0)
+        has_table = [bool(robot.lookup) for io in system.ios for robot in io.robots for _ in robot.actuators]
+        pots = [(none, itself) if digital else (a.potentiometer.bits_to_voltage, a.potentiometer.voltage_to_position)
+                if a.potentiometer else (none, none) for a, digital in zip(actuators, has_table, strict=True)]
+        tables = [lookup.unpack(robot.lookup, len(robot.actuators))
+                  for io in system.ios for robot in io.robots if robot.lookup]
+        self.tables = lookup.Inverse(np.concatenate(tables) if tables else np.zeros((0, lookup.ENTRIES)))
+        self.table_slots: Ints = self.slots[np.array(has_table, dtype=np.bool_)]
+        """Slots whose potentiometers are digital: `tables` makes readings of their positions."""
         self.counts = Inverse.of([a.encoder.bits_to_position if a.encoder else none for a in actuators])
         self.pot_volts = Inverse.of([position for _, position in pots])
         self.pot_bits = Inverse.of([volts for volts, _ in pots])

@@ -173,9 +173,9 @@ class RobotIo:
                 record.fault[robot] = fault.number
             self._follow.enable(robot, False, now_ns)
             self._brakes.engage(robot)  # what the joint controller no longer holds
-            if fault.action == faults.POWER_OFF:
+            if fault.action in (faults.POWER_OFF, faults.CUT):
                 self._bias.stop(robot)
-                self._power.off(robot)
+                self._power.off(robot, open_relays=fault.action == faults.CUT)
                 for other in self.robots.sharing(robot):
                     if record.power_wanted[other]:
                         self.reports.trip(faults.SHARED_BOARD, other)

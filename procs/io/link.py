@@ -44,13 +44,12 @@ def discovery_address(address: str) -> str:
 class Link:
     """The socket and what belongs to a transaction. The newest datagram lies in `rx` after a successful receive."""
 
-    def __init__(self, address: str, udp_port: int, now_ns: Callable[[], int], real_time: bool,
-                 counters: Counters) -> None:
+    def __init__(self, address: str, udp_port: int, now_ns: Callable[[], int], real_time: bool) -> None:
         self.address = address
         self.udp_port = udp_port
         self.now_ns = now_ns
         self.real_time = real_time
-        self.counters = counters
+        self.counters = Counters(0)  # the port's own takes its place
         self.cycle_timeout_ms = CYCLE_TIMEOUT_MS if real_time else SIMULATED_TIMEOUT_MS
         self.generation = 0  # the bus generation our requests carry
         self.seen_generation = 0  # the one the newest reply carried

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from procs.io.port import Port
 from procs.io.record import Flags, Floats, Record
-from procs.lib import blocks, conversion, registers
+from procs.lib import blocks, conversion, lookup, registers
 from procs.lib.blocks import Columns
 from procs.lib.document import Actuator, Brake, Encoder, Io, Linear
 from procs.lib.velocity import FirmwareVelocity, SoftwareVelocity
@@ -70,7 +70,8 @@ class Robots:
         self.on_board[self.robot_of_drive, self.board_row] = True
         encoders = [a.encoder or NO_ENCODER for a in actuators]
         self.has_encoder: Flags = np.array([a.encoder is not None for a in actuators], dtype=bool)
-        self.has_pot: Flags = np.array([a.potentiometer is not None for a in actuators], dtype=bool)
+        self.has_table: Flags = np.array([bool(r.lookup) for r in io.robots for _ in r.actuators], dtype=bool)
+        self.has_pot: Flags = self.has_table | np.array([a.potentiometer is not None for a in actuators], dtype=bool)
         self.position_scale = np.array([e.bits_to_position.scale for e in encoders])
         self.position_offset = np.array([e.bits_to_position.offset for e in encoders])
         self.lower, self.upper = np.array([e.lower for e in encoders]), np.array([e.upper for e in encoders])
@@ -114,6 +115,9 @@ class Samples:
                                     for a in robots.actuators])
         self._pot_offset = np.array([a.potentiometer.voltage_to_position.offset if a.potentiometer else 0.0
                                      for a in robots.actuators])
+        self._tables = [(s, np.arange(len(r.actuators)), lookup.unpack(r.lookup, len(r.actuators)))
+                        for s, r in zip(robots.slices, robots.io.robots, strict=True) if r.lookup]
+        self._readings = self._words[VOLTAGE, :n]
         self._couplings = [(s, np.array(r.joint_to_actuator_position).T.copy(), np.zeros(len(r.actuators)))
                            for s, r in zip(robots.slices, robots.io.robots, strict=True)
                            if r.joint_to_actuator_position is not None]
@@ -141,6 +145,8 @@ class Samples:
         pots = self.pot_position
         np.multiply(self.volts, self._pot_scale, pots)
         np.add(pots, self._pot_offset, pots)
+        for axes, places, table in self._tables:
+            pots[axes] = table[places, self._readings[axes]]
         for axes, matrix, result in self._couplings:
             np.matmul(pots[axes], matrix, out=result)
             pots[axes] = result

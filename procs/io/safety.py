@@ -136,9 +136,14 @@ class Safety:
         self._counting = True
         self._apart_s[apart] += self._samples.period_s[apart]
         late = apart & (~(self._apart_s <= self._latency) | ~np.isfinite(self._samples.pot_error))
-        for axis in np.flatnonzero(late & ~self._pot_reported).tolist():
+        # what goes on after it was told is told again to a robot that was given power meanwhile
+        again = (self._record.power_wanted & (self._record.fault == 0))[self._robots.robot_of_axis]
+        for axis in np.flatnonzero(late & (~self._pot_reported | again)).tolist():
             self._pot_reported[axis] = True
             robot, place = self._robots.place(axis)
+            if self._robots.has_table[axis] and np.isnan(self._samples.pot_error[axis]):
+                self._reports.trip(faults.POT_MISSING, robot, place)
+                continue
             self._reports.trip(faults.POTENTIOMETER, robot, place, float(self._samples.pot_error[axis]),
                                float(self._distance[axis]))
 

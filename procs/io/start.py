@@ -1,14 +1,23 @@
-"""What io does once before its loop: find and check the boards, set watchdogs, see which encoders kept a preload."""
+"""What io does once before its loop: find and check boards and arms, set watchdogs, see which encoders kept a preload.
+
+The controllers of Si arms (dRA1) let no amplifier on before the arm's encoders were preloaded, and the arm knows its
+own serial number.
+"""
 
 from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from procs.io.port import ALL_BOARDS, BoardInfo, Port, PortError
 from procs.io.robots import Robots
 from procs.lib import conversion, registers
+from shm.clock import pause
 
 POWER_OFF: Final = registers.CONTROL_POWER_OFF | registers.CONTROL_AMPS_OFF
+FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory
+FLASH_WORDS: Final = 16
 
 
 def prepare(robots: Robots, port: Port) -> list[bool]:
@@ -20,6 +29,8 @@ def prepare(robots: Robots, port: Port) -> list[bool]:
     check(robots, port.discover())
     port.write_quadlet(ALL_BOARDS, registers.STATUS, POWER_OFF)
     port.write_quadlet(ALL_BOARDS, registers.WATCHDOG, registers.watchdog_counts(robots.io.watchdog_s))
+    for robot in range(len(robots.names)):
+        _prepare_si(robots, port, robot)
     return [_preset(robots, port, robot) for robot in range(len(robots.names))]
 
 
@@ -38,6 +49,40 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
             if robot.hardware not in (found[board].hardware, "HARDWARE_UNDEFINED"):
                 raise PortError(f"board {board} is a {found[board].hardware}", robot.source or robot.name,
                                 f"robot {robot.name} needs {robot.hardware}")
+
+
+def _prepare_si(robots: Robots, port: Port, robot: int) -> None:
+    """It is the arm that the file is about, and its encoders are preloaded (to 0 where nobody has yet)."""
+    keys, axes = robots.io.robots[robot], robots.slices[robot]
+    rows = [row for row in np.flatnonzero(robots.on_board[robot]).tolist() if port.hardware[row] == "dRA1"]
+    for row in rows:
+        board = robots.board_ids[row]
+        expected, found = registers.arm_memory(keys.name, keys.serial), arm_serial(port, board)
+        if found != expected:
+            raise PortError(f"the arm on board {board} is {found or 'unknown to itself'}", keys.source or keys.name,
+                            f"robot {keys.name} with serial number {keys.serial} is {expected}")
+        if not port.read_quadlet(board, registers.STATUS) & registers.STATUS_PRELOADED:
+            for axis in range(axes.start, axes.stop):
+                if robots.board_row[axis] == row and robots.has_encoder[axis]:
+                    address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
+                    port.write_quadlet(board, address, conversion.ENCODER_MIDRANGE)
+
+
+def arm_serial(port: Port, board: int) -> str:
+    """What the memory of an Si arm says it is, e.g. p123456.cal; empty where it says nothing.
+
+    The memory is read word by word: the address is given twice, the second time with the read enabled.
+    """
+    data = bytearray()
+    for address in range(FLASH_WORDS):
+        for enable in (0, registers.ARM_FLASH_ENABLE):
+            port.write_quadlet(board, registers.ARM_FLASH_COMMAND, enable | registers.ARM_FLASH_READ | address)
+            pause(FLASH_PAUSE_S)
+        data += (port.read_quadlet(board, registers.ARM_FLASH_WORD) & 0xFFFF).to_bytes(2, "little")
+        if 0 in data:
+            break
+    port.write_quadlet(board, registers.ARM_FLASH_COMMAND, 0)
+    return bytes(data).split(b"\0")[0].decode("ascii", "replace")
 
 
 def _preset(robots: Robots, port: Port, robot: int) -> bool:

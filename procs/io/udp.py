@@ -33,16 +33,17 @@ class UdpPort:
     `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
     deadlines are generous and nothing is waited for. `query_wait_ns` replaces the time the boards are given between
     query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (2 s when simulated). `exclusive` refuses a
-    bus that another host is driving; `asked_at` replaces the address discovery asks at. `first_control` is written to
-    the status register of all boards as soon as the bus is known to be ours, before anything about them is judged (io:
-    power off, whatever a predecessor left). Without board ids (tools) everything found is listed, and nothing can be
-    read or written cyclically.
+    bus that another host is driving; `asked_at` replaces the address discovery asks at, `link` the socket.
+    `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
+    anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
+    found is listed, and nothing can be read or written cyclically.
     """
 
     def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
                  protocol: str = BROADCAST_QUERY, *, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
-                 asked_at: str = "", first_control: int = 0, udp_port: int = wire.UDP_PORT) -> None:
+                 asked_at: str = "", first_control: int = 0, udp_port: int = wire.UDP_PORT,
+                 link: Link | None = None) -> None:
         self._name = PortName.parse(name)
         self.board_ids = tuple(sorted(board_ids))
         where = f"port {name}"
@@ -61,7 +62,8 @@ class UdpPort:
         self.send_ns = 0
         self.counters = Counters(count)
         self.boards: tuple[BoardInfo, ...] = ()
-        self._link = Link(self._name.address, udp_port, now_ns, real_time, self.counters)
+        self._link = link or Link(self._name.address, udp_port, now_ns, real_time)
+        self._link.counters = self.counters
         if deadline_ms is not None:
             self._link.cycle_timeout_ms = deadline_ms
         self._nodes: ChainMap[int, int] = ChainMap()

@@ -97,6 +97,7 @@ class Robot:
     only_io: bool = False
     joint_to_actuator_position: Matrix | None = None
     brakes: tuple[Brake, ...] = ()
+    lookup: str = ""  # DIGITAL potentiometers: their table, packed by `procs.lib.lookup`
     source: str = ""
 
 

@@ -14,6 +14,7 @@ ERROR: Final = 3
 NOTHING: Final = 0
 STOP: Final = 1  # joint controller off, zero current
 POWER_OFF: Final = 2  # and amplifiers and motor power off
+CUT: Final = 3  # and the safety relays opened
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class Fault:
     number: int
     code: str
     severity: int
-    action: int  # NOTHING, STOP or POWER_OFF
+    action: int  # NOTHING, STOP, POWER_OFF or CUT
     text: str
     hint: str
 
@@ -80,6 +81,9 @@ ARM_LOST_POWER_OFF: Final = Fault(
 BIAS_FAILED: Final = Fault(
     18, "BIAS_FAILED", ERROR, NOTHING, "the encoders did not take their values from the potentiometers",
     "try again; if it returns, look at the potentiometers' values")
+POT_MISSING: Final = Fault(
+    20, "POT_MISSING", ERROR, CUT, "a potentiometer reads where its table has no position; relays were opened",
+    "check that the table belongs to this arm, and the arm's cable; move the joint by hand and try again")
 SHARED_BOARD: Final = Fault(
     19, "SHARED_BOARD", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
     "see the other robot's fault")
@@ -87,7 +91,7 @@ SHARED_BOARD: Final = Fault(
 FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
-    BIAS_FAILED, SHARED_BOARD,
+    BIAS_FAILED, SHARED_BOARD, POT_MISSING,
 )
 
 

@@ -58,6 +58,12 @@ DALLAS: Final = 0x0D
 IO_EXPANDER: Final = 0x0E
 GIT_DESCRIPTION: Final = 0x0F
 
+# -- registers of the electronics in an Si arm, behind a dRA1 ----------------------------------------------------------
+ARM_FLASH_COMMAND: Final = 0xA002
+ARM_FLASH_WORD: Final = 0xA031
+ARM_FLASH_READ: Final = 1 << 24
+ARM_FLASH_ENABLE: Final = 1 << 28
+
 # -- axis registers: axis_register(axis, offset) -----------------------------------------------------------------------
 ADC: Final = 0x0  # 31:16 potentiometer, 15:0 motor current
 DAC: Final = 0x1
@@ -254,6 +260,11 @@ def ip_quadlet(address: str) -> int:
 def ip_text(quadlet: int) -> str:
     """Dotted text of an IP address register value."""
     return str(ipaddress.IPv4Address(quadlet.to_bytes(4, "little")))
+
+
+def arm_memory(robot: str, serial: str) -> str:
+    """What the memory of an Si arm says it is: robot PSM1 with serial number 123456 is p123456.cal."""
+    return f"{robot[:1].lower()}{serial}.cal"
 
 
 def gap_count(nodes: int) -> int:

@@ -44,8 +44,8 @@ IO_FILES = {  # boards of each file; hardware, FPGA and the Si arm's serial numb
     "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM2-contact-sensor.json": ([9], "QLA1", "V2", ""),
     "dvrk-site/jhu-daVinci/sawRobotIO1394-ECM-29738.json": ([4, 5], "QLA1", "V2", ""),
     "dvrk-site/jhu-daVinci/sawRobotIO1394-SUJ.json": ([12], "QLA1", "V2", ""),
-    "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-ECM-438610.json": ([4], "dRA1", "V3", "438610"),
-    "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json": ([6], "dRA1", "V3", "292409"),
+    "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-ECM-438610.json": ([4], "dRA1", "V3", "e438610.cal"),
+    "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json": ([6], "dRA1", "V3", "p292409.cal"),
 }
 
 

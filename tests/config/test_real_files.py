@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from procs.lib import document
 from procs.lib.config import check_file, load_system
+from procs.lib.config.problem import Problem
 from tests import stock
 
 KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index")
@@ -163,3 +167,38 @@ def test_si_arms_bring_the_links_that_weigh_along() -> None:
         (arm,) = system.emulated().arms
         assert arm.links is not None and len(arm.links.links) == links
         assert sum(link.mass for link in arm.links.links) > 1.0
+
+
+SI_IO = "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409"
+
+
+def _with_table(folder: Path, change: Callable[[dict[str, Any]], None], name: str = "") -> list[Problem]:
+    """Problems of an IO file whose table was changed, or has another name."""
+    io = json.loads(stock.find(f"{SI_IO}.json").read_text(encoding="utf-8"))
+    table = json.loads(stock.find(f"{SI_IO}-PotentiometerLookupTable.json").read_text(encoding="utf-8"))
+    change(table)
+    name = name or "PSM1-292409-table.json"
+    io["robots"][0]["potentiometers"]["lookup_table_file"] = name
+    (folder / name).write_text(json.dumps(table), encoding="utf-8")
+    (folder / "io.json").write_text(json.dumps(io), encoding="utf-8")
+    return [problem for problem in check_file(folder / "io.json").problems if problem.severity == "error"]
+
+
+def test_a_table_of_digital_potentiometers_is_beside_its_io_file(tmp_path: Path) -> None:
+    assert _with_table(tmp_path, lambda table: None) == []
+
+
+def test_a_table_of_another_arm_is_refused(tmp_path: Path) -> None:
+    (problem,) = _with_table(tmp_path, lambda table: table.update(serial="334809"))
+    assert problem.key == "serial" and problem.allowed == "292409" and "PSM1" in problem.text
+    (problem,) = _with_table(tmp_path, lambda table: None, "table.json")
+    assert problem.key == "robots[0].potentiometers.lookup_table_file" and "292409" in problem.text
+
+
+def test_rows_of_a_table_are_one_an_actuator_with_4096_numbers(tmp_path: Path) -> None:
+    (problem,) = _with_table(tmp_path, lambda table: table["lookup"].pop())
+    assert problem.key == "lookup" and problem.allowed.startswith("7")
+    (problem,) = _with_table(tmp_path, lambda table: table["lookup"][3].pop())
+    assert problem.key == "lookup" and "lookup[3]: 4095 entries" in problem.text
+    (problem,) = _with_table(tmp_path, lambda table: table["lookup"].__setitem__(2, ["1"] * 4096))
+    assert problem.key == "lookup" and "lookup[2]" in problem.text

@@ -262,7 +262,8 @@ def _loaded(
     )
     io_path = parts.robot[0].source.path
     pid = convert.pid(parts.pid.content, robot.name, keys.name, str(parts.pid.source.path))
-    return LoadedArm(arm, convert.robot(robot, str(io_path)), pid, io_path, starts)
+    table = place.bus.tables.get((io_path, parts.robot[1]), "")
+    return LoadedArm(arm, convert.robot(robot, str(io_path), table), pid, io_path, starts)
 
 
 def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain | None) -> None:

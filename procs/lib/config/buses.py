@@ -9,8 +9,8 @@ from pathlib import Path
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.io_checks import check_bus, check_io_file
 from procs.lib.config.io_file import IoFile, RobotKeys
+from procs.lib.config.lookup_file import load_tables
 from procs.lib.config.problem import Key
-from procs.lib.config.search import expanded
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import IoDeviceKeys, IoKeys, SystemFile
 
@@ -28,6 +28,7 @@ class BusFiles:
     key: Key
     files: dict[Path, Opened[IoFile] | None] = field(default_factory=dict)
     own: list[Path] = field(default_factory=list)  # its configuration_files
+    tables: dict[tuple[Path, int], str] = field(default_factory=dict)  # of digital potentiometers, by file and robot
 
     def opened(self) -> list[Opened[IoFile]]:
         """The files that could be read, in order."""
@@ -39,7 +40,7 @@ class BusFiles:
             opened = context.open(IoFile, path)
             if opened is not None:
                 check_io_file(context, opened)
-                _check_tables(context, opened)
+                self.tables |= load_tables(context, opened)
             self.files[path] = opened
         return self.files[path]
 
@@ -50,21 +51,6 @@ class BusFiles:
             if opened is not None and robot.name == name:
                 return opened, index, robot
         return None
-
-
-def _check_tables(context: Context, opened: Opened[IoFile]) -> None:
-    """Digital potentiometers need a table: beside the IO file, in a `path` of the robot or on the search path."""
-    beside = opened.source.path.parent
-    for index, robot in enumerate(opened.content.robots):
-        pots = robot.potentiometers
-        if pots is None or pots.potentiometers_type != "DIGITAL":
-            continue
-        key: Key = ("robots", index, "potentiometers", "lookup_table_file")
-        if not pots.lookup_table_file:
-            context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
-            continue
-        search = context.search.first(*(expanded(text) for text in robot.path), beside)
-        context.find(opened.source, key, (pots.lookup_table_file,), search)
 
 
 def load_buses(context: Context, source: Source, system: SystemFile, *, emulated: bool) -> dict[str, BusFiles]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from procs.lib import blocks, document
+from procs.lib import blocks, document, registers
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.emulation_section import (
@@ -195,11 +195,11 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
 
 
 def _robot_serial(place: BusPlace, board: int) -> str:
-    """Serial number of the Si arm that a board sits in."""
+    """What the memory of the Si arm that a board sits in says it is."""
     for opened in place.files:
         for index, robot in enumerate(opened.content.robots):
             if any(part.board_id == board for _, part in parts_of(index, robot)):
-                return robot.serial_number
+                return registers.arm_memory(robot.name, robot.serial_number)
     return ""
 
 

@@ -19,8 +19,8 @@ from procs.lib.config.pid_file import PidFile, PidKeys
 from procs.lib.config.setup_file import SetupArmKeys
 
 
-def robot(keys: RobotKeys, source: str) -> document.Robot:
-    """One robot of an IO file."""
+def robot(keys: RobotKeys, source: str, lookup: str = "") -> document.Robot:
+    """One robot of an IO file; `lookup` is the table of its potentiometers, where they need one."""
     pots = keys.potentiometers
     coupling = pots.coupling if pots else None
     return document.Robot(
@@ -33,6 +33,7 @@ def robot(keys: RobotKeys, source: str) -> document.Robot:
         only_io=keys.only_IO,
         joint_to_actuator_position=coupling.JointToActuatorPosition if coupling else None,
         brakes=tuple(_brake(brake) for brake in keys.brakes),
+        lookup=lookup,
         source=source,
     )
 

@@ -243,8 +243,10 @@ def _io(
     opened = bus.opened()
     if whole:
         for file in opened:
-            for robot in file.content.robots:
-                robots.setdefault(robot.name, convert.robot(robot, str(file.source.path)))
+            path = file.source.path
+            for index, robot in enumerate(file.content.robots):
+                table = bus.tables.get((path, index), "")
+                robots.setdefault(robot.name, convert.robot(robot, str(path), table))
     else:
         paths = dict.fromkeys((*bus.own, *(loaded.io_path for loaded in mine)))
         opened = [file for file in (bus.files[path] for path in paths) if file is not None]

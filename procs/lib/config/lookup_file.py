@@ -1,0 +1,56 @@
+"""Lookup tables of digital potentiometers: `{"serial": …, "lookup": [a row of 4096 positions for each actuator]}`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from procs.lib import lookup
+from procs.lib.config.context import Context, Opened
+from procs.lib.config.io_file import IoFile, RobotKeys
+from procs.lib.config.problem import Key
+from procs.lib.config.search import expanded
+
+
+def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
+    """The packed tables of a file's robots with DIGITAL potentiometers, by path and place of the robot.
+
+    A table is beside the IO file, in a `path` of the robot or on the search path.
+    """
+    tables: dict[tuple[Path, int], str] = {}
+    beside = opened.source.path.parent
+    for index, robot in enumerate(opened.content.robots):
+        pots = robot.potentiometers
+        if pots is None or pots.potentiometers_type != "DIGITAL":
+            continue
+        key: Key = ("robots", index, "potentiometers", "lookup_table_file")
+        if not pots.lookup_table_file:
+            context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
+            continue
+        search = context.search.first(*(expanded(text) for text in robot.path), beside)
+        path = context.find(opened.source, key, (pots.lookup_table_file,), search)
+        table = _table(context, opened, key, robot, path) if path is not None else ""
+        if table:
+            tables[opened.source.path, index] = table
+    return tables
+
+
+def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
+    """The packed table; empty, with errors, where the file is not this robot's."""
+    serial = robot.serial_number
+    if serial not in path.name:
+        text = f"the name of a table must contain the robot's serial number {serial}: it may be another arm's"
+        context.error(opened.source, key, text, f"*{serial}*.json")
+    source = context.read(path)
+    if source is None:
+        return ""
+    if source.at(("serial",)) != serial:
+        context.error(source, ("serial",), f"is not that of robot {robot.name}", serial)
+    rows, count = source.at(("lookup",)), len(robot.actuators)
+    if not isinstance(rows, list) or len(rows) != count or not all(isinstance(row, list) for row in rows):
+        context.error(source, ("lookup",), "wrong number of rows", f"{count}, one an actuator of {robot.name}")
+        return ""
+    try:
+        return lookup.pack(rows)
+    except ValueError as error:
+        context.error(source, ("lookup",), str(error), f"{lookup.ENTRIES} numbers a row")
+        return ""

@@ -1,0 +1,108 @@
+"""A whole robot on a stepped clock: io's core, its port and emulated boards with their plant, in one thread.
+
+Datagrams go straight from the port to the boards; nothing else is left out.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from procs.boards.emulation import Emulation
+from procs.boards.robots.plant import Plant
+from procs.io.cycle import RobotIo
+from procs.io.link import Link
+from procs.io.record import Record
+from procs.io.reports import Event
+from procs.io.robots import Robots
+from procs.io.start import POWER_OFF, prepare
+from procs.io.udp import UdpPort
+from procs.lib.document import System
+from tests.io.stand import Clock, FakeCommand, FakeSource
+
+
+class DirectLink(Link):
+    """A link whose other end is in this process; `lose` drops that many replies."""
+
+    def __init__(self, address: str, world: Emulation, bus: int, clock: Clock) -> None:
+        super().__init__(address, 0, clock, real_time=False)
+        self._world, self._bus = world, bus
+        self._replies: deque[bytes] = deque()
+        self.lose = 0
+
+    def open(self) -> None:
+        self.generation = self.seen_generation = 0
+        self._replies.clear()
+
+    def close(self) -> None: ...
+
+    def aim(self, address: str, *, connect: bool) -> None:
+        self.address = address
+
+    def _open_socket(self):  # there is none
+        return self
+
+    def _send(self, datagram) -> None:
+        reply = self._world.answer(self._bus, bytes(datagram), self.now_ns())
+        if reply is not None and self.lose:
+            self.lose -= 1
+        elif reply is not None:
+            self._replies.append(bytes(reply))
+
+    def _poll(self, _timeout_ms):
+        return bool(self._replies)
+
+    def _recv_into(self, buffer) -> int:
+        reply = self._replies.popleft()
+        buffer[: len(reply)] = reply
+        return len(reply)
+
+
+class Rig:
+    """One io of a system as its emulated boards see it: every robot of its files, with or without an arm."""
+
+    def __init__(self, system: System, name: str = "") -> None:
+        whole = system.emulated()
+        self.io = whole.io(name) if name else whole.ios[0]
+        self.clock = Clock()
+        self.world = Emulation(whole, Plant(whole), self.clock.ns)
+        bus = [bus.io for bus in whole.emulation.buses].index(self.io.name)
+        self.link = DirectLink("127.0.0.1", self.world, bus, self.clock)
+        self.robots = Robots(self.io)
+        # a bridge, whatever its firmware could do without
+        self.port = UdpPort("udpfw:127.0.0.1", self.robots.board_ids, self.clock, self.io.protocol, real_time=False,
+                            first_control=POWER_OFF, link=self.link)
+        self.preset = prepare(self.robots, self.port)
+        brakes = sum(len(robot.brakes) for robot in self.io.robots)
+        self.record = Record.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes)
+        self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
+        self.core = RobotIo(self.io, self.port, self.clock, self.record, list(self.arms.values()),
+                            self.preset)
+        self.period_ns = round(self.io.period_s * 1e9)
+        self.events: list[Event] = []
+
+    def cycle(self, commands: Iterable[FakeCommand] = (), count: int = 1) -> None:
+        for _ in range(count):
+            self.clock.ns += self.period_ns
+            for arm in self.arms.values():
+                arm.stamp_ns = self.clock.ns
+            self.core.cycle(commands)
+            commands = ()
+            self.events += self.core.reports.events
+            self.core.reports.events.clear()
+
+    def run(self, seconds: float) -> None:
+        self.cycle(count=round(seconds * 1e9 / self.period_ns))
+
+    def do(self, name: str, robot: str, *values: float, within_s: float = 5.0) -> FakeCommand:
+        """Ask, and cycle until it is answered for good."""
+        command = FakeCommand(name, robot, *values)
+        self.cycle([command])
+        left = round(within_s * 1e9 / self.period_ns)
+        while command.outcome == "accepted" and left:
+            self.cycle()
+            left -= 1
+        return command
+
+    def errors(self) -> list[tuple[str, str]]:
+        return [(event.code, event.component) for event in self.events if event.kind == "error"]
