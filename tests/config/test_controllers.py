@@ -49,19 +49,25 @@ IO_FILES = {  # boards of each file; hardware, FPGA and the Si arm's serial numb
 }
 
 
-def _with_files(home: Home, *files: Path) -> document.Emulation:
+def _with_files(home: Home, *files: Path) -> document.System:
     """A system whose only bus has these IO files and no arm."""
     bus = {"name": "bus", "port": "fw", "configuration_files": [str(file) for file in files]}
     loaded = home.load_made({"IOs": [bus]}, boards="emulated")
     assert loaded.system is not None and loaded.system.emulation is not None, [str(p) for p in loaded.errors]
-    assert [row.name for row in loaded.system.processes] == ["boards"]
-    return loaded.system.emulation
+    assert [row.name for row in loaded.system.processes] == ["boards", "bus"]
+    assert loaded.system.emulated() is loaded.system, "io drives all there is"
+    return loaded.system
+
+
+def _emulation(system: document.System) -> document.Emulation:
+    assert system.emulation is not None
+    return system.emulation
 
 
 @pytest.mark.parametrize("name", IO_FILES)
 def test_every_io_file_has_its_controllers(name: str, data: Callable[[str], Path], home: Home) -> None:
     boards, hardware, fpga, serial = IO_FILES[name]
-    (bus,) = _with_files(home, data(name)).buses
+    (bus,) = _emulation(_with_files(home, data(name))).buses
     expected = [document.Controller(board, hardware, 8, fpga, robot_serial=serial) for board in boards]
     assert list(bus.controllers) == expected
     assert (bus.io, bus.network, bus.testboard) == ("bus", "bridge", False)
@@ -74,13 +80,12 @@ def test_the_table_of_io_files_is_complete(data: Callable[[str], Path]) -> None:
 
 
 def test_boards_are_the_union_of_all_files_of_a_bus(data: Callable[[str], Path], home: Home) -> None:
-    emulation = _with_files(home, *(data(name) for name in IO_FILES if not re.search("Si|MTMR-foot", name)))
-    assert [c.board_id for c in emulation.buses[0].controllers] == [0, 1, 2, 3, 4, 5, 6, 7, 9, 12]
+    system = _with_files(home, *(data(name) for name in IO_FILES if not re.search("Si|MTMR-foot", name)))
+    assert [c.board_id for c in _emulation(system).buses[0].controllers] == [0, 1, 2, 3, 4, 5, 6, 7, 9, 12]
 
 
 def test_brakes_and_readers_stand_as_in_the_file(data: Callable[[str], Path], home: Home) -> None:
-    emulation = _with_files(home, data("dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json"))
-    (io,) = emulation.ios
+    (io,) = _with_files(home, data("dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409.json")).ios
     (robot,) = io.robots
     assert io.instrument_readers == (document.InstrumentReader("PSM1_dallas", 6),)
     assert [(brake.board_id, brake.axis_id) for brake in robot.brakes] == [(6, 7), (6, 8), (6, 9)]
@@ -98,16 +103,16 @@ def test_a_driven_robot_knows_its_reader_too(data: Callable[[str], Path]) -> Non
     assert system.emulated() is system, "one arm, one file: nothing more hangs on these boards"
 
 
-def test_boards_see_robots_that_nobody_drives(data: Callable[[str], Path]) -> None:
+def test_io_drives_all_robots_of_its_files_and_controls_those_of_arms(data: Callable[[str], Path]) -> None:
     path = data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json")
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
     assert system is not None
-    assert [robot.name for robot in system.ios[0].robots] == ["PSM1"] and [a.name for a in system.arms] == ["PSM1"]
+    assert [robot.name for robot in system.ios[0].robots] == ["PSM1", "MTML", "MTML_gripper"]
+    assert [pid.robot for pid in system.ios[0].pids] == [a.name for a in system.arms] == ["PSM1"]
+    assert {"clutch", "PSM1_tool"} <= {button.name for button in system.ios[0].digital_inputs}
     seen = system.emulated()
-    assert [robot.name for robot in seen.ios[0].robots] == ["PSM1", "MTML", "MTML_gripper"]
     assert [arm.name for arm in seen.arms] == ["PSM1", "MTML"]
-    assert {"clutch", "PSM1_tool"} <= {button.name for button in seen.ios[0].digital_inputs}
-    assert seen.ios[0].robots[0] == system.ios[0].robots[0] and seen.processes == system.processes
+    assert seen.ios[0].robots == system.ios[0].robots and seen.processes == system.processes
     real = load_system(path, search=[data("dvrk-share")]).system
     assert real is not None and real.emulated() is real
 
@@ -118,8 +123,8 @@ def test_si_arms_are_emulated_though_not_driven(
 ) -> None:
     path = data(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
-    assert system is not None and system.arms == () and [row.name for row in system.processes] == ["boards"]
-    assert "not started yet: IO1 (no arm on it is started)" in system.notes
+    assert system is not None and system.arms == () and [row.name for row in system.processes] == ["boards", "IO1"]
+    assert system.ios[0].pids == ()
     (arm,) = system.emulated().arms
     assert (arm.name, arm.generation, len(arm.chain.links), arm.robot) == (name, generation, links, name)
     assert document.from_json(document.to_json(system)) == system

@@ -118,7 +118,7 @@ def test_arms_of_other_kinds_are_checked_and_wait() -> None:
         path = stock.find(f"dvrk-site/{name}.json")
         loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
         assert loaded.errors == () and loaded.system is not None
-        assert [row.kind for row in loaded.system.processes] == ["boards"] and loaded.system.arms == ()
+        assert [row.kind for row in loaded.system.processes] == ["boards", "io"] and loaded.system.arms == ()
         assert any(note.startswith("not started yet") for note in loaded.system.notes)
 
 

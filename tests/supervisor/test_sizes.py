@@ -18,4 +18,4 @@ def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path
     cuts = {name: (row["first"], row["count"]) for name, row in info["robots"].items()}
     assert cuts == {"PSM1": (0, 7), "MTML": (7, 7), "MTML_gripper": (14, 1)}
     dims, info = sizes(system, system.process("IO1"))
-    assert (dims["axes"], list(info["robots"])) == (7, ["PSM1"])
+    assert (dims["axes"], list(info["robots"])) == (15, ["PSM1", "MTML", "MTML_gripper"])

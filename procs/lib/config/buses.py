@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from procs.lib.config.context import Context, Opened
-from procs.lib.config.io_checks import check_bus, check_io_file
+from procs.lib.config.io_checks import board_ids, check_bus, check_io_file
 from procs.lib.config.io_file import IoFile, RobotKeys
 from procs.lib.config.lookup_file import load_tables
 from procs.lib.config.problem import Key
@@ -43,6 +44,17 @@ class BusFiles:
                 self.tables |= load_tables(context, opened)
             self.files[path] = opened
         return self.files[path]
+
+    def robots(self) -> Iterator[tuple[Path, int, RobotKeys]]:
+        """All robots with their files and places there."""
+        for opened in self.opened():
+            for index, robot in enumerate(opened.content.robots):
+                yield opened.source.path, index, robot
+
+    @property
+    def has_boards(self) -> bool:
+        """Whether any file names a board."""
+        return any(board_ids(opened.content) for opened in self.opened())
 
     def robot(self, path: Path, name: str) -> tuple[Opened[IoFile], int, RobotKeys] | None:
         """The robot `name` of the file `path`, with its place in the file."""

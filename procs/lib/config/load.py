@@ -202,17 +202,17 @@ def _assemble(
         context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
         return None
     started = [loaded for loaded in arms if loaded.starts]
-    used = {loaded.arm.io for loaded in started}
-    for bus in (bus for bus in buses if bus.keys.name not in used):
-        context.notes.append(f"not started yet: {bus.keys.name} (no arm on it is started)")
+    for bus in (bus for bus in buses if not bus.has_boards):
+        context.notes.append(f"not started: {bus.keys.name} (no file says what is on it)")
+    used = [bus for bus in buses if bus.has_boards]
     emulation = None
     if emulated:
         address = bus_address or default_addresses(system_name)
         emulation = build_emulation(context, source, buses, arms, options.emulation, address)
     ports = {bus.io: port_of(bus) for bus in emulation.buses} if emulation else {}
-    ios = tuple(_io(bus, started, ports, options) for bus in buses if bus.keys.name in used)
+    ios = tuple(_io(bus, started, ports, options) for bus in used)
     if emulation:
-        every = tuple(_io(bus, arms, ports, options, whole=True) for bus in buses if bus.keys.name in ports)
+        every = tuple(_io(bus, arms, ports, options) for bus in used)
         if every != ios:
             emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in arms))
     arm_rows = tuple(loaded.arm for loaded in started)
@@ -232,25 +232,16 @@ def _assemble(
     )
 
 
-def _io(
-    bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection, *, whole: bool = False
-) -> document.Io:
-    """The bus with the robots of these arms and the inputs of their files and its own; `whole`: with all there is."""
+def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection) -> document.Io:
+    """The bus with everything in its files, robots of these arms first, and the joint controllers of these arms."""
     keys, io_options = bus.keys, options.io
     own = options.processes.get(keys.name)
     mine = sorted((loaded for loaded in arms if loaded.arm.io == keys.name), key=lambda loaded: not loaded.starts)
     robots = {loaded.robot.name: loaded.robot for loaded in mine}
-    opened = bus.opened()
-    if whole:
-        for file in opened:
-            path = file.source.path
-            for index, robot in enumerate(file.content.robots):
-                table = bus.tables.get((path, index), "")
-                robots.setdefault(robot.name, convert.robot(robot, str(path), table))
-    else:
-        paths = dict.fromkeys((*bus.own, *(loaded.io_path for loaded in mine)))
-        opened = [file for file in (bus.files[path] for path in paths) if file is not None]
-    files = [file.content for file in opened]
+    for path, index, robot in bus.robots():
+        table = bus.tables.get((path, index), "")
+        robots.setdefault(robot.name, convert.robot(robot, str(path), table))
+    files = [file.content for file in bus.opened()]
     return document.Io(
         name=keys.name,
         port=ports.get(keys.name, keys.port),
