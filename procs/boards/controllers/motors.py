@@ -108,9 +108,14 @@ class Motors:
             self.written |= new
             self.unchecked &= ~new
         self.collects = bool((top & _COLLECT).any())
-        power.enable((top & traits.amp_mask) != 0, (top & _ENABLE) != 0, tick, written)
-        # Whether a dRA1 takes a command depends on its amplifier, which this very word may have switched.
-        self._settled = power.changes if power.digital is None else -1
+        mask, value = (top & traits.amp_mask) != 0, (top & _ENABLE) != 0
+        on = power.on.tobytes()
+        power.enable(mask, value, tick, written)
+        # Whether a dRA1 takes a command depends on its amplifier, which this very word may have switched; and each
+        # enable it is sent forgives its faults.
+        again = power.digital is not None and (
+            on != power.on.tobytes() or bool((mask & value & traits.digital[:, None]).any()))
+        self._settled = -1 if again else power.changes
 
     def _control(self, control: Quads, tick: int, executed: Flags | None) -> None:
         words = control & self._traits.real_time_bits

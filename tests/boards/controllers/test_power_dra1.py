@@ -218,6 +218,28 @@ def test_the_deviation_counts_down_and_is_looked_at_only_when_the_amplifier_goes
     assert desk.motor(axis) & 0x300F_0000 == REQUESTED | PIN, "an enable forgives"
 
 
+def test_the_word_that_enables_is_taken_when_it_comes_again() -> None:
+    desk = _on()
+    desk.group(*[MASK | VALID | 0x8000] * 10, 0)
+    word = ON | VALID | 0x9000
+    for _ in range(2):
+        desk.group(*[word] * 10, 0)
+    assert int(desk.lines.dac[0, 4]) == 0x9000
+    desk.group(*[VALID | 0x9100] * 10, 0)
+    desk.group(*[VALID | 0x9200] * 10, 0)
+    assert int(desk.lines.dac[0, 4]) == 0x9200
+
+
+@pytest.mark.parametrize(("word", "code"), [(VALID | 0x8000, 2), (ON | VALID | 0x8000, 0)])
+def test_a_host_that_repeats_its_enables_forgives_with_each_of_them(word: int, code: int) -> None:
+    desk = _on()
+    for _ in range(80):
+        _deviate(desk, 4, 0x1000, 1)
+        desk.group(*[word] * 10, 0)
+    desk.dac(4, MASK)
+    assert desk.motor(4) >> 16 & 0xF == code
+
+
 def test_without_the_quirk_the_deviation_cuts_the_amplifier_when_it_is_counted_down() -> None:
     desk = _on(tardy=False)
     desk.lines.adc[0, 4] = 0x9000
