@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from procs import runtime
+from procs.io import owner
 from procs.io.cycle import RobotIo
 from procs.io.record import Record
 from procs.io.reports import Event
@@ -36,9 +39,9 @@ def main() -> None:
     with runtime.process("io") as me:
         io = me.document.io(me.name)
         robots = Robots(io)
-        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol,
-                       real_time=not me.clock.simulated, first_control=POWER_OFF)
-        try:
+        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
+                       first_control=POWER_OFF)
+        with owner.hold(io.port), contextlib.closing(port):
             out, mailbox = me.writes("state"), me.mailbox()
             sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
             preset = prepare(robots, port)
@@ -53,8 +56,6 @@ def main() -> None:
                         _tell(me, core.reports.events)
             finally:
                 core.farewell()
-        finally:
-            port.close()
 
 
 def _tell(me: runtime.Me, events: list[Event]) -> None:

@@ -1,0 +1,44 @@
+"""A port has one owner on a machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from procs.io import owner
+from procs.io.port import PortError
+from tests.io.stub_bus import own_address
+
+HOLDER = """
+import sys
+from procs.io import owner
+lock = owner.hold(sys.argv[1])
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_second_owner_is_refused_with_the_first_ones_pid_until_it_is_gone() -> None:
+    address = own_address()
+    first = owner.hold(f"udp:{address}")
+    with pytest.raises(PortError, match=rf"port udpfw:{address}: in use by pid {os.getpid()}; allowed: one owner"):
+        owner.hold(f"udpfw:{address}")  # the same bus by another name
+    owner.hold(f"udp:{own_address()}").close()
+    first.close()
+    owner.hold(f"udp:{address}").close()
+
+
+def test_the_owner_is_told_by_its_name_and_system_and_lets_go_when_killed() -> None:
+    address = f"udp:{own_address()}"
+    command = [sys.executable, "-c", HOLDER, address, "--system", "lab", "--name", "IO1"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "held\n"
+        try:
+            with pytest.raises(PortError, match=rf"in use by IO1 of system lab \(pid {other.pid}\)"):
+                owner.hold(address)
+        finally:
+            other.kill()
+    owner.hold(address).close()
