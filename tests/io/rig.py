@@ -5,6 +5,7 @@ Datagrams go straight from the port to the boards; nothing else is left out.
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Iterable
 
@@ -22,13 +23,14 @@ from tests.io.stand import Clock, FakeCommand, FakeSource
 
 
 class DirectLink(Link):
-    """A link whose other end is in this process; `lose` drops that many replies."""
+    """A link whose other end is in this process. `lose`: so many replies; `loss`: this share of all datagrams."""
 
     def __init__(self, address: str, world: Emulation, bus: int, clock: Clock) -> None:
         super().__init__(address, 0, clock, real_time=False)
         self._world, self._bus = world, bus
         self._replies: deque[bytes] = deque()
-        self.lose = 0
+        self.lose, self.loss = 0, 0.0
+        self._dice = random.Random(20261121)
 
     def open(self) -> None:
         self.generation = self.seen_generation = 0
@@ -43,11 +45,18 @@ class DirectLink(Link):
         return self
 
     def _send(self, datagram) -> None:
+        if self._lost():
+            return
         reply = self._world.answer(self._bus, bytes(datagram), self.now_ns())
-        if reply is not None and self.lose:
+        if reply is None or self._lost():
+            return
+        if self.lose:
             self.lose -= 1
-        elif reply is not None:
+        else:
             self._replies.append(bytes(reply))
+
+    def _lost(self) -> bool:
+        return self.loss > 0.0 and self._dice.random() < self.loss
 
     def _poll(self, _timeout_ms):
         return bool(self._replies)
@@ -84,8 +93,12 @@ class Rig:
     def cycle(self, commands: Iterable[FakeCommand] = (), count: int = 1) -> None:
         for _ in range(count):
             self.clock.ns += self.period_ns
-            for arm in self.arms.values():
+            for robot, arm in self.arms.items():
+                place = self.robots.names.index(robot)
                 arm.stamp_ns = self.clock.ns
+                arm.bias_generation[...] = self.record.bias_generation[place]
+                arm.pid_generation[...] = self.record.pid_generation[place]
+            self.world.advance(self.clock.ns)
             self.core.cycle(commands)
             commands = ()
             self.events += self.core.reports.events
@@ -103,6 +116,13 @@ class Rig:
             self.cycle()
             left -= 1
         return command
+
+    def bring_up(self, robot: str, samples: int = 300) -> None:
+        """Powered, biased, checked and held by its joint controller."""
+        for name, *values in (("power_on",), ("bias_encoders", samples), ("tracking_check", 1), ("pot_check", 1),
+                              ("pid_enable", 1)):
+            done = self.do(name, robot, *values)
+            assert done.outcome == "done", (name, done.answers, self.events)
 
     def errors(self) -> list[tuple[str, str]]:
         return [(event.code, event.component) for event in self.events if event.kind == "error"]

@@ -14,20 +14,11 @@ from procs.lib.config import load_system
 from tests import stock
 from tests.io.rig import Rig
 
-SAMPLES = 300
-
 
 def rig_of(name: str) -> Rig:
     loaded = load_system(stock.find(f"dvrk-site/{name}.json"), search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.errors == () and loaded.system is not None, loaded.errors
     return Rig(loaded.system)
-
-
-def brought_up(rig: Rig, robot: str) -> None:
-    for name, *values in (("power_on",), ("bias_encoders", SAMPLES), ("tracking_check", 1), ("pot_check", 1),
-                          ("pid_enable", 1)):
-        done = rig.do(name, robot, *values)
-        assert done.outcome == "done", (name, done.answers, rig.events)
 
 
 @pytest.mark.parametrize(("system", "robot"), [
@@ -36,7 +27,7 @@ def brought_up(rig: Rig, robot: str) -> None:
 ])
 def test_a_robot_of_a_real_site_is_powered_biased_and_held(system: str, robot: str) -> None:
     rig = rig_of(system)
-    brought_up(rig, robot)
+    rig.bring_up(robot)
     place, axes = rig.robots.names.index(robot), rig.robots.slices[rig.robots.names.index(robot)]
     if rig.io.robots[place].brakes:
         assert not rig.record.brakes_released[place]
@@ -55,7 +46,7 @@ def test_a_robot_of_a_real_site_is_powered_biased_and_held(system: str, robot: s
 
 def test_potentiometers_of_an_si_arm_agree_with_its_encoders() -> None:
     rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    brought_up(rig, "PSM1")
+    rig.bring_up("PSM1")
     rig.run(0.2)
     # two steps of a table; encoders were set from the same potentiometers
     assert np.abs(rig.record.pot_position - rig.record.position).max() < 0.01
@@ -65,7 +56,7 @@ def test_potentiometers_of_an_si_arm_agree_with_its_encoders() -> None:
 
 def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_it_is_met() -> None:
     rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    brought_up(rig, "PSM1")
+    rig.bring_up("PSM1")
     tables = rig.world.wiring.tables
     table = lookup.unpack(rig.io.robots[0].lookup, 7)
     nowhere = int(np.flatnonzero(np.isnan(table[2]))[0])
@@ -87,7 +78,7 @@ def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_
     assert ("POT_MISSING", "PSM1") in rig.errors()
     tables.readings = honest  # type: ignore[method-assign]
     rig.run(0.1)
-    brought_up(rig, "PSM1")
+    rig.bring_up("PSM1")
 
 
 def test_a_file_for_another_si_arm_is_refused_before_anything_is_powered() -> None:
@@ -104,7 +95,7 @@ def test_a_file_for_another_si_arm_is_refused_before_anything_is_powered() -> No
 def test_preloaded_encoders_of_an_si_arm_survive_a_restart_of_io() -> None:
     rig = rig_of("jhu-daVinci-Si/system-PSM1")
     assert rig.preset == [False]
-    brought_up(rig, "PSM1")
+    rig.bring_up("PSM1")
     rig.run(0.1)
     before = rig.record.encoder_bits.copy()
     assert prepare(rig.robots, rig.port) == [True]
@@ -117,7 +108,7 @@ def test_preloaded_encoders_of_an_si_arm_survive_a_restart_of_io() -> None:
 def test_a_lost_reply_is_tolerated_by_every_robot(system: str) -> None:
     rig = rig_of(system)
     robot = rig.io.robots[0].name
-    brought_up(rig, robot)
+    rig.bring_up(robot)
     for _ in range(20):
         rig.link.lose = 1
         rig.cycle()
