@@ -156,10 +156,11 @@ class Samples:
         if self._any_software:
             self._update_software()
 
+            np.copyto(self.velocity, self._record.software_velocity, where=robots.software)
+
     def _update_software(self) -> None:
-        counts = self._counts.astype(np.int64) - conversion.ENCODER_MIDRANGE
-        software = self._softly.update(counts, self.period_s) * self._robots.position_scale
-        np.copyto(self.velocity, software, where=self._robots.software)
+        software = self._softly.update(self._counts.view(np.int32), self.period_s)
+        np.multiply(software, self._robots.position_scale, self._record.software_velocity)
 
     def encoders_were_set(self) -> None:
         """The counters were preloaded: the next difference is no motion."""
@@ -173,7 +174,13 @@ class Samples:
         np.multiply(self.current[: self._robots.axes], self._robots.current_to_effort, record.effort)
         record.temperature[...] = values[TEMPERATURE]
         record.pot_voltage[...] = self.volts
+        record.pot_bits[...] = self._readings
         record.pot_position[...] = self.pot_position
+        scale = self._robots.position_scale
+        np.multiply(self._firmware.predicted, scale, record.firmware_velocity)
+        np.multiply(self._firmware.accelerations(record.acceleration), scale, record.acceleration)
+        if not self._any_software:
+            self._update_software()
         if len(self._no_pot):
             np.putmask(record.pot_position, self._no_pot, np.nan)
         np.subtract(self._counts.view(np.int32), conversion.ENCODER_MIDRANGE, record.encoder_bits)

@@ -68,7 +68,11 @@ class FirmwareVelocity:
     @property
     def acceleration(self) -> Floats:
         """Counts/s²."""
-        return self._rate * self._sign
+        return self.accelerations(np.zeros_like(self._rate))
+
+    def accelerations(self, out: Floats) -> Floats:
+        """Counts/s² into `out`."""
+        return np.multiply(self._rate, self._sign, out)
 
     def update(self) -> Floats:
         """Estimate from `words`; returns `predicted`."""
