@@ -7,11 +7,12 @@ Per actuator with measured p, v and set-point sp, fv:
     I = clamp(I · forget + e, ± i_limit)                      per cycle, no time step
     D = observed disturbance: t = u_before + m·g·v, S += (t − S)·g·dt, D = S − m·g·v
     u = D + Kp·e + Kd·ve + Ki·I, clamped to ± pid_max_output when that is ≥ 0 (0, the default of files: no effort)
-    f = u + offset + feed-forward, clamped to the effort limits
+    f = u + offset + feed-forward + contribution, clamped to the effort limits
 
-In effort mode f = requested effort + feed-forward. A disabled actuator has f = 0 and its set-point follows p, so that
-enabling starts without a step. Enabling clears integral, observer and velocity filter. What is not finite counts as
-too large a tracking error, and an effort that is not finite leaves as 0.
+The contribution is what in-cycle tasks add. In effort mode f = requested effort + feed-forward + contribution. A
+disabled actuator has f = 0 and its set-point follows p, so that enabling starts without a step. Enabling clears
+integral, observer and velocity filter. What is not finite counts as too large a tracking error, and an effort that is
+not finite leaves as 0.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ class Pid:
         self.position_error: Floats = memory[3]
         self.effort_mode: Flags = memory[4]
         self.requested_effort, self.feed_forward = np.zeros(n), np.zeros(n)
+        self.contribution: Floats | None = None  # of in-cycle tasks; None: there are none
         self.enabled: Flags = np.zeros(n, dtype=bool)
         self.integral, self.disturbance = np.zeros(n), np.zeros(n)
         self.tolerance = column("tolerance")
@@ -152,6 +154,8 @@ class Pid:
         if self._any_effort:
             np.copyto(f, self.requested_effort, where=self.effort_mode)
         np.add(f, self.feed_forward, f)
+        if self.contribution is not None:
+            np.add(f, self.contribution, f)
         np.minimum(f, self._effort_limit, out=f)
         np.maximum(f, self._minus_effort, out=f)
         self._finish(position, u)

@@ -206,3 +206,22 @@ def test_effort_is_always_finite_and_limited(
         pid.setpoint_position[:] = pid.feed_forward[:] = pid.requested_effort[:] = pid.setpoint_velocity[:] = 0.0
         pid.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
     assert abs(pid.effort[0]) <= 3.0
+
+
+def test_a_contribution_cannot_leave_the_effort_limits() -> None:
+    pid = enabled(axis(p_gain=1.0), limit=np.array([2.0]))
+    pid.contribution = np.array([0.5])
+    assert step(pid, 0.1) == pytest.approx(0.6, abs=1e-12)
+    pid.contribution[:] = -9.0
+    assert step(pid, 0.1) == -2.0
+    pid.contribution[:] = np.inf
+    assert step(pid, 0.1) == 2.0
+    pid.contribution[:] = np.nan
+    assert step(pid, 0.1) == 0.0
+
+
+def test_a_contribution_is_nothing_while_disabled() -> None:
+    pid = enabled(axis(p_gain=1.0))
+    pid.contribution = np.array([0.5])
+    pid.enable(ALL, False, np.zeros(1))
+    assert step(pid, 0.1) == 0.0
