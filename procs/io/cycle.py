@@ -24,6 +24,7 @@ from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
+from procs.io.tasks import Tasks
 from procs.lib import faults
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
@@ -57,6 +58,7 @@ class RobotIo:
         self._safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports, preset)
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
+        self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                   self._brakes)
@@ -138,7 +140,9 @@ class RobotIo:
         return "board " + ", ".join(str(self.robots.board_ids[row]) for row in rows) if len(rows) else ""
 
     def _control(self, now_ns: int) -> None:
-        """The joint controllers, on this very sample."""
+        """In-cycle tasks and the joint controllers, on this very sample."""
+        if self._tasks is not None:
+            self._tasks.step(now_ns)
         tripped = self.pid.step(self.samples.position, self.samples.velocity, self.record.at_limit)
         if tripped is not None:
             for robot, axes in enumerate(self.robots.slices):

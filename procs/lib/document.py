@@ -15,6 +15,7 @@ from typing import TypeVar
 from procs.lib.decoding import decode
 from procs.lib.emulated import Likeness as Likeness
 from procs.lib.emulated import SetupJoints as SetupJoints
+from procs.lib.tasks import TaskRow as TaskRow
 
 Matrix = tuple[tuple[float, ...], ...]
 T = TypeVar("T")
@@ -188,6 +189,7 @@ class Io:
     spin_us: float = 0.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
+    tasks: tuple[TaskRow, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,11 +87,17 @@ POT_MISSING: Final = Fault(
 SHARED_BOARD: Final = Fault(
     19, "SHARED_BOARD", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
     "see the other robot's fault")
+TASK_OVER_BUDGET: Final = Fault(
+    31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
+    "shorten its step or raise its budget_us (docs/in-cycle.md)")
+TASK_FAILED: Final = Fault(
+    32, "TASK_FAILED", ERROR, NOTHING, "an in-cycle task failed and was detached",
+    "mend its module and start again (docs/in-cycle.md)")
 
 FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
-    BIAS_FAILED, SHARED_BOARD, POT_MISSING,
+    BIAS_FAILED, SHARED_BOARD, POT_MISSING, TASK_OVER_BUDGET, TASK_FAILED,
 )
 
 
