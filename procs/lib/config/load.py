@@ -24,6 +24,7 @@ from procs.lib.config.search import SearchPath, expanded, is_folder, search_path
 from procs.lib.config.setup_joints import with_setup_joints
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import PROTOCOLS, SystemFile
+from procs.lib.config.tasks import with_tasks
 from procs.lib.config.trocar_section import TrocarSection
 from procs.lib.config.validate import validate
 
@@ -216,6 +217,7 @@ def _assemble(
         if every != ios:
             emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in arms))
     arm_rows = tuple(loaded.arm for loaded in started)
+    ios = with_tasks(context, source, ios, options.io.tasks)
     processes = build_processes(context, source, ios, arm_rows, emulation, options)
     return document.System(
         name=system_name,

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from procs.lib.config.emulation_section import Cpu, EmulationOptions, Period, Priority
-from procs.lib.config.validate import Section
+from procs.lib.config.tasks import TaskKeys
+from procs.lib.config.validate import Rows, Section
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
@@ -34,6 +35,7 @@ class IoOptions(Section):
     arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
     arm_lost_power_off_s: float = Field(default=0.0, ge=0.0, le=3600.0, description="s without the arm; 0: never")
     spin_us: float = Field(default=0.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle")
+    tasks: Rows[TaskKeys] = ()
 
 
 class ArmOptions(Section):
