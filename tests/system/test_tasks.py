@@ -1,0 +1,50 @@
+"""Users' own code in the cycle of a whole system."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.system.robot import DEMO, UP_S, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+
+PUSH = """
+class Push:
+    def __init__(self, robot):
+        self.effort = robot.options["effort"]
+
+    def step(self, sample, effort):
+        effort[0] = self.effort
+"""
+
+
+def system_file(folder: Path, options: str) -> Path:
+    """The demo with `Push` beside it."""
+    (folder / "push.py").write_text(PUSH)
+    task = f"{{module: push.py, name: Push, budget_us: 100, over_budget: 1000, options: {options}}}"
+    (folder / "lab.yaml").write_text(f"{DEMO.read_text()}  io:\n    tasks: [{task}]\n")
+    return folder / "lab.yaml"
+
+
+def test_a_task_pushes_a_robot_that_holds(robot: Robot, tmp_path: Path) -> None:
+    robot.up(system_file(tmp_path, "{effort: 1.2}"))
+    robot.trocar("power-on")
+    robot.trocar("home")
+    robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0")
+
+    def pushed() -> bool:
+        state = json.loads(robot.trocar("echo", "IO1/PSM1/measured_js", "--json", "--once"))
+        return bool(state["position"][0] > 0.007)  # 1.2 N·m against 120 N·m/rad
+
+    wait_for(pushed, 30.0, "the push is seen")
+    assert robot.down() == 0
+
+
+def test_a_task_that_cannot_be_made_refuses_the_start(robot: Robot, tmp_path: Path) -> None:
+    robot.up(system_file(tmp_path, "{force: 1.2}"), wait=False)
+    assert robot.supervisor is not None
+    assert robot.supervisor.wait(timeout=UP_S) == 1
+    assert "in-cycle task push.Push cannot be made for PSM1: line 4: KeyError: 'effort'" in robot.said()
