@@ -1,8 +1,9 @@
 """Checks of every good sample: motor current, board safety cut-off, temperature, potentiometers, encoder overflow.
 
-All checks are levels: one comparison of five rows over all axes tells that nothing is wrong, the rest runs only when
-something is. Every fault of a cycle is collected before anything is switched off. Comparisons are written so that NaN
-fails them.
+Motor current is held against its limits and, where the configuration asks for it, against what was requested. All
+checks are levels: one comparison of five rows (six with the requests) over all axes tells that nothing is wrong, the
+rest runs only when something is. Every fault of a cycle is collected before anything is switched off. Comparisons are
+written so that NaN fails them.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports
-from procs.io.robots import CHECKED, CURRENT, OVERFLOW, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
+from procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
 from procs.lib import conversion, faults
 
+CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
 CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated
 IDLE_CURRENT_A: Final = 0.1  # measured with the amplifier off
 UNPOWERED_CURRENT_A: Final = 0.2  # without motor power the sensors drift more
@@ -26,15 +28,21 @@ WARM_REPEAT_NS: Final = 120_000_000_000
 
 
 class Safety:
-    """Limits as one (5, drives) array beside the measured rows; amplifiers, power and switches change them."""
+    """Limits as one (5 or 6, drives) array beside the measured rows; amplifiers, power and switches change them."""
 
     def __init__(self, robots: Robots, samples: Samples, record: Record, reports: Reports) -> None:
         n, drives = robots.axes, robots.drives
         self._robots, self._samples, self._record, self._reports = robots, samples, record, reports
         self._values = samples.values[:CHECKED]
-        self._magnitude: Floats = np.zeros((CHECKED, drives))
-        self._limits: Floats = np.full((CHECKED, drives), np.inf)
-        self._ok: NDArray[np.bool_] = np.ones((CHECKED, drives), dtype=bool)
+        self._error_a, self._error_s = robots.io.current_error_a, robots.io.current_error_s
+        self._compares = self._error_a > 0.0
+        rows = CHECKED + self._compares
+        self._magnitude: Floats = np.zeros((rows, drives))
+        self._limits: Floats = np.full((rows, drives), np.inf)
+        self._ok: NDArray[np.bool_] = np.ones((rows, drives), dtype=bool)
+        self._sampled = self._magnitude[:CHECKED]
+        self._current_apart: Floats = self._magnitude[CURRENT_ERROR] if self._compares else np.zeros(0)
+        self._unlike_s = np.zeros(drives)
         self._enabled_limit = conversion.feedback_limit(robots.maximum_current)
         tolerances = [robot.tolerances[i] if i < len(robot.tolerances) else None
                       for robot in robots.io.robots for i in range(len(robot.actuators))]
@@ -69,6 +77,8 @@ class Safety:
         self._limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
         self._limits[SAFETY] = np.where(reached[robots.robot_of_drive], 0.5, np.inf)
         self._limits[POT_ERROR, :n] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
+        if self._compares:
+            self._limits[CURRENT_ERROR] = np.where(self._samples.amp_on > 0.5, self._error_a, np.inf)
 
     def forget_pots(self, axes: slice) -> None:
         """The potentiometer check was switched: durations start again."""
@@ -77,7 +87,10 @@ class Safety:
 
     def check(self, now_ns: int) -> None:
         """Look at the newest sample."""
-        np.absolute(self._values, self._magnitude)
+        np.absolute(self._values, self._sampled)
+        if self._compares:  # the request is still what the boards had while they measured
+            np.subtract(self._samples.current, self._record.current_request, self._current_apart)
+            np.absolute(self._current_apart, self._current_apart)
         np.less_equal(self._magnitude, self._limits, self._ok)
         if b"\0" in self._ok.tobytes() or self._counting:
             self._examine(now_ns)
@@ -93,6 +106,8 @@ class Safety:
                 self._check_temperature(robot, places, now_ns)
             self._check_overflow(robot, fine[OVERFLOW, places])
         self._check_pots(fine[POT_ERROR, : self._robots.axes])
+        if self._compares:
+            self._check_current_error(fine[CURRENT_ERROR])
 
     def _check_current(self, robot: int, fine: Flags, places: NDArray[np.intp]) -> None:
         if fine.all():
@@ -105,6 +120,19 @@ class Safety:
             self._cycles[robot] = 0
             self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
                                float(self._limits[CURRENT, places][axis]))
+
+    def _check_current_error(self, fine: Flags) -> None:
+        self._unlike_s[fine] = 0.0
+        unlike = ~fine
+        if not unlike.any():
+            return
+        self._counting = True
+        self._unlike_s[unlike] += self._samples.values[PERIOD, unlike]
+        late = unlike & ~(self._unlike_s <= self._error_s)
+        for drive in np.flatnonzero(late).tolist():
+            self._unlike_s[drive] = 0.0
+            robot, place = self._robots.place(drive)
+            self._reports.trip(faults.CURRENT_ERROR, robot, place, float(self._current_apart[drive]), self._error_a)
 
     def _check_temperature(self, robot: int, places: NDArray[np.intp], now_ns: int) -> None:
         celsius = self._values[TEMPERATURE, places]

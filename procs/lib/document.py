@@ -186,6 +186,8 @@ class Io:
     setpoint_timeout_s: float = 0.03  # without a fresh set-point of the arm for this long, hold
     arm_lost_s: float = 3.0  # then an error is raised, still holding
     arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
+    current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
+    current_error_s: float = 0.05  # for longer than this
     spin_us: float = 0.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()

@@ -87,6 +87,9 @@ POT_MISSING: Final = Fault(
 SHARED_BOARD: Final = Fault(
     19, "SHARED_BOARD", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
     "see the other robot's fault")
+CURRENT_ERROR: Final = Fault(
+    21, "CURRENT_ERROR", ERROR, POWER_OFF, "measured and requested motor current differ for longer than tolerated",
+    "check motor, motor cable and current calibration; the tolerance is io.current_error_a and _s")
 TASK_OVER_BUDGET: Final = Fault(
     31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
@@ -97,7 +100,7 @@ TASK_FAILED: Final = Fault(
 FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
-    BIAS_FAILED, SHARED_BOARD, POT_MISSING, TASK_OVER_BUDGET, TASK_FAILED,
+    BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, TASK_OVER_BUDGET, TASK_FAILED,
 )
 
 

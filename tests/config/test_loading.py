@@ -20,6 +20,7 @@ def test_set_changes_the_section_of_trocar(home: Home) -> None:
     sets = [
         "trocar.io.period_s=1e-3",
         "io.spin_us=20",
+        "io.current_error_a=0.5",
         "processes.PSM1.cpu=1",
         "clock=lockstep",
         "arm.use_setpoint_v=false",
@@ -27,6 +28,7 @@ def test_set_changes_the_section_of_trocar(home: Home) -> None:
     loaded = home.load(sets=sets)
     system = loaded.system
     assert system is not None
+    assert (system.io("IO1").current_error_a, system.io("IO1").current_error_s) == (0.5, 0.05)
     assert (system.io("IO1").period_s, system.io("IO1").spin_us, system.clock) == (0.001, 20.0, "lockstep")
     assert system.process("IO1").period_s == 0.001 and system.process("PSM1").cpu == 1
     assert not system.arm("PSM1").use_setpoint_v
@@ -45,6 +47,7 @@ def test_set_accepts_a_mapping(home: Home) -> None:
         ("io.period=1e-3", "trocar.io.period", "period_s"),
         ("io.period_s=fast", "trocar.io.period_s", "a number"),
         ("io.period_s=true", "trocar.io.period_s", "a number"),
+        ("io.current_error_a=-1", "trocar.io.current_error_a", "up to 20"),
         ("io.spin_us=1000", "trocar.io.spin_us", "up to 50"),
         ("clock=sundial", "trocar.clock", "lockstep"),
         ("io.period_s", "", "key=value"),

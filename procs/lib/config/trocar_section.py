@@ -34,6 +34,9 @@ class IoOptions(Section):
     setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old set-point, then hold")
     arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
     arm_lost_power_off_s: float = Field(default=0.0, ge=0.0, le=3600.0, description="s without the arm; 0: never")
+    current_error_a: float = Field(default=0.0, ge=0.0, le=20.0,
+                                   description="A between measured and requested current; 0: not compared")
+    current_error_s: float = Field(default=0.05, ge=0.0, le=10.0, description="s of that, then power off")
     spin_us: float = Field(default=0.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle")
     tasks: Rows[TaskKeys] = ()
 
