@@ -73,7 +73,7 @@ class Commands:
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
-        """Carry out what came in, then answer what has finished."""
+        """Carry out what came in."""
         self._now_ns = now_ns
         for command in commands:
             try:
@@ -83,10 +83,11 @@ class Commands:
                 action(self._robot(command.text), command)
             except Refused as reason:
                 command.refuse(str(reason))
-        if self._powering or self._biasing:
-            self._answer()
 
-    def _answer(self) -> None:
+    def answer(self) -> None:
+        """Answer what has finished."""
+        if not self._powering and not self._biasing:
+            return
         record = self._record
         for robot, command in list(self._powering):
             if record.amps_on[robot] and record.powered[robot]:

@@ -21,7 +21,7 @@ from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.power import Power
 from procs.io.record import Record
-from procs.io.reports import Event, Reports, Trip
+from procs.io.reports import Event, Reports, Trip, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.tasks import Tasks
@@ -69,6 +69,8 @@ class RobotIo:
         self._before_ns = self._good_ns
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
+        self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
+        """Number and axis of what was told of each robot since its latch was cleared."""
         self._cycles = 0
         self._bad_by_board = port.counters.board_bad_reads.copy()
         if io.close_all_relays:
@@ -90,6 +92,7 @@ class RobotIo:
             self._commands.execute(commands, now_ns)
             if self.reports.trips:
                 self._act(now_ns)
+            self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
             if good:
                 self._control(now_ns)
             finite = self._outputs.encode(self.pid.effort)
@@ -119,18 +122,22 @@ class RobotIo:
         self._bias.step()
 
     def _missed(self, now_ns: int) -> None:
-        """A bad read: tolerated for the watchdog time."""
+        """A bad read: tolerated for the watchdog time; nobody gets power until there is a good one."""
         self.record.bad_reads += np.uint64(1)
-        age_ns = now_ns - self._good_ns
-        if now_ns - self._missed_ns >= MISSED_REPEAT_NS:
+        age_ns, limit_s = now_ns - self._good_ns, self._oldest_ns * 1e-9
+        if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
             self._missed_ns = now_ns
-            self.reports.warn(faults.READ_MISSED, self._blamed(), value=age_ns * 1e-9, limit=self._oldest_ns * 1e-9)
-        if age_ns > self._oldest_ns and not self._lost:
-            self._lost = True
+            self.reports.warn(faults.READ_MISSED, self._blamed(), value=age_ns * 1e-9, limit=limit_s)
+        if age_ns <= self._oldest_ns:
+            return
+        # what was told already is told again to a robot that was asked to power on meanwhile
+        again = self.record.power_wanted & (self.record.fault == 0)
+        if not self._lost or again.any():
             blamed = self._blamed()
             for robot in range(len(self.robots.names)):
-                self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=self._oldest_ns * 1e-9,
-                                  detail=blamed)
+                if not self._lost or again[robot]:
+                    self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, detail=blamed)
+            self._lost = True
 
     def _blamed(self) -> str:
         """Boards with bad reads since the last time somebody asked."""
@@ -149,7 +156,7 @@ class RobotIo:
                 if tripped[axes].any():
                     axis = int(np.argmax(tripped[axes]))
                     self.reports.trip(faults.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
-                                      float(self.pid.tolerance[axes][axis]))
+                                      float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
         if self.reports.trips:
             self._act(now_ns)
 
@@ -159,7 +166,7 @@ class RobotIo:
         for robot, places in enumerate(self.robots.of_robot):
             bad = ~np.isfinite(request[places])
             if bad.any():
-                self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)))
+                self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
         request[~np.isfinite(request)] = 0.0
         self._act(now_ns)
 
@@ -169,7 +176,11 @@ class RobotIo:
         while trips:
             trip = trips.pop(0)
             robot, fault, record = trip.robot, trip.fault, self.record
-            if record.fault[robot] != fault.number:
+            if not record.fault[robot]:
+                self._told[robot].clear()
+            what = fault.number, trip.axis
+            if fault.action == faults.NOTHING or what not in self._told[robot]:
+                self._told[robot].add(what)
                 self._tell(trip)
             if fault.action == faults.NOTHING:
                 continue

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.record import Flags, Floats, Record
-from procs.io.reports import Reports
+from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.lib import faults
 from procs.lib.document import Io
@@ -248,9 +248,9 @@ class Follow:
     def _refuse(self, now_ns: int) -> None:
         """Something is not a number: that robot's controller goes off before any of it is used."""
         for follower in self._followers:
-            bad = ~self._finite[:, follower.axes].all(axis=0)
+            bad = ~np.logical_and.reduce(self._finite[:, follower.axes])
             if bad.any():
-                self._reports.trip(faults.NOT_FINITE, follower.robot, int(np.argmax(bad)))
+                self._reports.trip(faults.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))
                 self.enable(follower.robot, False, now_ns)
         self._incoming[~np.isfinite(self._incoming)] = 0.0
         self._dirty = False

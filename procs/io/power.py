@@ -126,6 +126,8 @@ class Power:
         if powered != record.powered[robot] and record.power_wanted[robot]:
             self._reports.status("powered" if powered else "power lost", self._robots.names[robot])
         record.powered[robot] = powered
+        if record.watchdog[robot] and not some & registers.STATUS_WATCHDOG:
+            self._reports.status("the watchdog is cleared", self._robots.names[robot])
         record.watchdog[robot] = bool(some & registers.STATUS_WATCHDOG)
         record.power_fault[robot] = bool(some & registers.STATUS_MV_FAULT)
         record.relay[robot] = bool(every & registers.STATUS_RELAY_FEEDBACK)
@@ -155,18 +157,18 @@ class Power:
             self._wake_at(supply.retry_ns)
 
     def _judge(self, robot: int, now_ns: int) -> None:
-        """Trip on what should not be, once its grace time is over."""
+        """Trip on what should not be, once its grace time is over; on all of it, none hides another."""
         supply, record, reports = self._supplies[robot], self._record, self._reports
         age_ns = now_ns - supply.start_ns
         if record.watchdog[robot] and (supply.watchdog_clear or age_ns > FAULT_GRACE_NS):
             reports.trip(faults.WATCHDOG, robot)
-        elif record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
+        if record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
             reports.trip(faults.POWER_FAULT, robot)
-        elif not record.powered[robot]:
-            supply.amps_off_ns = 0
-            if age_ns > POWER_GRACE_NS or record.pid_enabled[robot]:
-                reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
-        elif not record.amps_on[robot]:
+        words = self._now[self._rows[robot]]
+        supplied = int(np.bitwise_and.reduce(words)) & GOOD == GOOD and len(words) > 0
+        if not supplied and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
+            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
+        if record.powered[robot] and not record.amps_on[robot]:
             self._judge_amps(robot, now_ns, age_ns)
         else:
             supply.amps_off_ns = 0
@@ -180,8 +182,10 @@ class Power:
         if supply.state == ON:
             supply.amps_off_ns = supply.amps_off_ns or now_ns
             self._wake_at(supply.amps_off_ns + AMP_GRACE_NS + 1)
-        lost = supply.state == ON and now_ns - supply.amps_off_ns > AMP_GRACE_NS
-        if lost or age_ns > POWER_GRACE_NS:
+            late = now_ns - supply.amps_off_ns > AMP_GRACE_NS
+        else:
+            late = age_ns > POWER_GRACE_NS
+        if late:
             off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5)
             self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)))
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from procs.lib.faults import Fault
 
 
@@ -31,6 +34,12 @@ class Trip:
     value: float = math.nan
     limit: float = math.nan
     detail: str = ""
+
+
+def also(bad: NDArray[np.bool_]) -> str:
+    """The axes after the first of `bad`: those a trip has no place for."""
+    more = np.flatnonzero(bad)[1:].tolist()
+    return f"also axis {', '.join(map(str, more))}" if more else ""
 
 
 class Reports:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.record import Flags, Floats, Record
-from procs.io.reports import Reports
+from procs.io.reports import Reports, also
 from procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
 from procs.lib import conversion, faults
 
@@ -101,7 +101,8 @@ class Safety:
         for robot, places in enumerate(self._robots.of_robot):
             self._check_current(robot, fine[CURRENT, places], places)
             if not fine[SAFETY, places].all():
-                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]))
+                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]),
+                                   detail=also(~fine[SAFETY, places]))
             if not fine[TEMPERATURE, places].all():
                 self._check_temperature(robot, places, now_ns)
             self._check_overflow(robot, fine[OVERFLOW, places])
@@ -119,7 +120,7 @@ class Safety:
             axis = _first(fine)
             self._cycles[robot] = 0
             self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
-                               float(self._limits[CURRENT, places][axis]))
+                               float(self._limits[CURRENT, places][axis]), also(~fine))
 
     def _check_current_error(self, fine: Flags) -> None:
         self._unlike_s[fine] = 0.0
@@ -129,17 +130,20 @@ class Safety:
         self._counting = True
         self._unlike_s[unlike] += self._samples.values[PERIOD, unlike]
         late = unlike & ~(self._unlike_s <= self._error_s)
-        for drive in np.flatnonzero(late).tolist():
-            self._unlike_s[drive] = 0.0
-            robot, place = self._robots.place(drive)
-            self._reports.trip(faults.CURRENT_ERROR, robot, place, float(self._current_apart[drive]), self._error_a)
+        self._unlike_s[late] = 0.0
+        for robot, places in enumerate(self._robots.of_robot):
+            bad = late[places]
+            if bad.any():
+                axis = int(np.argmax(bad))
+                self._reports.trip(faults.CURRENT_ERROR, robot, axis, float(self._current_apart[places][axis]),
+                                   self._error_a, also(bad))
 
     def _check_temperature(self, robot: int, places: NDArray[np.intp], now_ns: int) -> None:
         celsius = self._values[TEMPERATURE, places]
         hot = ~(celsius <= HOT_C)
         if hot.any():
             axis = int(np.argmax(hot))
-            self._reports.trip(faults.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C)
+            self._reports.trip(faults.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C, also(hot))
         elif now_ns - self._warm_ns[robot] >= WARM_REPEAT_NS:
             axis = int(np.argmax(celsius))
             self._warm_ns[robot] = now_ns
@@ -153,7 +157,7 @@ class Safety:
         if not self._overflow_handled[robot]:
             self._overflow_handled[robot] = True
             self.set_encoder_zero.append(robot)
-            self._reports.trip(faults.ENCODER_OVERFLOW, robot, _first(fine))
+            self._reports.trip(faults.ENCODER_OVERFLOW, robot, _first(fine), detail=also(~fine))
 
     def _check_pots(self, fine: Flags) -> None:
         apart = ~fine
