@@ -74,7 +74,8 @@ class Rig:
         whole = system.emulated()
         self.io = whole.io(name) if name else whole.ios[0]
         self.clock = Clock()
-        self.world = Emulation(whole, Plant(whole), self.clock.ns)
+        self.plant = Plant(whole)
+        self.world = Emulation(whole, self.plant, self.clock.ns)
         bus = [bus.io for bus in whole.emulation.buses].index(self.io.name)
         self.link = DirectLink("127.0.0.1", self.world, bus, self.clock)
         self.robots = Robots(self.io)
