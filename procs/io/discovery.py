@@ -14,6 +14,7 @@ NODES: Final = 16
 ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
 PHY_PAUSE_MS: Final = 10
 FIRST_TRIES: Final = 10
+TOLD_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing
 RESCAN_SILENCES: Final = 2  # of nodes in one cycle: what a rescan may cost
 OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or its watchdogs trip
@@ -44,6 +45,23 @@ def find_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub:
     link.generation = link.seen_generation
     link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 0, own)
     link.pause(PHY_PAUSE_MS)
+    return _known_hub(link, hardware, address, bridge)
+
+
+def find_told_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub | None:
+    """The hub, found by reads alone, which refresh no watchdog; None where no earlier host gave it this address."""
+    link.aim(asked_at, connect=is_loopback(address) and asked_at == address)
+    hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=TOLD_TRIES)
+    if hardware is None:
+        return None
+    link.generation = link.seen_generation
+    hub = _known_hub(link, hardware, address, bridge)
+    told = link.read_quadlet(wire.BROADCAST, registers.IP_ADDRESS, flags=wire.NO_FORWARD)
+    return hub if told == registers.ip_quadlet(link.address) else None
+
+
+def _known_hub(link: Link, hardware: int, address: str, bridge: bool) -> Hub:
+    """What the hub is; the link is aimed at its own address from here on."""
     values = []
     for register in (registers.STATUS, registers.FIRMWARE, registers.ETHERNET):
         value = link.read_quadlet(wire.BROADCAST, register, flags=wire.NO_FORWARD)

@@ -36,13 +36,14 @@ class UdpPort:
     bus that another host is driving; `asked_at` replaces the address discovery asks at, `link` the socket.
     `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
     anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
-    found is listed, and nothing can be read or written cyclically.
+    found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an
+    earlier host left them ready: writes, even of discovery, refresh the watchdogs.
     """
 
     def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
                  protocol: str = BROADCAST_QUERY, *, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
-                 asked_at: str = "", first_control: int = 0, udp_port: int = wire.UDP_PORT,
+                 asked_at: str = "", first_control: int = 0, quiet: bool = False, udp_port: int = wire.UDP_PORT,
                  link: Link | None = None) -> None:
         self._name = PortName.parse(name)
         self.board_ids = tuple(sorted(board_ids))
@@ -54,7 +55,8 @@ class UdpPort:
             raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
         self._protocol = protocol
         self._exclusive, self._query_wait_ns, self._asked_at = exclusive, query_wait_ns, asked_at
-        self._first_control = first_control
+        self._first_control, self._quiet = first_control, quiet
+        self._hub: discovery.Hub | None = None
         count = len(self.board_ids)
         self._make_rows(registers.AXES)
         self.bad = np.zeros(count, np.bool_)  # boards to blame for the last bad read
@@ -98,6 +100,8 @@ class UdpPort:
         link, address = self._link, self._name.address
         self.close()
         link.open()
+        if self._quiet and self._discover_quietly():
+            return self.boards
         hub = discovery.find_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
         if self._exclusive and self.board_ids:
             discovery.refuse_other_host(link, hub)
@@ -108,11 +112,31 @@ class UdpPort:
         if hub.board not in self._nodes:
             raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
         discovery.tune_gap(link, boards)
-        self.boards = boards
+        self.boards, self._hub = boards, hub
         if self.board_ids:
             self._prepare(hub)
         self.counters.clear()  # silent node numbers are no faults
         return boards
+
+    def _discover_quietly(self) -> bool:
+        """False where the hub has no address of ours, or the boards do not know their node numbers yet."""
+        link, address = self._link, self._name.address
+        hub = discovery.find_told_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
+        boards = discovery.find_boards(link, hub, self.board_ids) if hub is not None else ()
+        if hub is None or hub.board not in {info.board for info in boards}:
+            return False
+        self.boards, self._hub = boards, hub
+        self._nodes = ChainMap({info.board: info.node for info in boards})
+        if self.board_ids:
+            self._prepare(hub)
+        self.counters.clear()
+        return True
+
+    def refuse_other_host(self) -> None:
+        """PortError while somebody else drives the bus. Asks by sampling the hub, which restarts its sample timer."""
+        if self._hub is None:
+            raise self._not_ready()
+        discovery.refuse_other_host(self._link, self._hub)
 
     def _prepare(self, hub: discovery.Hub) -> None:
         known = {info.board: info for info in self.boards}
