@@ -43,7 +43,7 @@ def attach(
     if once:
         console.print(_page(name, entries))
         return 0
-    with contextlib.suppress(KeyboardInterrupt), _keys() as pressed, Live(console=console, screen=True) as live:
+    with contextlib.suppress(KeyboardInterrupt), keys() as pressed, Live(console=console, screen=True) as live:
         while pressed() not in ("q", "Q"):
             if not is_up(name):
                 raise Problem(f"system {name} went down")
@@ -101,7 +101,7 @@ def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:
 
 
 @contextlib.contextmanager
-def _keys() -> Iterator[Callable[[], str]]:
+def keys() -> Iterator[Callable[[], str]]:
     """`pressed()` gives the key that was pressed, or nothing; without a terminal nothing is ever pressed."""
     if not sys.stdin.isatty():
         yield lambda: ""

@@ -30,6 +30,7 @@ class Verb:
     text: str
     moves: bool = False
     raw: bool = False  # arguments that look like options are taken as they are (negative numbers)
+    parts: tuple[Verb, ...] = ()  # a verb that has verbs of its own, and no door
 
 
 VERBS: tuple[Verb, ...] = (
@@ -41,6 +42,12 @@ VERBS: tuple[Verb, ...] = (
     Verb("power-off", "tools.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "tools.send:send", "Send any command to a component.", moves=True, raw=True),
     Verb("stream", "tools.stream:stream", "Follow joint set-points from a CSV file.", moves=True),
+    Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
+        Verb("scan", "tools.bus:scan", "Find every controller."),
+        Verb("read", "tools.bus:read", "Read registers."),
+        Verb("write", "tools.bus:write", "Write a register; asks first.", moves=True),
+        Verb("watch", "tools.bus:watch", "A live view of one board."),
+    )),
     Verb("status", "tools.status:status", "Processes: states, rates, missed deadlines, deaths."),
     Verb("logs", "tools.logs:logs", "What the processes said."),
     Verb("list", "tools.listing:list_topics", "Topics with their rates and fields."),
@@ -64,11 +71,23 @@ def build(only: str | None = None) -> typer.Typer:
     )
     app.callback()(_nothing)
     for verb in VERBS:
-        function = _stub if only is not None and verb.name != only else guarded(_load(verb.door))
-        settings = {"ignore_unknown_options": True} if verb.raw else None
-        app.command(verb.name, short_help=verb.text, rich_help_panel=PANELS[verb.moves],
-                    context_settings=settings)(function)
+        _add(app, verb, stub=only is not None and verb.name != only)
     return app
+
+
+def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
+    """A verb, or a group of them, under its name."""
+    panel = PANELS[verb.moves]
+    if verb.parts and not stub:
+        example = f"Example: trocar {verb.name} {verb.parts[0].name}"
+        group = typer.Typer(name=verb.name, help=verb.text, epilog=example, no_args_is_help=True)
+        for part in verb.parts:
+            _add(group, part, stub=False)
+        app.add_typer(group, name=verb.name, short_help=verb.text, rich_help_panel=panel)
+        return
+    function = _stub if stub else guarded(_load(verb.door))
+    settings = {"ignore_unknown_options": True} if verb.raw else None
+    app.command(verb.name, short_help=verb.text, rich_help_panel=panel, context_settings=settings)(function)
 
 
 def _nothing() -> None:

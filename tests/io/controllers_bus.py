@@ -22,12 +22,12 @@ def controller(board: int, hardware: str = "QLA1", firmware: int = 8) -> Control
 class ControllersBus:
     """A thread that answers for a bus of controllers, on a clock that follows the wall's."""
 
-    def __init__(self, *controllers: Controller) -> None:
+    def __init__(self, *controllers: Controller, port: int = 0) -> None:
         self.bus = Bus(controllers)
         self.ids = sorted(c.board_id for c in controllers)
         self.address = own_address()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((self.address, 0))
+        self._socket.bind((self.address, port))
         self.port = self._socket.getsockname()[1]
         self.groups: list[blocks.WriteGroup] = []
         self._start_ns = time.monotonic_ns()

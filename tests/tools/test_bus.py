@@ -1,0 +1,391 @@
+"""`trocar bus` on emulated controllers at an address of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from procs.io import owner
+from procs.io.udp import UdpPort
+from procs.lib import registers, wire
+from procs.lib.document import Controller
+from shm.clock import monotonic_ns, pause
+from tests.io.controllers_bus import ControllersBus, controller
+from tests.io.stub_bus import StubBoard, StubBus
+from tools import bus, cli, meanings, samples, serials
+from tools.desk import Board
+from tools.errors import Misuse, Problem
+
+APP = cli.build("bus")
+QLA, DQLA, DRA = (Board(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
+WRITES = (wire.QUADLET_WRITE, wire.BLOCK_WRITE)
+
+
+class Recorded(ControllersBus):
+    """Keeps the requests that came."""
+
+    def __init__(self, *controllers: Controller) -> None:
+        super().__init__(*controllers, port=wire.UDP_PORT)
+        self.requests: list[wire.Request] = []
+        answer = self.bus.answer
+        self.bus.answer = lambda data, tick: (self.requests.append(wire.decode_request(data)), answer(data, tick))[1]
+
+    @property
+    def name(self) -> str:
+        return f"udp:{self.address}"
+
+    @property
+    def writes(self) -> list[wire.Request]:
+        return [request for request in self.requests if request.tcode in WRITES]
+
+    @property
+    def samples(self) -> list[wire.Request]:
+        return [r for r in self.requests if r.tcode == wire.BLOCK_READ and r.address == registers.REAL_TIME]
+
+
+@pytest.fixture
+def desk_bus() -> Iterator[Recorded]:
+    """Two QLA1."""
+    with Recorded(Controller(0, serial="1234-56"), Controller(3, serial="1234-57")) as made:
+        yield made
+
+
+def run(*words: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(APP, ["bus", *map(str, words)])
+    assert result.exit_code == code, result.output + result.stderr
+    return result
+
+
+def rows(*words: object) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in run(*words, "--json").stdout.splitlines()]
+
+
+# -- scan --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_scan_names_every_controller(desk_bus: Recorded) -> None:
+    hub, other = rows("scan", desk_bus.name)
+    assert (hub["board"], hub["node"], hub["hardware"], hub["firmware"], hub["fpga"]) == (0, 0, "QLA1", 8, 2)
+    assert (hub["is_hub"], other["is_hub"], other["board"]) == (True, False, 3)
+    assert (hub["fpga_serial"], hub["qla_serial"]) == ("1234-56", "1234-56")
+    assert (other["fpga_serial"], other["qla_serial"]) == ("1234-57", "1234-57")
+    assert hub["state"].startswith("power off, relay open, watchdog 30 ms")
+
+
+@pytest.mark.slow
+def test_scan_prints_a_table_for_eyes(desk_bus: Recorded) -> None:
+    text = run("scan", desk_bus.name).stdout
+    assert "0 hub" in text and "FPGA 1234-57, QLA 1234-57" in text
+
+
+@pytest.mark.slow
+def test_scan_beside_a_running_io_writes_nothing(desk_bus: Recorded) -> None:
+    run("scan", desk_bus.name)
+    del desk_bus.requests[:]
+    with owner.hold(desk_bus.name):
+        result = run("scan", desk_bus.name)
+    assert f"no serial numbers: port {desk_bus.name}: in use by pid {os.getpid()}" in result.stderr
+    assert desk_bus.requests and not desk_bus.writes and not desk_bus.samples
+
+
+@pytest.mark.slow
+def test_silent_bus_is_told_with_its_address() -> None:
+    assert "127.99.0.1:1394: no controller answers" in run("scan", "udp:127.99.0.1", code=1).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("port", ["eth:0", "udp:300.1.1.1", "bench"])
+def test_unknown_port_is_misuse(port: str) -> None:
+    assert "allowed" in run("scan", port, code=2).stderr
+
+
+@pytest.mark.slow
+def test_boards_that_share_an_id_are_told() -> None:
+    with StubBus([StubBoard(5, 0), StubBoard(2, 1), StubBoard(2, 4)], port=wire.UDP_PORT) as stub:
+        name = f"udp:{stub.address}"
+        said = " ".join(run("scan", name, "--no-serials", code=1).stdout.split())
+        assert said.count("2 boards have id 2 (nodes 1 and 4); set every rotary switch differently") == 2
+        assert "2 boards have id 2" in run("read", name, 2, "STATUS", code=1).stderr
+        assert "2 boards have id 2" in run("write", name, "all", "STATUS", 0, "--yes", code=1).stderr
+        run("read", name, 5, "STATUS")
+
+
+# -- read --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_read_prints_value_and_meaning(desk_bus: Recorded) -> None:
+    text = run("read", desk_bus.name, 3, "watchdog").stdout
+    assert "board 3 (QLA1, firmware Rev 8, FPGA V2) WATCHDOG = 0x00001680  30 ms" in text
+
+
+@pytest.mark.slow
+def test_read_takes_numbers_and_a_count(desk_bus: Recorded) -> None:
+    found = rows("read", desk_bus.name, 0, "0x4", 4)
+    assert [row["register"] for row in found] == ["HARDWARE_ID", "TEMPERATURE", "DIGITAL_OUTPUT", "FIRMWARE"]
+    assert (found[0]["value"], found[0]["meaning"], found[3]["meaning"]) == (registers.QLA1, "QLA1", "Rev 8")
+
+
+@pytest.mark.slow
+def test_bare_axis_register_is_read_of_every_axis(desk_bus: Recorded) -> None:
+    found = rows("read", desk_bus.name, 0, "ENCODER")
+    assert [row["register"] for row in found] == [f"ENCODER:{axis}" for axis in (1, 2, 3, 4)]
+    assert {row["meaning"] for row in found} == {"+0 counts"}
+
+
+@pytest.mark.slow
+def test_reading_refreshes_no_watchdog(desk_bus: Recorded) -> None:
+    run("scan", desk_bus.name, "--no-serials")  # gives the hub its address
+    del desk_bus.requests[:]
+    run("read", desk_bus.name, 0, "STATUS", 16)
+    assert desk_bus.requests and not desk_bus.writes and not desk_bus.samples
+
+
+@pytest.mark.slow
+def test_absent_board_is_told_with_those_there_are(desk_bus: Recorded) -> None:
+    assert "no board 7 on port" in (text := run("read", desk_bus.name, 7, "STATUS", code=1).stderr)
+    assert "boards there: 0, 3" in text
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (("0", "WATCHDOK"), "no register WATCHDOK; allowed: a number, or WATCHDOG"),
+    (("0", "ENCODER:11"), "allowed: ENCODER:1 to ENCODER:10"),
+    (("0", "ENCODER:0"), "allowed: ENCODER:1 to ENCODER:10"),
+    (("0", "0x10000"), "allowed 0 to 0xFFFF"),
+    (("0", "0xFFFF", "2"), "allowed up to 0xFFFF"),
+    (("16", "STATUS"), "board 16: allowed 0 to 15"),
+    (("all", "STATUS"), "board all: allowed 0 to 15"),
+])
+def test_wrong_words_are_misuse_before_the_bus_is_asked(words: tuple[str, ...], said: str) -> None:
+    assert said in run("read", "udp:127.99.0.1", *words, code=2).stderr
+
+
+# -- write -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_write_shows_old_and_new_value(desk_bus: Recorded) -> None:
+    result = run("write", desk_bus.name, 3, "WATCHDOG", "0x2580", "--yes")
+    assert "now 0x00001680  30 ms" in result.stderr and "new 0x00002580  50 ms" in result.stderr
+    assert "board 3 now reads 0x00002580  50 ms" in result.stdout
+    assert rows("read", desk_bus.name, 0, "WATCHDOG")[0]["value"] == registers.WATCHDOG_POWER_UP  # the other board
+
+
+@pytest.mark.slow
+def test_all_writes_to_every_board(desk_bus: Recorded) -> None:
+    found = rows("write", desk_bus.name, "all", "WATCHDOG", "9600", "--yes")
+    assert [(row["board"], row["old"], row["value"]) for row in found] == [(0, 0x1680, 9600), (3, 0x1680, 9600)]
+
+
+def test_write_without_terminal_needs_yes() -> None:
+    assert "--yes writes without asking" in run("write", "udp:127.99.0.1", 0, "WATCHDOG", 0, code=2).stderr
+
+
+@pytest.mark.parametrize("value", ["0x100000000", "ten", "1.5"])
+def test_value_that_is_no_quadlet_is_misuse(value: str) -> None:
+    assert "allowed 0 to 0xFFFFFFFF" in run("write", "udp:127.99.0.1", 0, "WATCHDOG", value, "--yes", code=2).stderr
+
+
+def test_writing_every_axis_at_once_is_misuse() -> None:
+    assert "which axis?" in run("write", "udp:127.99.0.1", 0, "ENCODER_PRELOAD", 0, "--yes", code=2).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("answer", "code", "after"), [("y", 0, 0x2580), ("n", 1, 0x1680)])
+def test_write_asks_at_a_terminal(desk_bus: Recorded, answer: str, code: int, after: int) -> None:
+    ours, theirs = pty.openpty()
+    words = ["bus", "write", desk_bus.name, "0", "WATCHDOG", "0x2580"]
+    child = subprocess.Popen([sys.executable, "-m", "tools", *words], stdin=theirs, stdout=subprocess.PIPE,
+                             stderr=subprocess.PIPE, text=True)
+    try:
+        os.write(ours, f"{answer}\n".encode())
+        _, said = child.communicate(timeout=30)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert "Write it?" in said and child.returncode == code
+    assert rows("read", desk_bus.name, 0, "WATCHDOG")[0]["value"] == after
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", [("write", 0, "WATCHDOG", 0, "--yes"), ("watch", 0, "--once")])
+def test_running_io_keeps_its_bus(desk_bus: Recorded, words: tuple[Any, ...]) -> None:
+    run("scan", desk_bus.name, "--no-serials")
+    del desk_bus.requests[:]
+    with owner.hold(desk_bus.name):
+        said = run(words[0], desk_bus.name, *words[1:], code=1).stderr
+    assert f"in use by pid {os.getpid()}" in said
+    assert not desk_bus.writes and not desk_bus.samples
+
+
+@pytest.mark.slow
+def test_another_host_keeps_its_bus(desk_bus: Recorded) -> None:
+    stop = threading.Event()
+    with UdpPort(desk_bus.name, (0, 3), monotonic_ns) as port:
+        port.discover()
+
+        def drive() -> None:
+            while not stop.is_set():
+                port.read_all()
+                pause(0.001)
+
+        host = threading.Thread(target=drive)
+        host.start()
+        try:
+            said = run("write", desk_bus.name, 0, "WATCHDOG", 0, "--yes", code=1).stderr
+        finally:
+            stop.set()
+            host.join()
+    assert "another host uses this bus" in said and "nothing was written" in said
+
+
+# -- watch -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hardware", "firmware", "axes"), [
+    ("QLA1", 7, 4), ("QLA1", 8, 4), ("QLA1", 9, 4), ("DQLA", 8, 8), ("dRA1", 8, 10)])
+def test_watch_shows_any_kind_of_board(hardware: str, firmware: int, axes: int) -> None:
+    with Recorded(controller(0, hardware, firmware)) as made:
+        name = made.name.replace("udp:", "udpfw:")  # Rev 9 is a bridge where it is asked to be one
+        (sample,) = rows("watch", name, 0, "--once")
+        assert "board 0" in run("watch", name, 0, "--once").stdout
+    assert (sample["hardware"], sample["firmware"], len(sample["axes"])) == (hardware, firmware, axes)
+    assert sample["axes"][0]["encoder_counts"] == 0 and sample["axes"][0]["amplifier"] == "off"
+    assert sample["axes"][0]["velocity_counts_s"] == 0
+    assert sample["power"] is False and sample["watchdog_tripped"] is True
+    assert sample["watchdog_s"] == pytest.approx(0.03)
+    if hardware == "QLA1":
+        assert sample["celsius"] == [30.0, 31.0]
+
+
+@pytest.mark.slow
+def test_watching_writes_nothing(desk_bus: Recorded) -> None:
+    run("scan", desk_bus.name, "--no-serials")
+    del desk_bus.requests[:]
+    run("watch", desk_bus.name, 0, "--once")
+    assert desk_bus.samples and not desk_bus.writes
+
+
+def test_watching_stops_when_somebody_else_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = [0] * samples.layout(QLA).read_quads  # time since the sample before: one tick
+    monkeypatch.setattr(samples, "take", lambda desk, board: samples.sample_of(board, words, 0))
+    watching = bus.Watching(None, QLA)  # type: ignore[arg-type]  # nothing is asked
+    watching.sample()
+    with pytest.raises(Problem, match="another host samples board 2"):
+        for _ in range(bus.FOREIGN_SAMPLES):
+            pause(0.001)
+            watching.sample()
+
+
+# -- what bits say -----------------------------------------------------------------------------------------------------
+
+
+def test_every_register_has_one_name() -> None:
+    for name, address in meanings.BOARD_REGISTERS.items():
+        assert meanings.address_name(address) == name
+    for name in meanings.AXIS_REGISTERS:
+        (address,) = meanings.addresses(f"{name}:2", DQLA)
+        assert meanings.address_name(address) == f"{name}:2"
+
+
+def test_controllers_have_their_own_number_of_axes() -> None:
+    assert len(meanings.addresses("ENCODER", DRA)) == 7
+    assert len(meanings.addresses("DAC", DRA)) == 10
+    with pytest.raises(Misuse, match="ENCODER:1 to ENCODER:4"):
+        meanings.addresses("ENCODER:5", QLA)
+
+
+def test_status_is_told_by_name() -> None:
+    words = meanings.status_words(0x428F_0F00 | registers.STATUS_SAFETY_VOLTAGE, "QLA1", 8)
+    assert words[:2] == ["board 2", "watchdog tripped"]
+    assert {"relay closed", "motor supply good", "motor power on", "amplifiers on: 1 2 3 4"} <= set(
+        meanings.status_words(0x420F_0F00, "QLA1", 8))
+    assert "voltage on the safety line" in words
+
+
+def test_dqla_tells_its_two_halves_apart() -> None:
+    words = meanings.status_words(registers.STATUS_DQLA_MV_GOOD << 1, "DQLA", 8)
+    assert "first QLA: motor supply not good" in words and "second QLA: motor supply good" in words
+
+
+def test_writing_the_status_register_is_told_as_control() -> None:
+    said = meanings.written_meaning(registers.STATUS, 0x000C_0303, QLA)
+    assert said == "motor power on, amplifiers on: 1 2"
+    assert meanings.written_meaning(registers.STATUS, registers.CONTROL_POWER_OFF, QLA) == "motor power off"
+    assert meanings.written_meaning(registers.STATUS, 1, QLA).startswith("no mask bit is set")
+    assert "reboot" in meanings.written_meaning(registers.STATUS, registers.CONTROL_REBOOT, QLA)
+
+
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("ENCODER:1", 0x0080_0064, "+100 counts"),
+    ("ENCODER:1", 0x017F_FFFF, "-1 counts, overflow"),
+    ("ADC:1", 0x8000_8000, "pot 2.2500 V, current +0.0000 A"),
+    ("DAC:1", 0x9000, "+0.7812 A"),
+    ("TEMPERATURE", 0x3CFF, "30 °C –"),
+    ("WATCHDOG", 0, "off"),
+    ("IP_ADDRESS", 0x6400_FEA9, "169.254.0.100"),
+    ("ETHERNET", 0x4000_0000, "FPGA V3"),
+    ("GIT_DESCRIPTION", 0, "a release"),
+    ("PERIOD:1", registers.VELOCITY_DIRECTION | 4 * 49152, "+1000.0 counts/s"),
+    ("PERIOD:1", registers.PERIOD_POWER_UP, "0 counts/s"),
+    ("MOTOR_CONFIG:1", registers.MOTOR_CONFIG_POWER_UP, "current limit 0.200 A, delay 2.50 ms"),
+    ("MOTOR_STATUS:1", registers.MOTOR_STATUS_AMP_ON | 0x8000, "amplifier on, commanded 0x8000"),
+    ("QUERY", 5, ""),
+])
+def test_known_registers_are_decoded(name: str, value: int, said: str) -> None:
+    (address,) = meanings.addresses(name, QLA)
+    assert meanings.meaning(address, value, QLA) == said
+
+
+@pytest.mark.parametrize(("word", "said"), [
+    (0, "off"), (registers.MOTOR_STATUS_AMP_REQUESTED, "requested"), (registers.MOTOR_STATUS_AMP_ON, "on"),
+    (registers.MOTOR_STATUS_SAFETY, "cut (current)"), (registers.MOTOR_STATUS_AMP_FAULT, "fault")])
+def test_amplifiers_are_told_in_words(word: int, said: str) -> None:
+    assert meanings.amplifier(0, word, 0, "QLA1", 8) == said
+
+
+def test_rev_7_amplifiers_come_from_the_status() -> None:
+    assert meanings.amplifier(0x0202, 0, 1, "QLA1", 7) == "on"
+    assert meanings.amplifier(0x0002, 0, 1, "QLA1", 7) == "fault"
+    assert meanings.amplifier(0x0020, 0, 1, "QLA1", 7) == "cut (current)"
+
+
+def test_unknown_controllers_cannot_be_watched() -> None:
+    with pytest.raises(Problem, match="cannot be watched; allowed: QLA1, DQLA, dRA1"):
+        samples.layout(Board(0, 0, "BCFG", 9, 3, 0, True))
+
+
+def test_sample_tells_velocity_and_overflow() -> None:
+    words = [0] * samples.layout(QLA).read_quads
+    words[1], words[9] = 0x4200_0000, 0x0180_0010  # status; position of axis 2
+    words[13] = registers.VELOCITY_DIRECTION | 4 * 49152
+    sample = samples.sample_of(QLA, words, 0x1680)
+    second = sample.axes[1]
+    assert (second.encoder_counts, second.overflow) == (16, True)
+    assert second.velocity_counts_s == pytest.approx(1000.0)
+
+
+@pytest.mark.parametrize(("data", "said"), [
+    (b"FPGA 1234-56\xff\xff", "1234-56"), (b"QLA 1234-56\0\xff", ""), (b"\xff" * 16, ""), (b"\0" * 16, "")])
+def test_serial_numbers_end_where_text_ends(data: bytes, said: str) -> None:
+    assert serials.text_of(data, "FPGA") == said
+
+
+# -- help --------------------------------------------------------------------------------------------------------------
+
+
+def test_every_part_of_bus_has_help_with_an_example() -> None:
+    for part in next(verb for verb in cli.VERBS if verb.name == "bus").parts:
+        text = " ".join(run(part.name, "--help").output.split())
+        assert f"Example: trocar bus {part.name}" in text
