@@ -43,6 +43,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("torque_mode", "{n}", "robot", "per actuator: 1 passes efforts through, 0 follows positions"),
         Command("brake_release", "", "robot", "let the brakes go; the joint controller must hold the arm"),
         Command("brake_engage", "", "robot", "let the brakes hold", moves=False),
+        Command("set_output", "on", "output name", "pin of a digital output high or low; a one-shot turns by itself",
+                moves=False),
+        Command("set_pwm", "duty", "output name", "share of the time that a digital output is high, 0 to 1"),
         Command("clear_fault", "", "robot", "forget the latched fault", moves=False),
     ),
     "arm": (

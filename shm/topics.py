@@ -1,8 +1,8 @@
 """THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
 
 A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `drives`, `robots`, `inputs`,
-`boards`): they are filled in when an instance is created, and the filled-in schema travels in the segment's header.
-Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
+`outputs`, `boards`): they are filled in when an instance is created, and the filled-in schema travels in the segment's
+header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
 """
 
 from __future__ import annotations
@@ -106,8 +106,9 @@ IO_STATE = Topic(
         Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest set-point, -1: there was none"),
         Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
         Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
-        # inputs
+        # inputs, outputs
         Field("input", "(inputs,)?", "", "debounced digital inputs, true: pressed"),
+        Field("output", "(outputs,)?", "", "digital outputs, true: the pin is high"),
     ),
     views=(
         View("measured_js", "js", (("position", "position"), ("velocity", "velocity"), ("effort", "effort")), "robot"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
+from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow
 from procs.io.power import Power
 from procs.io.record import Record
@@ -18,6 +20,7 @@ from procs.io.safety import Safety
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 
+OF_OUTPUTS: Final = ("set_output", "set_pwm")  # commands about an output; the others are about a robot
 MOST_SAMPLES: Final = 100_000
 MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
@@ -58,9 +61,10 @@ class Commands:
     """Carries out commands; power and bias answer again when they are finished."""
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
-                 safety: Safety, brakes: Brakes) -> None:
+                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs) -> None:
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
+        self._outputs = outputs
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Command]] = []
         self._now_ns = 0
@@ -69,6 +73,7 @@ class Commands:
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
             "tracking_check": self._tracking_check, "pot_check": self._pot_check,
             "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
+            "set_output": self._set_output, "set_pwm": self._set_pwm,
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
         }
 
@@ -80,7 +85,7 @@ class Commands:
                 action = self._table.get(command.name)
                 if action is None:
                     raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
-                action(self._robot(command.text), command)
+                action(self._place(command), command)
             except Refused as reason:
                 command.refuse(str(reason))
 
@@ -109,10 +114,23 @@ class Commands:
         fault = fault_of(int(self._record.fault[robot]))
         return f"{fault.text}; {fault.hint}" if fault else otherwise
 
-    def _robot(self, name: str) -> int:
-        if name not in self._robots.names:
-            raise Refused(f"no robot {name!r} here; there are: {', '.join(self._robots.names)}")
-        return self._robots.names.index(name)
+    def _place(self, command: Command) -> int:
+        """What it is about: a robot, or an output."""
+        name = command.text
+        kind, names = ("output", self._outputs.names) if command.name in OF_OUTPUTS else ("robot", self._robots.names)
+        if name not in names:
+            raise Refused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
+        return names.index(name)
+
+    def _set_output(self, output: int, command: Command) -> None:
+        self._outputs.set(output, _switch(command))
+        command.done()
+
+    def _set_pwm(self, output: int, command: Command) -> None:
+        reason = self._outputs.set_pwm(output, float(command.values[0]) if len(command.values) else math.nan)
+        if reason:
+            raise Refused(reason)
+        command.done()
 
     def _power_on(self, robot: int, command: Command) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:

@@ -16,6 +16,7 @@ from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.buttons import Buttons
 from procs.io.commands import Command, Commands
+from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow, SetpointSource
 from procs.io.outputs import Outputs
 from procs.io.port import Port
@@ -59,9 +60,10 @@ class RobotIo:
         self._bias = Bias(robots, port, samples, record, self.reports, preset)
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
+        self._digital_outputs = DigitalOutputs(robots, port, record)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes)
+                                  self._brakes, self._digital_outputs)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -206,6 +208,7 @@ class RobotIo:
         record = self.record
         if good:
             self.samples.publish()
+            self._digital_outputs.poll()
             self._buttons.poll((now_ns - self._before_ns) * 1e-9)
         self._cycles += 1
         record.cycle[...] = self._cycles

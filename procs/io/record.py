@@ -66,12 +66,13 @@ class Record:
         self.fault: NDArray[np.uint16] = field("fault")
         self.board_period: Floats = field("board_period")
         self.input: Flags = field("input")
+        self.output: Flags = field("output")
         self._all = [field(f.name) for f in IO_STATE.fields]
 
     @classmethod
-    def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0) -> Record:
+    def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0, outputs: int = 0) -> Record:
         """A record nobody else sees, all zero."""
-        dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs}
+        dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs, "outputs": outputs}
         memory: NDArray[Any] = np.zeros(1, dtype=schema_of(IO_STATE, dims).dtype)
         return cls(lambda name: memory[name].reshape(memory[name].shape[1:]))
 

@@ -54,7 +54,7 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
 
 
 def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
-    robots, first, inputs, brakes = {}, 0, [], 0
+    robots, first, inputs, outputs, brakes = {}, 0, [], [], 0
     for io in ios:
         names = {pid.robot: [axis.name for axis in pid.axes] for pid in io.pids}
         for robot in io.robots:
@@ -64,8 +64,10 @@ def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
             first += count
             brakes += len(robot.brakes)
         inputs += [i.name for i in io.digital_inputs]
-    dims = {"axes": first, "drives": first + brakes, "robots": len(robots), "inputs": len(inputs)}
-    return dims, {"robots": robots, "inputs": inputs}
+        outputs += [o.name for o in io.digital_outputs]
+    dims = {"axes": first, "drives": first + brakes, "robots": len(robots), "inputs": len(inputs),
+            "outputs": len(outputs)}
+    return dims, {"robots": robots, "inputs": inputs, "outputs": outputs}
 
 
 def hold_name(name: str) -> socket.socket:

@@ -88,7 +88,7 @@ class FakeIo:
     """Two robots, the arm's is the second one."""
 
     def __init__(self) -> None:
-        self.record: View = Record(IO_STATE, axes=AXES + 2, drives=AXES + 2, robots=2, inputs=1)
+        self.record: View = Record(IO_STATE, axes=AXES + 2, drives=AXES + 2, robots=2, inputs=1, outputs=0)
         self.stamp_ns = 0
         self.epoch = 1
         self.power_cycles, self.bias_cycles = 5, 20

@@ -24,7 +24,7 @@ class TornRig(Rig):
     """A rig whose io writes a real ring, which can be spoilt."""
 
     def __init__(self, system: str) -> None:
-        dims = {"axes": AXES + 2, "drives": AXES + 2, "robots": 2, "inputs": 1}
+        dims = {"axes": AXES + 2, "drives": AXES + 2, "robots": 2, "inputs": 1, "outputs": 0}
         directory.create_ring(system, "IO1", IO_STATE, dims, {})
         self.ring = directory.writer(system, "IO1", "state", "io")
         self.reader = directory.reader(system, "IO1", "state", "io")

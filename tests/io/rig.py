@@ -84,7 +84,8 @@ class Rig:
                             first_control=POWER_OFF, link=self.link)
         self.preset = prepare(self.robots, self.port)
         brakes = sum(len(robot.brakes) for robot in self.io.robots)
-        self.record = Record.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes)
+        self.record = Record.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
+                                     len(self.io.digital_outputs))
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
         self.core = RobotIo(self.io, self.port, self.clock, self.record, list(self.arms.values()),
                             self.preset)

@@ -234,7 +234,7 @@ class Stand:
         self.arms = [FakeSource() for _ in self.io.pids]
         axes = sum(len(r.actuators) for r in self.io.robots)
         self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs),
-                                     sum(len(r.brakes) for r in self.io.robots))
+                                     sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
         self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, [preset] * len(self.io.robots))
         self.arms_alive = True

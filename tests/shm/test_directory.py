@@ -13,7 +13,7 @@ from shm.pulse import create_control
 from shm.segment import SegmentError
 from shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
 
-DIMS = {"axes": 7, "drives": 7, "robots": 1, "inputs": 2}
+DIMS = {"axes": 7, "drives": 7, "robots": 1, "inputs": 2, "outputs": 0}
 
 
 @pytest.fixture
