@@ -16,6 +16,7 @@ from procs.io.port import PortError, PortName
 
 _CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
 ASK_S: Final = 0.5
+ASKERS: Final = 4096  # nobody takes them out of the queue: whoever finds it full is not told the name
 
 
 def hold(port: str) -> socket.socket:
@@ -30,7 +31,7 @@ def hold(port: str) -> socket.socket:
         if error.errno != errno.EADDRINUSE:
             raise PortError(f"cannot be held ({error.strerror})", where, "allowed: one owner") from error
         raise PortError(f"in use by {_owner(name)}", where, "allowed: one owner; stop it first") from None
-    lock.listen(1)
+    lock.listen(ASKERS)
     return lock
 
 

@@ -42,3 +42,12 @@ def test_the_owner_is_told_by_its_name_and_system_and_lets_go_when_killed() -> N
         finally:
             other.kill()
     owner.hold(address).close()
+
+
+def test_whoever_asks_again_and_again_is_told_the_name_each_time() -> None:
+    address = f"udp:{own_address()}"
+    first = owner.hold(address)
+    for _ in range(20):
+        with pytest.raises(PortError, match=f"in use by pid {os.getpid()}"):
+            owner.hold(address)
+    first.close()
