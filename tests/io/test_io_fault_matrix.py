@@ -17,7 +17,7 @@ from procs.io.bias import ATTEMPTS
 from procs.lib import blocks, lookup, registers
 from procs.lib.document import Brake, Linear
 from procs.lib.faults import FAULTS
-from tests.io.stand import Stand, robot
+from tests.io.stand import Stand, actuator, robot
 
 RELEASED_A, ENGAGED_A = 0.1, 0.0
 EFFORT = 0.4  # what the robot is asked for, 0.2 A on every actuator
@@ -461,6 +461,32 @@ def test_a_set_point_that_is_no_number_never_becomes_bits(mode: int, name: str, 
     for out in stand.port.sent[sent:]:
         assert (out.reshape(-1)[[0, 1, 2, 3, 5, 6, 7]] & 0xFFFF == 0x8000).all()
     assert np.isfinite(stand.record.current_request).all()
+
+
+def test_a_set_point_that_is_no_number_is_found_without_packets_too() -> None:
+    stand = working(braked())
+    lose_packets(stand)
+    nan_effort(stand)
+    stand.run(1)
+    assert sorted(told(stand)) == ["NOT_FINITE", "READ_MISSED"] and not stand.record.pid_enabled[0]
+    assert zero_current(stand) and stand.record.power_wanted[0] and brake_a(stand) == ENGAGED_A
+    stand.run(30)
+    assert stand.codes == ["NOT_FINITE", "BAD_READS"] and is_off(stand)
+    assert stand.record.fault[0] == NUMBERS["NOT_FINITE"], "the first stays latched"
+
+
+def test_robots_on_the_same_board_go_down_together_and_the_cause_is_told_first() -> None:
+    gripper = robot("gripper", 1, 1, actuators=(actuator(1, 3),))
+    stand = Stand(robots=(robot("PSM1", 0), gripper))
+    for name in ("PSM1", "gripper"):
+        stand.power(name)
+    stand.core.reports.events.clear()
+    hot(stand)
+    stand.run(1)
+    events = [(e.code or e.text, e.component) for e in stand.core.reports.events]
+    assert events == [("TEMPERATURE", "PSM1"), ("power off", "PSM1"), ("SHARED_BOARD", "gripper"),
+                      ("power off", "gripper")]
+    assert (stand.port.sent[-1][:, 4] & 0x000C0000 == registers.CONTROL_POWER_OFF).all()
 
 
 def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
