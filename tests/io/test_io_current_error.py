@@ -114,6 +114,7 @@ def test_nothing_is_compared_unless_asked() -> None:
     assert stand.codes == []
 
 
+@pytest.mark.slow
 def test_emulated_robots_keep_to_the_tolerance_of_their_boards() -> None:
     """What the controllers' own check allows (0.44 A for 50 ms) bothers no healthy robot, also with brakes let go."""
     found = stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json")

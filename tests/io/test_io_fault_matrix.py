@@ -224,6 +224,7 @@ def test_a_person_brings_it_back(row: Row) -> None:
     assert stand.record.fault[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_it_is_told_again_after_power_was_asked_for_in_vain(row: Row) -> None:
     """Except where io or the boards have put it right by then, and where only the joint controller makes it."""
@@ -277,6 +278,7 @@ PAIRS = [(a, b) for a, b in itertools.combinations(ROWS, 2) if "BAD_READS" not i
          and not (a.code == "POTENTIOMETER" and b.code == "POT_MISSING")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), PAIRS, ids=str)
 def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: Row, other: Row) -> None:
     made = digital if digital in (one.made, other.made) else braked

@@ -11,6 +11,7 @@ from procs.boards.robots.plant import Plant
 from tests.io.rig import Rig
 from tests.io.test_real_robots import rig_of
 
+pytestmark = pytest.mark.slow
 ROBOTS = (("jhu-dVRK/system-PSM1", "PSM1"), ("jhu-daVinci-Si/system-PSM1", "PSM1"))
 FAULTS: tuple[tuple[str, Callable[[Incidents, Rig], None], set[str]], ...] = (
     ("emergency stop", lambda hand, rig: hand.stop(True), {"POWER_LOST"}),
