@@ -1,0 +1,76 @@
+"""Grippers, pedals and sensors of real sites on emulated boards."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procs.boards.incidents import Incidents
+from procs.lib.config import load_system
+from tests import stock
+from tests.io.rig import Rig
+
+TELEOP = "dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"
+CONTACT = "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM2-contact-sensor.json"
+PEDALS = "dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"
+
+
+def rig_of(path: Path) -> tuple[Rig, Incidents]:
+    loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
+    assert loaded.errors == () and loaded.system is not None
+    rig = Rig(loaded.system)
+    return rig, Incidents(rig.world, rig.plant)
+
+
+def buttons(rig: Rig, name: str) -> list[str]:
+    """What was told of an input since the last time."""
+    told = [event.text for event in rig.events if event.kind == "button" and event.component == name]
+    rig.events.clear()
+    return told
+
+
+@pytest.mark.slow
+def test_a_master_its_gripper_and_the_pedals_work_side_by_side() -> None:
+    rig, hand = rig_of(stock.find(TELEOP))
+    rig.bring_up("MTML")
+    gripper, pedals = rig.robots.slices[rig.robots.names.index("MTML_gripper")], [i.name for i in rig.io.digital_inputs]
+    voltage = rig.record.pot_position[gripper].copy()
+    hand.place("MTML_gripper", np.array([0.3]))
+    rig.run(0.1)
+    assert abs(float(rig.record.pot_position[gripper][0]) - 0.3) < 0.02 and abs(float(voltage[0]) - 0.3) > 0.05
+    buttons(rig, "clutch")
+    hand.press("clutch", True)
+    rig.run(0.5)
+    assert rig.record.input[pedals.index("clutch")] and buttons(rig, "clutch") == ["pressed"]
+    hand.press("clutch", False)
+    rig.run(0.5)
+    assert not rig.record.input[pedals.index("clutch")] and buttons(rig, "clutch") == ["released"]
+    hand.press("clutch", True)
+    rig.run(0.05)  # shorter than its debounce time
+    hand.press("clutch", False)
+    rig.run(0.5)
+    assert buttons(rig, "clutch") == ["clicked"]
+    assert rig.errors() == [] and rig.record.pid_enabled[rig.robots.names.index("MTML")]
+
+
+def test_inputs_without_any_robot_are_read_and_told(tmp_path: Path) -> None:
+    files = [str(stock.find(name)) for name in (CONTACT, PEDALS)]
+    (tmp_path / "inputs.json").write_text(json.dumps(
+        {"$id": "dvrk-system.schema.json", "$version": "1",
+         "IOs": [{"name": "bus", "port": "udp", "configuration_files": files}]}), encoding="utf-8")
+    rig, hand = rig_of(tmp_path / "inputs.json")
+    assert rig.robots.names == ()
+    names = [i.name for i in rig.io.digital_inputs]
+    rig.run(0.3)
+    contact = rig.io.digital_inputs[names.index("PSM2_contact")]
+    assert contact.pressed_value is False, "it pulls its line down"
+    buttons(rig, "PSM2_contact")
+    for pressed, word in ((True, "pressed"), (False, "released")):
+        hand.press("PSM2_contact", pressed)
+        rig.run(0.05)
+        assert bool(rig.record.input[names.index("PSM2_contact")]) is pressed
+        assert buttons(rig, "PSM2_contact") == [word]
+    assert rig.errors() == []
