@@ -1,10 +1,18 @@
-"""What emulated boards stand in for beyond the files of the robots on them: rows of the document."""
+"""What emulated boards stand in for beyond the files of the robots on them: kinds of controller, rows of the document."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 Linear = tuple[float, float]  # scale, offset
+
+# The firmwares there are, by hardware, with the FPGAs each was made for. Rev 7 knows no other hardware than the QLA and
+# no FPGA V3; DQLA and dRA1 sit on V3 only.
+MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
+    "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3")},
+    "DQLA": {8: ("V3",), 9: ("V3",)},
+    "dRA1": {8: ("V3",), 9: ("V3",)},
+}
 
 
 @dataclass(frozen=True, slots=True)

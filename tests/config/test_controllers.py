@@ -9,10 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.controllers.models import HARDWARE
 from procs.lib import document
 from procs.lib.config import load_system
-from procs.lib.config.controllers import MADE_FOR
 from procs.lib.config.emulation_section import QuirkKeys
 from tests.config.conftest import SYSTEM, Home, Section
 
@@ -224,11 +222,6 @@ def test_mixed_firmware_needs_the_sequential_protocol(home: Home) -> None:
     for protocol in ("srbw", "bqrw"):
         (error,) = home.emulate(section, protocol=protocol).errors
         assert error.key == "trocar.emulation.buses.IO1.controllers.7.firmware" and "cannot mix" in error.text
-
-
-def test_the_made_firmwares_are_those_the_boards_play() -> None:
-    for name, made in MADE_FOR.items():
-        assert made == {firmware: tuple(f"V{n}" for n in fpgas) for firmware, fpgas in HARDWARE[name].built.items()}
 
 
 def test_board_ids_in_yaml_need_no_quotes(home: Home) -> None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from procs.lib import blocks
 from procs.lib import registers as reg
 from procs.lib.document import Controller, Quirks
+from procs.lib.emulated import MADE_FOR
 
 HEAD, BLOCK = 0, 1  # columns of a canonical row: the hub header, then the real-time block
 
@@ -26,13 +27,12 @@ class Hardware:
     encoders: int
     outputs: int
     inputs: int  # levels of the digital inputs where nothing is connected: they are pulled up
-    built: dict[int, tuple[int, ...]]  # firmware and the FPGA versions it was built for
 
 
 HARDWARE: Final = {
-    "QLA1": Hardware("QLA1", reg.QLA1, *blocks.AXES_OF["QLA1"], 4, 0x0000_0FFF, {7: (2,), 8: (2, 3), 9: (2, 3)}),
-    "DQLA": Hardware("DQLA", reg.DQLA, *blocks.AXES_OF["DQLA"], 8, 0x0FFF_0FFF, {8: (3,), 9: (3,)}),
-    "dRA1": Hardware("dRA1", reg.DRA1, *blocks.AXES_OF["dRA1"], 0, 0x0001_FFFF, {8: (3,), 9: (3,)}),
+    "QLA1": Hardware("QLA1", reg.QLA1, *blocks.AXES_OF["QLA1"], 4, 0x0000_0FFF),
+    "DQLA": Hardware("DQLA", reg.DQLA, *blocks.AXES_OF["DQLA"], 8, 0x0FFF_0FFF),
+    "dRA1": Hardware("dRA1", reg.DRA1, *blocks.AXES_OF["dRA1"], 0, 0x0001_FFFF),
 }
 
 
@@ -57,14 +57,14 @@ class Model:
         where = f"board {c.board_id}"
         if hardware is None:
             raise ValueError(f"{where}: hardware {c.hardware}; allowed: {', '.join(HARDWARE)}")
-        fpga = int(c.fpga.removeprefix("V"))
-        if fpga not in hardware.built.get(c.firmware, ()):
-            allowed = ", ".join(f"{revision} on {' or '.join(f'V{version}' for version in versions)}"
-                                for revision, versions in hardware.built.items())
+        made = MADE_FOR[c.hardware]
+        if c.fpga not in made.get(c.firmware, ()):
+            allowed = ", ".join(f"{revision} on {' or '.join(versions)}" for revision, versions in made.items())
             raise ValueError(f"{where}: {c.hardware} with firmware {c.firmware} on FPGA {c.fpga}; allowed: {allowed}")
         if not 0 <= c.board_id <= 15:
             raise ValueError(f"{where}; allowed: 0 to 15")
         expander = hardware.name != "dRA1" and c.firmware >= 8 and float(c.qla) >= 1.5
+        fpga = int(c.fpga.removeprefix("V"))
         return cls(c.board_id, node, hardware, c.firmware, fpga, c.serial, expander, c.quirks, c.robot_serial)
 
     @property

@@ -20,18 +20,12 @@ from procs.lib.config.io_file import IoFile
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.validate import Section
+from procs.lib.emulated import MADE_FOR
 
 Keys = TypeVar("Keys", bound=Section)
 
 EMULATION: Key = ("trocar", "emulation")
 BOARDS = 16
-# The firmwares there are, by hardware, with the FPGAs each was made for. Rev 7 knows no other hardware than the QLA and
-# no FPGA V3; DQLA and dRA1 sit on V3 only.
-MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
-    "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3")},
-    "DQLA": {8: ("V3",), 9: ("V3",)},
-    "dRA1": {8: ("V3",), 9: ("V3",)},
-}
 USUAL, OF_ETHERNET = 8, 9  # the oldest firmware that all hardware has; the only one that needs no FireWire
 _UNKNOWN = "HARDWARE_UNDEFINED"
 
