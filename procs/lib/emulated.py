@@ -1,4 +1,4 @@
-"""What emulated boards stand in for beyond the files of the robots on them: kinds of controller, rows of the document."""
+"""What emulated boards stand in for beyond the files of their robots: kinds of controller, rows of the document."""
 
 from __future__ import annotations
 
