@@ -14,12 +14,13 @@ from procs.lib import blocks, registers
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 
+MIXED = "all together"
 BUSES = {
     "QLA1": (controller(3), controller(5)),
     "DQLA": (controller(0, "DQLA", 9), controller(4, "DQLA", 9)),
     "dRA1": (controller(6, "dRA1"), controller(8, "dRA1")),
     "one dRA1": (controller(0, "dRA1", 9),),
-    "all together": (controller(1), controller(2, "DQLA"), controller(6, "dRA1"), controller(7)),
+    MIXED: (controller(1), controller(2, "DQLA"), controller(6, "dRA1"), controller(7)),
     "Rev 8 and 9": (controller(1), controller(2, "QLA1", 9), controller(4, "DQLA", 9)),
 }
 
@@ -29,7 +30,7 @@ def quick_scan(monkeypatch):
     monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (10, 50, 100))
 
 
-@pytest.fixture(params=BUSES)
+@pytest.fixture(params=[name if name == MIXED else pytest.param(name, marks=pytest.mark.slow) for name in BUSES])
 def boards(request):
     with ControllersBus(*BUSES[request.param]) as bus:
         yield bus

@@ -48,6 +48,7 @@ def test_broadcast_discovery_finds_the_hub():
         assert port.read_quadlet(1, registers.FIRMWARE) == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("boards", "wanted", "words"),
     [
@@ -169,6 +170,7 @@ def is_cyclic(datagram):
     return request.tcode in (wire.BLOCK_READ, wire.BLOCK_WRITE) or request.address == registers.QUERY
 
 
+@pytest.mark.slow
 def test_power_is_switched_off_even_when_the_bus_is_then_refused():
     boards = [StubBoard(0, 0), StubBoard(1, 1)]
     with (

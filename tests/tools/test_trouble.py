@@ -273,6 +273,7 @@ def test_a_spoilt_ledger_takes_nothing_from_status(played: Played) -> None:
     assert {row["name"] for row in status["processes"]} == {"supervisor", "IO1", "PSM1"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("info", [
     {"rate_hz": "often"}, {"rate_hz": [1]}, {"kind": "io", "robots": 3}, {"kind": "io", "robots": {"PSM1": 7}},
     {"kind": "io", "robots": {"PSM1": {"first": 0}}}, {"kind": "io", "robots": {"PSM1": {"first": "x", "count": 1}}},
