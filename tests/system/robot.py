@@ -62,7 +62,13 @@ class Robot:
         assert self.supervisor is not None
         if self.supervisor.poll() is not None:
             pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
-        return self.state("supervisor") == "RUNNING" and self.pid("supervisor") == self.supervisor.pid
+        try:
+            pulse = Pulse(self.name, "supervisor")  # one page for both: the next supervisor clears a dead one's page
+        except SegmentError:
+            return False
+        running = pulse.state == "RUNNING" and int(pulse.get("pid")) == self.supervisor.pid
+        pulse.close()
+        return running
 
     def state(self, instance: str) -> str:
         """Lifecycle state an instance shows, empty when it has no control page."""
