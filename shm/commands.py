@@ -40,6 +40,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("tracking_check", "on", "robot", "trip on too large a tracking error", moves=False),
         Command("pot_check", "on", "robot", "compare potentiometers with encoders", moves=False),
         Command("use_setpoint_v", "on", "robot", "use the velocity feed of set-points", moves=False),
+        Command("set_gains", "axis (-1: all), a value for each", "robot, keys of the PID file, @who or nothing",
+                "change gains of its joint controller from this cycle on"),
         Command("torque_mode", "{n}", "robot", "per actuator: 1 passes efforts through, 0 follows positions"),
         Command("brake_release", "", "robot", "let the brakes go; the joint controller must hold the arm"),
         Command("brake_engage", "", "robot", "let the brakes hold", moves=False),

@@ -123,6 +123,33 @@ IO_STATE = Topic(
     ),
 )
 
+# What changes by command only: written at start and after every change, so the newest record is how things are.
+IO_GAINS = Topic(
+    "gains",
+    writer="io",
+    rate_hz=0,
+    depth_s=0,
+    depth=64,
+    fields=(
+        Field("changes", "<u4", "", "changes by command since io started; 0: all gains are those of the PID files"),
+        # axes as in the state record; all 0 where a robot has no joint controller
+        Field("p_gain", "(axes,)<f8", "N·m/rad|N/m", "proportional gain"),
+        Field("d_gain", "(axes,)<f8", "N·m·s/rad|N·s/m", "derivative gain"),
+        Field("i_gain", "(axes,)<f8", "N·m/rad|N/m", "integral gain, each cycle"),
+        Field("p_deadband", "(axes,)<f8", "rad|m", "position error without effect"),
+        Field("p_deadband_outer", "(axes,)<f8", "rad|m", "from here on the error counts whole but for the dead-band"),
+        Field("i_forget_rate", "(axes,)<f8", "", "factor on the integral, each cycle"),
+        Field("i_limit", "(axes,)<f8", "rad|m", "largest integral"),
+        Field("offset", "(axes,)<f8", "N·m|N", "effort added when positions are followed"),
+        Field("pid_max_output", "(axes,)<f8", "N·m|N", "largest effort of the joint controller; negative: no limit"),
+        Field("p_measured_setpoint_tolerance", "(axes,)<f8", "rad|m", "tracking error that trips"),
+        Field("v_low_pass_cutoff", "(axes,)<f8", "", "weight of the newest velocity feed"),
+        Field("use_disturbance_observer", "(axes,)?", "", "the observed disturbance is compensated"),
+        Field("nominal_mass", "(axes,)<f8", "kg·m²|kg", "inertia that the observer assumes"),
+        Field("disturbance_cutoff", "(axes,)<f8", "1/s", "how fast the observer is"),
+    ),
+)
+
 SETPOINT = Topic(
     "setpoint",
     writer="arm",
@@ -287,7 +314,9 @@ REPLY = Topic(
     ),
 )
 
-TOPICS: tuple[Topic, ...] = (IO_STATE, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY)
+TOPICS: tuple[Topic, ...] = (
+    IO_STATE, IO_GAINS, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY,
+)
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.
 PROBE = Topic(

@@ -13,6 +13,7 @@ from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow
+from procs.io.gains import Gains
 from procs.io.power import Power
 from procs.io.record import Record
 from procs.io.robots import Robots
@@ -21,6 +22,8 @@ from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 
 OF_OUTPUTS: Final = ("set_output", "set_pwm")  # commands about an output; the others are about a robot
+WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
+WHO: Final = "@"
 MOST_SAMPLES: Final = 100_000
 MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
@@ -61,10 +64,10 @@ class Commands:
     """Carries out commands; power and bias answer again when they are finished."""
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
-                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs) -> None:
+                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains) -> None:
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
-        self._outputs = outputs
+        self._outputs, self._gains = outputs, gains
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Command]] = []
         self._now_ns = 0
@@ -75,6 +78,7 @@ class Commands:
             "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
             "set_output": self._set_output, "set_pwm": self._set_pwm,
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
+            "set_gains": self._set_gains,
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
@@ -116,7 +120,7 @@ class Commands:
 
     def _place(self, command: Command) -> int:
         """What it is about: a robot, or an output."""
-        name = command.text
+        name = command.text if command.name not in WITH_MORE else command.text.partition(" ")[0]
         kind, names = ("output", self._outputs.names) if command.name in OF_OUTPUTS else ("robot", self._robots.names)
         if name not in names:
             raise Refused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
@@ -230,6 +234,18 @@ class Commands:
         if not self._follow.controlled(robot):
             raise Refused("it has no joint controller")
         self._follow.torque_mode(robot, command.values != 0.0)
+        command.done()
+
+    def _set_gains(self, robot: int, command: Command) -> None:
+        words = command.text.split()[1:]
+        who = [word[1:] for word in words if word.startswith(WHO)]
+        keys = [word for word in words if not word.startswith(WHO)]
+        values = [float(value) for value in command.values]
+        if not values or not values[0].is_integer():
+            raise Refused("the first value is the axis, -1 for all; then a value for each gain")
+        reason = self._gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody")
+        if reason:
+            raise Refused(reason)
         command.done()
 
     def _clear_fault(self, robot: int, command: Command) -> None:

@@ -18,10 +18,11 @@ from procs.io.buttons import Buttons
 from procs.io.commands import Command, Commands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow, SetpointSource
+from procs.io.gains import Gains
 from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.power import Power
-from procs.io.record import Record
+from procs.io.record import Field, Record
 from procs.io.reports import Event, Reports, Trip, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
@@ -39,8 +40,12 @@ class RobotIo:
     """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
 
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
-                 sources: Sequence[SetpointSource], preset: Sequence[bool] | None = None) -> None:
-        """`sources` in the order of `io.pids`; `preset` says per robot whether its encoders kept a preload."""
+                 sources: Sequence[SetpointSource], preset: Sequence[bool] | None = None, *,
+                 gains: Field | None = None) -> None:
+        """`sources` in the order of `io.pids`; `preset` says per robot whether its encoders kept a preload.
+
+        `gains` gives the fields of that record; None: nobody looks at it.
+        """
         self.io, self.record, self.reports = io, record, Reports()
         self._port, self._now_ns = port, now_ns
         self.robots = robots = Robots(io)
@@ -56,6 +61,7 @@ class RobotIo:
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
         self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
+        self.gains = Gains(robots, samples, self.pid, self.reports, gains)
         self._safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports, preset)
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
@@ -63,7 +69,7 @@ class RobotIo:
         self._digital_outputs = DigitalOutputs(robots, port, record)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes, self._digital_outputs)
+                                  self._brakes, self._digital_outputs, self.gains)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns

@@ -43,15 +43,19 @@ def main() -> None:
                        first_control=POWER_OFF)
         with owner.hold(io.port), contextlib.closing(port):
             out, mailbox = me.writes("state"), me.mailbox()
+            others = {topic: me.writes(topic) for topic in ("gains",)}
             sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
             preset = prepare(robots, port)
-            core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset)
+            core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset,
+                          gains=others["gains"].field)
             try:
                 mailbox.refuse_waiting(f"{me.name} has just started; ask again")
                 me.ready()
                 while me.tick():
                     core.cycle(mailbox.drain(me.wall_ns))
                     out.publish(core.stamp_ns)
+                    while core.reports.changed:
+                        others[core.reports.changed.pop()].publish(core.stamp_ns)
                     if core.reports.events:
                         _tell(me, core.reports.events)
             finally:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shm.layout import schema_of
-from shm.topics import IO_STATE
+from shm.topics import IO_STATE, Topic
 
 Field: TypeAlias = Callable[[str], NDArray[Any]]
 Floats: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
+
+
+def private(topic: Topic, dims: Mapping[str, int]) -> Field:
+    """The fields of a record nobody else sees, all zero."""
+    memory: NDArray[Any] = np.zeros(1, dtype=schema_of(topic, dims).dtype)
+    return lambda name: memory[name].reshape(memory[name].shape[1:])
 
 
 class Record:
@@ -73,8 +79,7 @@ class Record:
     def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0, outputs: int = 0) -> Record:
         """A record nobody else sees, all zero."""
         dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs, "outputs": outputs}
-        memory: NDArray[Any] = np.zeros(1, dtype=schema_of(IO_STATE, dims).dtype)
-        return cls(lambda name: memory[name].reshape(memory[name].shape[1:]))
+        return cls(private(IO_STATE, dims))
 
     def restart(self) -> None:
         """Forget what a predecessor left, but count its generations on: what it biased or enabled is over."""

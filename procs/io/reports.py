@@ -48,10 +48,12 @@ class Reports:
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.trips: list[Trip] = []
+        self.changed: set[str] = set()
+        """Topics besides `state` whose record changed: the loop publishes them, and empties the set."""
 
-    def status(self, text: str, component: str = "") -> None:
+    def status(self, text: str, component: str = "", axis: int = -1) -> None:
         """Something a person may like to know."""
-        self.events.append(Event("status", text, component=component))
+        self.events.append(Event("status", text, component=component, axis=axis))
 
     def warn(self, fault: Fault, component: str, axis: int = -1, value: float = math.nan,
              limit: float = math.nan) -> None:

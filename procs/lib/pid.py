@@ -17,7 +17,7 @@ not finite leaves as 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,8 @@ class Pid:
         memory (a ring's record). `dt_s` is the period the observer integrates with.
         """
         n = len(axes)
-        rows = [a or PidAxis("", "UNDEFINED", 0.0, 0.0, 0.0) for a in axes]
-
-        def column(name: str) -> Floats:
-            return np.array([float(getattr(row, name)) for row in rows])
-
+        self.gains = [a or PidAxis("", "UNDEFINED", 0.0, 0.0, 0.0) for a in axes]
+        self._dt_s = dt_s
         self.controlled: Flags = np.array([a is not None for a in axes], dtype=bool)
         memory = arrays or (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
         self.setpoint_position: Floats = memory[0]
@@ -61,6 +58,28 @@ class Pid:
         self.contribution: Floats | None = None  # of in-cycle tasks; None: there are none
         self.enabled: Flags = np.zeros(n, dtype=bool)
         self.integral, self.disturbance = np.zeros(n), np.zeros(n)
+        limited = effort_limit > 0.0
+        self._effort_limit = np.where(limited, effort_limit, np.inf)
+        self._minus_effort = -self._effort_limit
+        self._observer_input, self._observer_state = np.zeros(n), np.zeros(n)
+        self._has_velocity, self._checked = np.zeros(n), np.zeros(n, dtype=bool)
+        self._filtered = np.zeros(n)
+        self._allowed = np.full(n, np.inf)
+        self._a, self._b, self._x, self._f = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+        self._inside, self._ok = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        self._off = np.ones(n, dtype=bool)
+        self._zero, self._one = np.zeros(n), np.ones(n)
+        self._three, self._minus_two = np.full(n, 3.0), np.full(n, -2.0)
+        self._any_off, self._any_effort = True, False
+        self._adopt()
+
+    def _adopt(self) -> None:
+        """Arrays of what `gains` say."""
+        rows, n = self.gains, len(self.gains)
+
+        def column(name: str) -> Floats:
+            return np.array([float(getattr(row, name)) for row in rows])
+
         self.tolerance = column("tolerance")
         self._kp, self._kd, self._ki, self._offset = (column(c) for c in ("p_gain", "d_gain", "i_gain", "offset"))
         self._inner = column("p_deadband")
@@ -76,24 +95,31 @@ class Pid:
         self._filters = bool(np.any(self._old != 0.0))
         output = column("pid_max_output")
         self._output_limit = np.where(output >= 0.0, output, np.inf)
+        self._minus_output = -self._output_limit
         self._limits_output = bool(np.any(output >= 0.0))
-        limited = effort_limit > 0.0
-        self._effort_limit = np.where(limited, effort_limit, np.inf)
-        self._minus_output, self._minus_effort = -self._output_limit, -self._effort_limit
         observed = column("use_disturbance_observer")
         self._observes = bool(np.any(observed))
         self._momentum = column("nominal_mass") * column("disturbance_cutoff") * observed
-        self._rate = column("disturbance_cutoff") * dt_s * observed
-        self._observer_input, self._observer_state = np.zeros(n), np.zeros(n)
-        self._has_velocity, self._checked = np.zeros(n), np.zeros(n, dtype=bool)
-        self._filtered = np.zeros(n)
-        self._allowed = np.full(n, np.inf)
-        self._a, self._b, self._x, self._f = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-        self._inside, self._ok = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        self._off = np.ones(n, dtype=bool)
-        self._zero, self._one = np.zeros(n), np.ones(n)
-        self._three, self._minus_two = np.full(n, 3.0), np.full(n, -2.0)
-        self._any_off, self._any_effort = True, False
+        self._rate = column("disturbance_cutoff") * self._dt_s * observed
+
+    def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
+        """Other gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
+
+        What the controller remembers goes on with the effort it had: the integral is rescaled, the observed disturbance
+        stays. What acts on the present error (gains, dead-bands, offset, limits) acts with its new value at once, and
+        an integral or observer that is switched off lets go.
+        """
+        momentum = self._momentum
+        for axis, row in changes.items():
+            before, self.gains[axis] = self.gains[axis], row
+            self.integral[axis] *= before.i_gain / row.i_gain if row.i_gain else 0.0
+        self._adopt()
+        for axis, row in changes.items():
+            if row.use_disturbance_observer:
+                self._observer_state[axis] += (self._momentum[axis] - momentum[axis]) * velocity[axis]
+            else:
+                self._observer_state[axis] = self._observer_input[axis] = self.disturbance[axis] = 0.0
+        self._modes_changed()
 
     def enable(self, axes: slice | Flags, on: bool, position: Floats) -> None:
         """Switch the actuators `axes` on or off at measured `position` (n,); always starts from a clean state."""

@@ -1,0 +1,65 @@
+"""Gains of the joint controllers while they run: changed by command, told as events, readable by everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from procs.io.record import Field, private
+from procs.io.reports import Reports
+from procs.io.robots import Robots, Samples
+from procs.lib.gains import GAINS, changed, value_of
+from procs.lib.pid import Pid
+from shm.topics import IO_GAINS
+
+ALL: Final = -1  # in place of an axis
+
+
+class Gains:
+    """The gains of all axes; `record` is what everybody sees."""
+
+    def __init__(self, robots: Robots, samples: Samples, pid: Pid, reports: Reports,
+                 field: Field | None = None) -> None:
+        """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
+        self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports
+        field = field or private(IO_GAINS, {"axes": robots.axes})
+        self.record = {row.name: field(row.name) for row in IO_GAINS.fields}
+        self.record["changes"][...] = 0
+        self._show(range(robots.axes))
+
+    def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
+        """Other values for `keys` of one axis, or of `ALL` of a robot, from this cycle on; all of it or nothing.
+
+        Returns why not, or "". `who` is told with it.
+        """
+        axes = self._robots.slices[robot]
+        count = axes.stop - axes.start
+        if not self._pid.controlled[axes].all() or not count:
+            return "it has no joint controller"
+        if axis != ALL and not 0 <= axis < count:
+            return f"axis {axis}; allowed: 0 to {count - 1}, {ALL} for all"
+        if not keys or len(keys) != len(values):
+            return f"{len(keys)} gains and {len(values)} values; allowed: an axis, then a value for each gain"
+        places = [*range(axes.start, axes.stop)] if axis == ALL else [axes.start + axis]
+        new = {}
+        for place in places:
+            try:
+                new[place] = changed(self._pid.gains[place], keys, values, running=bool(self._pid.enabled[place]))
+            except ValueError as error:
+                return f"axis {place - axes.start}: {error}"
+        before = {place: self._pid.gains[place] for place in places}
+        self._pid.configure(new, self._samples.velocity)
+        self.record["changes"] += 1
+        self._show(places)
+        for place in places:
+            steps = [f"{key} {value_of(before[place], key):.9g} -> {value_of(new[place], key):.9g}" for key in keys]
+            text = f"gains changed by {who}: {', '.join(steps)}"
+            self._reports.status(text, self._robots.names[robot], place - axes.start)
+        return ""
+
+    def _show(self, places: Sequence[int]) -> None:
+        for gain in GAINS:
+            column = self.record[gain.key]
+            for place in places:
+                column[place] = value_of(self._pid.gains[place], gain.key)
+        self._reports.changed.add(IO_GAINS.name)

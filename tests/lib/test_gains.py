@@ -1,0 +1,131 @@
+"""Gains that change at run time: what is allowed, and that nothing remembered jumps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from annotated_types import Ge, Gt, Le
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.lib.config.pid_file import PidKeys
+from procs.lib.document import PidAxis
+from procs.lib.gains import GAINS, changed, value_of
+from procs.lib.pid import Pid
+from shm.topics import IO_GAINS
+
+ROW = PidAxis("a", "REVOLUTE", 6.0, 0.1, 0.0, pid_max_output=-1.0)
+NOWHERE = np.zeros(1, dtype=bool)
+ALL = slice(None)
+
+
+def enabled(*rows: PidAxis) -> Pid:
+    pid = Pid(rows, np.zeros(len(rows)), 1 / 1500)
+    pid.enable(ALL, True, np.zeros(len(rows)))
+    return pid
+
+
+def step(pid: Pid, setpoint: float, velocity: float = 0.0) -> float:
+    pid.setpoint_position[:] = setpoint
+    n = len(pid.gains)
+    pid.step(np.zeros(n), np.full(n, velocity), np.zeros(n, dtype=bool))
+    return float(pid.effort[0])
+
+
+def test_the_table_agrees_with_pid_files_and_the_topic() -> None:
+    fields = {key: field for key, field in PidKeys.model_fields.items() if key not in ("index", "name", "type")}
+    assert {gain.key for gain in GAINS} == set(fields)
+    assert [gain.key for gain in GAINS] == [field.name for field in IO_GAINS.fields[1:]]
+    for gain in GAINS:
+        limits: list[Any] = fields[gain.key].metadata
+        low = [m.ge if isinstance(m, Ge) else m.gt for m in limits if isinstance(m, Ge | Gt)]
+        high = [m.le for m in limits if isinstance(m, Le)]
+        assert gain.switch or ((low or [-math.inf]) == [gain.low] and (high or [math.inf]) == [gain.high]), gain
+        assert gain.above == any(isinstance(m, Gt) for m in limits)
+        assert gain.switch == (fields[gain.key].annotation is bool)
+
+
+def test_values_that_make_no_sense_are_refused_with_what_is_allowed() -> None:
+    for key, value, allowed in (
+        ("p_gain", -1.0, "from 0"), ("p_gain", math.nan, "from 0"), ("d_gain", math.inf, "from 0"),
+        ("offset", math.nan, "any finite number"), ("i_forget_rate", 1.5, "from 0 up to 1"),
+        ("v_low_pass_cutoff", 0.0, "above 0 up to 1"), ("use_disturbance_observer", 0.5, "1 (on) or 0 (off)"),
+    ):
+        with pytest.raises(ValueError, match="allowed") as refused:
+            changed(ROW, [key], [value], running=False)
+        assert str(refused.value).endswith(f"allowed: {allowed}")
+    with pytest.raises(ValueError, match="no gain 'gain'; there are: p_gain, d_gain"):
+        changed(ROW, ["gain"], [1.0], running=False)
+    with pytest.raises(ValueError, match="twice"):
+        changed(ROW, ["p_gain", "p_gain"], [1.0, 2.0], running=False)
+
+
+def test_a_slip_of_the_decimal_point_is_refused_while_it_runs() -> None:
+    with pytest.raises(ValueError, match=r"more than 10 times what it is \(6\)"):
+        changed(ROW, ["p_gain"], [600.0], running=True)
+    assert changed(ROW, ["p_gain"], [600.0], running=False).p_gain == 600.0
+    assert changed(ROW, ["p_gain", "i_gain"], [60.0, 1.0], running=True).i_gain == 1.0
+
+
+@given(st.sampled_from(GAINS), st.floats(allow_nan=True, allow_infinity=True))
+def test_whatever_is_accepted_is_what_is_then_there(gain: Any, value: float) -> None:
+    try:
+        row = changed(ROW, [gain.key], [value], running=False)
+    except ValueError:
+        return
+    assert value_of(row, gain.key) == value and math.isfinite(value)
+
+
+def test_other_gains_act_like_those_of_a_new_controller() -> None:
+    pid = enabled(ROW)
+    assert step(pid, 0.1) == pytest.approx(0.6)
+    soft = changed(ROW, ["p_gain", "p_deadband", "p_deadband_outer", "offset"], [100.0, 0.01, 0.03, 0.25],
+                   running=False)
+    pid.configure({0: soft}, np.zeros(1))
+    assert step(pid, 0.02) == pytest.approx(0.75, abs=1e-12)
+
+
+def test_the_integral_keeps_its_effort_when_its_gain_changes() -> None:
+    row = PidAxis("a", "REVOLUTE", 0.0, 0.0, 2.0, pid_max_output=-1.0, i_limit=10.0)
+    pid = enabled(row)
+    for _ in range(5):
+        before = step(pid, 0.1)
+    pid.configure({0: changed(row, ["i_gain"], [8.0], running=True)}, np.zeros(1))
+    assert step(pid, 0.0) == pytest.approx(before, abs=1e-12)
+
+
+def test_an_integral_that_is_switched_on_starts_from_nothing() -> None:
+    other = PidAxis("b", "REVOLUTE", 0.0, 0.0, 1.0, pid_max_output=-1.0, i_limit=10.0)
+    row = PidAxis("a", "REVOLUTE", 0.0, 0.0, 0.0, pid_max_output=-1.0, i_limit=10.0)
+    pid = enabled(row, other)  # the other one's integral makes both run
+    for _ in range(100):
+        step(pid, 0.1)
+    pid.configure({0: changed(row, ["i_gain"], [1.0], running=True)}, np.zeros(2))
+    assert step(pid, 0.1) == pytest.approx(0.1, abs=1e-12)
+
+
+def test_the_observed_disturbance_stays_when_the_observer_changes() -> None:
+    row = PidAxis("a", "REVOLUTE", 600.0, 30.0, 0.0, pid_max_output=10.0, use_disturbance_observer=True,
+                  nominal_mass=0.01, disturbance_cutoff=50.0)
+    pid = enabled(row)
+    for _ in range(50):
+        step(pid, 0.001, 0.02)
+    before = float(pid.disturbance[0])
+    pid.configure({0: changed(row, ["nominal_mass"], [0.03], running=True)}, np.full(1, 0.02))
+    step(pid, 0.001, 0.02)
+    assert pid.disturbance[0] == pytest.approx(before, rel=0.05) and abs(before) > 0.005
+    pid.configure({0: changed(row, ["use_disturbance_observer"], [0.0], running=True)}, np.full(1, 0.02))
+    assert step(pid, 0.0, 0.0) == 0.0
+
+
+def test_a_new_tolerance_counts_from_the_next_step() -> None:
+    row = PidAxis("a", "REVOLUTE", 1.0, 0.0, 0.0, pid_max_output=-1.0, tolerance=0.2)
+    pid = enabled(row)
+    pid.check_tracking(ALL, True)
+    pid.setpoint_position[:] = 0.1
+    assert pid.step(np.zeros(1), np.zeros(1), NOWHERE) is None
+    pid.configure({0: changed(row, ["p_measured_setpoint_tolerance"], [0.05], running=True)}, np.zeros(1))
+    assert pid.step(np.zeros(1), np.zeros(1), NOWHERE) is not None
