@@ -42,6 +42,11 @@ VERBS: tuple[Verb, ...] = (
     Verb("power-off", "tools.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "tools.send:send", "Send any command to a component.", moves=True, raw=True),
     Verb("stream", "tools.stream:stream", "Follow joint set-points from a CSV file.", moves=True),
+    Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
+        Verb("show", "tools.pid:show", "Print the gains in use."),
+        Verb("set", "tools.pid:set_gains", "Change gains of a running controller.", moves=True),
+        Verb("save", "tools.pid:save", "Save the gains in use as a PID file."),
+    )),
     Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
         Verb("scan", "tools.bus:scan", "Find every controller."),
         Verb("read", "tools.bus:read", "Read registers."),
