@@ -9,15 +9,12 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.bias import Bias
 from procs.io.brakes import Brakes
-from procs.io.digital_outputs import DigitalOutputs
+from procs.io.devices import Bias, DigitalOutputs, Power, Safety
 from procs.io.follow import Follow
 from procs.io.gains import Gains
-from procs.io.power import Power
 from procs.io.record import Record
 from procs.io.robots import Robots
-from procs.io.safety import Safety
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 

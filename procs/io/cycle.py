@@ -22,8 +22,9 @@ from procs.io.gains import Gains
 from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.power import Power
+from procs.io.reactions import Reactions
 from procs.io.record import Field, Record
-from procs.io.reports import Event, Reports, Trip, also
+from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.tasks import Tasks
@@ -70,6 +71,7 @@ class RobotIo:
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                   self._brakes, self._digital_outputs, self.gains)
+        self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -77,8 +79,6 @@ class RobotIo:
         self._before_ns = self._good_ns
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
-        self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
-        """Number and axis of what was told of each robot since its latch was cleared."""
         self._cycles = 0
         self._bad_by_board = port.counters.board_bad_reads.copy()
         if io.close_all_relays:
@@ -99,7 +99,7 @@ class RobotIo:
             self.record.valid[...] = good
             self._commands.execute(commands, now_ns)
             if self.reports.trips:
-                self._act(now_ns)
+                self._reactions.act(now_ns)
             self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
             if good:
                 self._control(now_ns)
@@ -166,7 +166,7 @@ class RobotIo:
                     self.reports.trip(faults.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
                                       float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
         if self.reports.trips:
-            self._act(now_ns)
+            self._reactions.act(now_ns)
 
     def _not_finite(self, now_ns: int) -> None:
         """An effort that was not a number left as 0 A; whoever made it is switched off."""
@@ -176,38 +176,7 @@ class RobotIo:
             if bad.any():
                 self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
         request[~np.isfinite(request)] = 0.0
-        self._act(now_ns)
-
-    def _act(self, now_ns: int) -> None:
-        """Switch off what the faults of this cycle ask for, latch the first of each robot, tell."""
-        trips = self.reports.trips
-        while trips:
-            trip = trips.pop(0)
-            robot, fault, record = trip.robot, trip.fault, self.record
-            if not record.fault[robot]:
-                self._told[robot].clear()
-            what = fault.number, trip.axis
-            if fault.action == faults.NOTHING or what not in self._told[robot]:
-                self._told[robot].add(what)
-                self._tell(trip)
-            if fault.action == faults.NOTHING:
-                continue
-            if not record.fault[robot]:
-                record.fault[robot] = fault.number
-            self._follow.enable(robot, False, now_ns)
-            self._brakes.engage(robot)  # what the joint controller no longer holds
-            if fault.action in (faults.POWER_OFF, faults.CUT):
-                self._bias.stop(robot)
-                self._power.off(robot, open_relays=fault.action == faults.CUT)
-                for other in self.robots.sharing(robot):
-                    if record.power_wanted[other]:
-                        self.reports.trip(faults.SHARED_BOARD, other)
-
-    def _tell(self, trip: Trip) -> None:
-        fault = trip.fault
-        text = f"{fault.text}{f' ({trip.detail})' if trip.detail else ''}; {fault.hint}"
-        self.reports.events.append(
-            Event("error", text, fault.code, self.robots.names[trip.robot], trip.axis, trip.value, trip.limit))
+        self._reactions.act(now_ns)
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
         """The rest of the record; the boards have been written already."""

@@ -14,9 +14,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.io.devices import Measured
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports, also
-from procs.io.robots import Robots, Samples
+from procs.io.robots import Robots
 from procs.lib import faults
 from procs.lib.document import Io
 from procs.lib.pid import Pid
@@ -67,7 +68,7 @@ class Follower:
 class Follow:
     """Feeds the joint controller from the arms' rings."""
 
-    def __init__(self, io: Io, robots: Robots, samples: Samples, pid: Pid, record: Record, reports: Reports,
+    def __init__(self, io: Io, robots: Robots, samples: Measured, pid: Pid, record: Record, reports: Reports,
                  sources: Sequence[SetpointSource]) -> None:
         """`sources` in the order of `io.pids`."""
         n = robots.axes
@@ -87,6 +88,10 @@ class Follow:
             robot = robots.names.index(row.robot)
             self._followers.append(Follower(robot, robots.slices[robot], row.arm, source))
         self._of_robot = {f.robot: f for f in self._followers}
+
+    def stamp_ns(self, robot: int) -> int:
+        """Stamp of the newest set-point that was taken of the robot's arm; 0: none."""
+        return self._of_robot[robot].stamp_ns if robot in self._of_robot else 0
 
     def controlled(self, robot: int) -> bool:
         """Whether the robot has a joint controller."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs.io.devices import Measured
 from procs.io.record import Field, private
 from procs.io.reports import Reports
-from procs.io.robots import Robots, Samples
+from procs.io.robots import Robots
 from procs.lib.gains import GAINS, changed, value_of
 from procs.lib.pid import Pid
 from shm.topics import IO_GAINS
@@ -18,7 +19,7 @@ ALL: Final = -1  # in place of an axis
 class Gains:
     """The gains of all axes; `record` is what everybody sees."""
 
-    def __init__(self, robots: Robots, samples: Samples, pid: Pid, reports: Reports,
+    def __init__(self, robots: Robots, samples: Measured, pid: Pid, reports: Reports,
                  field: Field | None = None) -> None:
         """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports

@@ -1,0 +1,58 @@
+"""What commands and faults need of a robot's devices: those on boards have it, and those that are only played.
+
+The real ones are in the modules of their names, the played ones of KINEMATIC robots in `kinematic.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from procs.io.record import Floats
+
+
+class Measured(Protocol):
+    """Where the actuators are and how fast: arrays (n,) that stay the same objects."""
+
+    position: Floats
+    velocity: Floats
+
+
+class Power(Protocol):
+    """Power of every robot."""
+
+    changed: bool  # limits that depend on power must be looked at again
+
+    def on(self, robot: int, now_ns: int) -> None:
+        """Begin to power on; asked again, nothing changes."""
+
+    def off(self, robot: int, open_relays: bool = False) -> None:
+        """Power off at once."""
+
+
+class Bias(Protocol):
+    """Encoders that are set from potentiometers."""
+
+    def begin(self, robot: int, samples: int) -> str:
+        """Start with |samples| potentiometer samples; returns why not, or ""."""
+
+    def stop(self, robot: int) -> None:
+        """Give up."""
+
+
+class Safety(Protocol):
+    """Checks of the samples."""
+
+    def forget_pots(self, axes: slice) -> None:
+        """The potentiometer check was switched: durations start again."""
+
+
+class DigitalOutputs(Protocol):
+    """Pins that can be switched."""
+
+    names: tuple[str, ...]
+
+    def set(self, place: int, high: bool) -> None:
+        """High or low."""
+
+    def set_pwm(self, place: int, duty: float) -> str:
+        """A duty cycle; returns why not, or ""."""

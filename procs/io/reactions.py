@@ -1,0 +1,53 @@
+"""What io does about the faults of a cycle: switch off what they ask for, latch the first of each robot, tell."""
+
+from __future__ import annotations
+
+from procs.io.brakes import Brakes
+from procs.io.devices import Bias, Power
+from procs.io.follow import Follow
+from procs.io.record import Record
+from procs.io.reports import Event, Reports, Trip
+from procs.io.robots import Robots
+from procs.lib import faults
+
+
+class Reactions:
+    """All trips of `reports`, one after the other; what they bring about is added to them."""
+
+    def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, power: Power, bias: Bias,
+                 brakes: Brakes) -> None:
+        self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
+        self._power, self._bias, self._brakes = power, bias, brakes
+        self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
+        """Number and axis of what was told of each robot since its latch was cleared."""
+
+    def act(self, now_ns: int) -> None:
+        """On everything found so far."""
+        trips = self._reports.trips
+        while trips:
+            trip = trips.pop(0)
+            robot, fault, record = trip.robot, trip.fault, self._record
+            if not record.fault[robot]:
+                self._told[robot].clear()
+            what = fault.number, trip.axis
+            if fault.action == faults.NOTHING or what not in self._told[robot]:
+                self._told[robot].add(what)
+                self._tell(trip)
+            if fault.action == faults.NOTHING:
+                continue
+            if not record.fault[robot]:
+                record.fault[robot] = fault.number
+            self._follow.enable(robot, False, now_ns)
+            self._brakes.engage(robot)  # what the joint controller no longer holds
+            if fault.action in (faults.POWER_OFF, faults.CUT):
+                self._bias.stop(robot)
+                self._power.off(robot, open_relays=fault.action == faults.CUT)
+                for other in self._robots.sharing(robot):
+                    if record.power_wanted[other]:
+                        self._reports.trip(faults.SHARED_BOARD, other)
+
+    def _tell(self, trip: Trip) -> None:
+        fault = trip.fault
+        text = f"{fault.text}{f' ({trip.detail})' if trip.detail else ''}; {fault.hint}"
+        self._reports.events.append(
+            Event("error", text, fault.code, self._robots.names[trip.robot], trip.axis, trip.value, trip.limit))
