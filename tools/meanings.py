@@ -169,7 +169,7 @@ def amperes(bits: int) -> float:
 
 
 def velocities(words: Sequence[Sequence[int]], hardware: str) -> list[float]:
-    """Counts/s now, as io estimates them: from the period, quarter 5, quarter 1 and running words of every axis."""
+    """Counts/s now, as io estimates them: from the running, period, quarter 5 and quarter 1 words of every axis."""
     clock = registers.ESPM_CLOCK_HZ if hardware == "dRA1" else registers.CLOCK_HZ
     estimator = FirmwareVelocity(len(words[0]), float(clock))
     estimator.words[...] = words

@@ -79,7 +79,7 @@ def sample_of(board: Board, words: list[int], watchdog: int) -> Sample:
     row = np.zeros(columns.count, np.uint32)
     row[shape.columns(columns.width)] = words
     adc, position, status = row[columns.adc].tolist(), row[columns.position].tolist(), int(row[blocks.STATUS])
-    timing = (columns.period, columns.quarter_5, columns.quarter_1, columns.running)
+    timing = (columns.running, columns.period, columns.quarter_5, columns.quarter_1)
     speeds = meanings.velocities([row[kind].tolist() for kind in timing], board.hardware)
     motor, inputs = row[columns.motor_status].tolist(), int(row[blocks.DIGITAL_INPUT])
     digital = board.hardware == "dRA1"

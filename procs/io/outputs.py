@@ -82,7 +82,7 @@ class Outputs:
         """Efforts [N·m or N] to words in the port's buffer; False when one was not finite (it went out as 0 A)."""
         request = self._record.current_request
         np.multiply(effort, self._robots.effort_to_current, self._of_actuators)
-        np.copyto(self._of_brakes, self._brakes)
+        self._of_brakes[...] = self._brakes
         np.minimum(request, self._most, out=request)
         np.maximum(request, self._least, out=request)
         finite = self._encoder.encode(request)

@@ -122,7 +122,7 @@ class Samples:
                            for s, r in zip(robots.slices, robots.io.robots, strict=True)
                            if r.joint_to_actuator_position is not None]
         columns = port.columns
-        kinds = (columns.period, columns.quarter_5, columns.quarter_1, columns.running)
+        kinds = (columns.running, columns.period, columns.quarter_5, columns.quarter_1)
         self._velocity_index = np.array(
             [(robots.board_row * columns.count + kind.start + robots.channel)[:n] for kind in kinds], dtype=np.intp)
         self._any_software = bool(np.any(robots.software))

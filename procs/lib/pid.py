@@ -82,9 +82,11 @@ class Pid:
 
         self.tolerance = column("tolerance")
         self._kp, self._kd, self._ki, self._offset = (column(c) for c in ("p_gain", "d_gain", "i_gain", "offset"))
+        self._has_offset = bool(np.any(self._offset != 0.0))
         self._inner = column("p_deadband")
         outer = np.maximum(column("p_deadband_outer"), self._inner)
         width = outer - self._inner
+        self._dead = bool(np.any(outer > 0.0))
         self._soft = bool(np.any(width > 0.0))
         self._per_width = np.full(n, np.inf)
         np.divide(1.0, width, out=self._per_width, where=width > 0.0)
@@ -176,10 +178,13 @@ class Pid:
             np.minimum(u, self._output_limit, out=u)
             np.maximum(u, self._minus_output, out=u)
         f = self.effort
-        np.add(u, self._offset, f)
-        if self._any_effort:
-            np.copyto(f, self.requested_effort, where=self.effort_mode)
-        np.add(f, self.feed_forward, f)
+        if self._has_offset or self._any_effort:
+            np.add(u, self._offset, f)
+            if self._any_effort:
+                np.copyto(f, self.requested_effort, where=self.effort_mode)
+            np.add(f, self.feed_forward, f)
+        else:
+            np.add(u, self.feed_forward, f)
         if self.contribution is not None:
             np.add(f, self.contribution, f)
         np.minimum(f, self._effort_limit, out=f)
@@ -188,8 +193,10 @@ class Pid:
         return tripped
 
     def _dead_band(self, e: Floats) -> Floats:
-        """Shorten the errors `e` in place; returns their magnitude. Fills `_inside`."""
+        """Shorten the errors `e` in place; returns their magnitude. Fills `_inside`, where there is any dead-band."""
         a, excess = self._a, self._b
+        if not self._dead:
+            return np.absolute(e, excess)
         np.absolute(e, a)
         np.less(a, self._inner, self._inside)
         np.subtract(a, self._inner, excess)
@@ -211,6 +218,9 @@ class Pid:
     def _velocity_error(self, velocity: Floats) -> Floats:
         """Velocity feed minus measured velocity, 0 inside the dead-band; the filter rests there."""
         ve, fed, x = self._a, self._filtered, self._x
+        if not (self._filters or self._dead):
+            np.multiply(self.setpoint_velocity, self._has_velocity, fed)
+            return np.subtract(fed, velocity, ve)
         if self._filters:
             np.multiply(self._old, fed, ve)
             np.multiply(self._new, self.setpoint_velocity, x)

@@ -24,39 +24,55 @@ _NEVER: Final = 1e-300  # stands for 0 ticks where a division needs something
 
 
 class FirmwareVelocity:
-    """Counts/s and counts/s² from period, quarter 5, quarter 1 and running words.
+    """Counts/s and counts/s² from running, period, quarter 5 and quarter 1 words.
 
     A caller fills `words` (4, n), in that order, and calls `update`. Magnitudes are worked on without a sign, so that a
     prediction that would change sign stops at zero.
+
+        v = 4 / period                                         over the last four edges, in the middle of them
+        a = 8 (q5 − q1) / (period · (period + q5 − q1) · (q5 + q1))
+        predicted = v + a · (period / 2 + running), of which no more than one count in the running time
     """
 
     def __init__(self, n: int, clock_hz: float | Floats = float(registers.CLOCK_HZ)) -> None:
         """`clock_hz` is the tick rate of the boards, of all or (n,) of each."""
-        self.words: Words = np.zeros((4, n), dtype=np.uint32)
+        # Quarter 1 is there twice, to be compared with the two rows before it at once: operands of one shape that lie
+        # in one piece take a third of the time of others.
+        rows: Words = np.zeros((5, n), dtype=np.uint32)
+        self.words: Words = rows[:4]
         self.predicted: Floats = np.zeros(n)  # counts/s at the time of the sample
-        self._speed, self._rate, self._sign = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._period_word, self._quarter5_word, self._quarter1_word, _ = self.words
+        hz = np.asarray(clock_hz) + np.zeros(n)
+        # per n: speed and the most that can have been missed since the last edge [counts/s]
+        self._speeds = np.zeros((2, n))
+        self._cap, self._speed = self._speeds
+        self._edges_hz = np.array([hz, 4.0 * hz])
+        self._rate, self._sign = np.zeros(n), np.zeros(n)  # acceleration [counts/tick² / 8]
+        self._rate_scale = 8.0 * hz * hz
+        _, self._period_word, self._quarter5_word, self._quarter1_word, self._quarter1_again = rows
+        self._compared, self._with = rows[1:3], rows[3:]  # period and quarter 5 with quarter 1
         self._masked = np.zeros((4, n), dtype=np.uint32)
         self._ticks_mask = np.full((4, n), registers.VELOCITY_TICKS_MASK, dtype=np.uint32)
         self._ticks = np.zeros((4, n))
-        self._period, self._quarter5, self._quarter1, self._running = self._ticks
-        self._least = np.array([[1.0], [0.0], [0.0], [_NEVER]]) + np.zeros((4, n))
+        _, self._period, self._quarter5, self._quarter1 = self._ticks
+        self._since_middle, self._quarters = self._ticks[:2], self._ticks[2:]
+        self._least = np.array([[_NEVER], [1.0], [_NEVER], [_NEVER]]) + np.zeros((4, n))
         self._shift = np.full(n, 29, dtype=np.uint32)
         self._kind = np.zeros(n, dtype=np.uint32)
         # by the top three bits of the period word: overflow, direction, direction changed
         self._signs = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        self._edges, self._turns = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
-        self._edge_mask = np.full(n, _SAME_EDGE, dtype=np.uint32)
-        self._turn_mask = np.full(n, registers.VELOCITY_DIRECTION, dtype=np.uint32)
-        self._apart, self._short = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        self._no_bits = np.zeros(n, dtype=np.uint32)
-        self._threshold = np.full(n, 1.0 / ACCELERATION_THRESHOLD)
-        self._smallest = np.full(n, 1.0)
+        self._unlike = np.zeros((2, n), dtype=np.uint32)
+        self._same = np.array([[registers.VELOCITY_DIRECTION], [_SAME_EDGE]], np.uint32) | np.zeros((2, n), np.uint32)
+        self._no_bits = np.zeros((2, n), dtype=np.uint32)
+        reasons = np.zeros((4, n), dtype=bool)  # why edges do not compare
+        self._apart, self._short = reasons[:2], reasons[2:]
+        self._incomparable, self._or_this = self._apart
+        self._shortest = np.array([[1.0], [1.0 / ACCELERATION_THRESHOLD]]) + np.zeros((2, n))
         self._overflow = np.full(n, registers.VELOCITY_OVERFLOW, dtype=np.uint32)
+        self._overflowed = np.zeros(n, dtype=bool)
         self._largest = np.full(n, float(registers.VELOCITY_TICKS_MASK))
-        self._four_hz, self._clock = np.full(n, 4.0 * clock_hz), np.full(n, clock_hz)
-        self._eight_hz2 = np.full(n, 8.0 * clock_hz * clock_hz)
-        self._half_period, self._tick = np.full(n, 0.5), np.full(n, 1.0 / np.asarray(clock_hz))
+        self._ages = np.zeros((2, n))  # running time and half the period, times 8 / tick²
+        self._whole, self._half = self._ages
+        self._age_scale = np.array([8.0 * hz, 4.0 * hz])
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._none = np.zeros(n)
 
@@ -72,56 +88,48 @@ class FirmwareVelocity:
 
     def accelerations(self, out: Floats) -> Floats:
         """Counts/s² into `out`."""
-        return np.multiply(self._rate, self._sign, out)
+        np.multiply(self._rate, self._sign, out)
+        return np.multiply(out, self._rate_scale, out)
 
     def update(self) -> Floats:
         """Estimate from `words`; returns `predicted`."""
-        ticks, period, running = self._ticks, self._period, self._running
+        ticks = self._ticks
         np.bitwise_and(self.words, self._ticks_mask, self._masked)
         ticks[...] = self._masked
         np.maximum(ticks, self._least, out=ticks)
         np.right_shift(self._period_word, self._shift, self._kind)
         self._signs.take(self._kind, out=self._sign, mode="clip")
-        speed = np.divide(self._four_hz, period, self._speed)
+        np.divide(self._edges_hz, self._since_middle, self._speeds)
         self._accelerate()
         # half the period back to the middle of the four edges, and the time since the last one
-        since, cap = self._a, self._b
-        np.multiply(period, self._half_period, since)
-        np.add(since, running, since)
-        np.multiply(since, self._tick, since)
-        np.multiply(self._rate, since, since)
-        np.add(since, speed, since)
-        np.divide(self._clock, running, cap)
-        np.minimum(since, cap, out=since)
-        np.maximum(since, self._none, out=since)
-        return np.multiply(since, self._sign, self.predicted)
+        now = self._a
+        np.multiply(self._since_middle, self._age_scale, self._ages)
+        np.add(self._half, self._whole, now)
+        np.multiply(self._rate, now, now)
+        np.add(now, self._speed, now)
+        np.minimum(now, self._cap, out=now)
+        np.maximum(now, self._none, out=now)
+        return np.multiply(now, self._sign, self.predicted)
 
     def _accelerate(self) -> None:
         """Magnitude of the acceleration along the direction of motion; zero where the edges do not compare."""
-        edges, turns, apart, short = self._edges, self._turns, self._apart, self._short
-        quarter1, quarter5 = self._quarter1, self._quarter5
-        np.bitwise_xor(self._quarter5_word, self._quarter1_word, edges)
-        np.bitwise_and(edges, self._edge_mask, edges)
-        np.bitwise_xor(self._period_word, self._quarter1_word, turns)
-        np.bitwise_and(turns, self._turn_mask, turns)
-        np.bitwise_or(edges, turns, edges)
-        np.not_equal(edges, self._no_bits, apart)
-        np.less(quarter1, self._threshold, short)
-        np.bitwise_or(apart, short, apart)
-        np.less(quarter5, self._smallest, short)
-        np.bitwise_or(apart, short, apart)
+        self._quarter1_again[...] = self._quarter1_word
+        np.bitwise_xor(self._compared, self._with, self._unlike)
+        np.bitwise_and(self._unlike, self._same, self._unlike)
+        np.not_equal(self._unlike, self._no_bits, self._apart)
+        np.less(self._quarters, self._shortest, self._short)
+        np.bitwise_or(self._apart, self._short, self._apart)
+        np.bitwise_or(self._incomparable, self._or_this, self._incomparable)
         change, before, both = self._rate, self._a, self._b
-        np.subtract(quarter5, quarter1, change)
+        np.subtract(self._quarter5, self._quarter1, change)
         np.add(self._period, change, before)
-        np.greater_equal(self._quarter5_word, self._overflow, short)
-        np.putmask(before, short, self._largest)
-        np.add(quarter5, quarter1, both)
+        np.greater_equal(self._quarter5_word, self._overflow, self._overflowed)
+        np.putmask(before, self._overflowed, self._largest)
+        np.add(self._quarter5, self._quarter1, both)
         np.multiply(before, both, before)
         np.multiply(before, self._period, before)
-        np.putmask(before, apart, self._smallest)  # also where there would be nothing to divide by
         np.divide(change, before, change)
-        np.multiply(change, self._eight_hz2, change)
-        np.putmask(change, apart, self._none)
+        np.putmask(change, self._incomparable, self._none)
 
 
 class SoftwareVelocity:

@@ -21,7 +21,7 @@ CASES = [
 
 def estimate(period: int, quarter1: int, quarter5: int, running: int) -> tuple[float, float, float]:
     estimator = FirmwareVelocity(1)
-    estimator.words[:, 0] = period, quarter5, quarter1, running
+    estimator.words[:, 0] = running, period, quarter5, quarter1
     estimator.update()
     return estimator.velocity[0], estimator.acceleration[0], estimator.predicted[0]
 
