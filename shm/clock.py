@@ -46,7 +46,7 @@ class WallClock:
 
     def __init__(self, spin_ns: int = 0) -> None:
         """`spin_ns`: the last part of every sleep is spent looking at the clock, which is more exact than waking up."""
-        self._spin_ns = spin_ns
+        self.spin_ns = spin_ns
 
     def now_ns(self) -> int:
         """Monotonic time."""
@@ -54,10 +54,10 @@ class WallClock:
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
         """Sleep until the deadline; returns at once when it has passed."""
-        left = deadline_ns - self._spin_ns - time.monotonic_ns()
+        left = deadline_ns - self.spin_ns - time.monotonic_ns()
         if left > 0:
             time.sleep(left * 1e-9)  # CPython sleeps with clock_nanosleep on CLOCK_MONOTONIC
-        while self._spin_ns and time.monotonic_ns() < deadline_ns:
+        while self.spin_ns and time.monotonic_ns() < deadline_ns:
             pass
 
 
@@ -75,6 +75,7 @@ class LockstepClock:
     """Simulated time, as seen by one process."""
 
     simulated = True
+    spin_ns = 0
 
     def __init__(self, system: str, pulse: Pulse) -> None:
         """Attach the clock page of `system`; `pulse` is the process's own control page (attached with write)."""

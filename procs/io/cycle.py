@@ -88,7 +88,8 @@ class RobotIo:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
         with np.errstate(all="ignore"):
-            # They wait in their rings since the arms' last cycle: taken now, they cost no time between read and write.
+            self._port.ask_all()
+            # Set-points are taken while the boards sample: that costs no time, least of all between read and write.
             self._follow.receive(read_ns)
             good = self._port.read_all()
             now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()

@@ -44,11 +44,14 @@ def discovery_address(address: str) -> str:
 class Link:
     """The socket and what belongs to a transaction. The newest datagram lies in `rx` after a successful receive."""
 
-    def __init__(self, address: str, udp_port: int, now_ns: Callable[[], int], real_time: bool) -> None:
+    def __init__(self, address: str, udp_port: int, now_ns: Callable[[], int], real_time: bool,
+                 spin_ns: int = 0) -> None:
+        """`spin_ns`: how long to look for a reply again and again before sleeping until there is one."""
         self.address = address
         self.udp_port = udp_port
         self.now_ns = now_ns
         self.real_time = real_time
+        self.spin_ns = spin_ns if real_time else 0  # a clock that stands still would never end it
         self.counters = Counters(0)  # the port's own takes its place
         self.cycle_timeout_ms = CYCLE_TIMEOUT_MS if real_time else SIMULATED_TIMEOUT_MS
         self.generation = 0  # the bus generation our requests carry
@@ -130,7 +133,12 @@ class Link:
     def receive(self, tl: int, timeout_ms: int) -> int:
         """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away."""
         rx, left_ms = self.rx, timeout_ms
-        deadline_ns = self.now_ns() + timeout_ms * 1_000_000
+        begin_ns = self.now_ns()
+        deadline_ns = begin_ns + timeout_ms * 1_000_000
+        if self.spin_ns:
+            spin_until_ns = begin_ns + self.spin_ns
+            while not self._poll(0) and self.now_ns() < spin_until_ns:
+                pass
         for _ in range(MAX_STRAYS):
             if not self._poll(left_ms):
                 break

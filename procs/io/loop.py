@@ -40,7 +40,7 @@ def main() -> None:
         io = me.document.io(me.name)
         robots = Robots(io)
         port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
-                       first_control=POWER_OFF)
+                       first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
         with owner.hold(io.port), contextlib.closing(port):
             out, mailbox = me.writes("state"), me.mailbox()
             others = {topic: me.writes(topic) for topic in ("gains",)}

@@ -137,8 +137,13 @@ class Port(Protocol):
     def write_block(self, board: int, address: int, values: Sequence[int]) -> None:
         """Write consecutive quadlets of one board."""
 
+    def ask_all(self) -> None:
+        """Have every board sample, where the protocol has a step for it: the boards need time, until `read_all`."""
+
     def read_all(self) -> bool:
-        """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample."""
+        """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample.
+
+        Asks first where nobody has."""
 
     def write_all(self) -> bool:
         """Send `out` to every board; False when it could not be sent."""

@@ -58,6 +58,9 @@ class Rows:
 class Reader(Protocol):
     """Samples all boards."""
 
+    def ask(self) -> None:
+        """Have the boards sample, where that is a step of its own."""
+
     def read(self) -> bool:
         """True: `rows.blocks` holds a complete fresh sample."""
 
@@ -151,35 +154,49 @@ class QueryRead:
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
         self._made_for = (-1, -1)
         self._reads: list[bytes] = []
+        self._asked = self._sent = False
+        self._hub_node = -1
+        self._ready_ns = 0
 
-    def read(self) -> bool:
-        """Sample every board; a fixed number of datagrams and array operations."""
-        link, now_ns = self._link, self._link.now_ns
+    def ask(self) -> None:
+        """Query all boards."""
+        link = self._link
+        self._asked, self._sent = True, False
         if not self._bus.settled():
-            return self._blame_all()
+            return
         if link.suspect:
             link.drain()
-        hub_node = self._rows.nodes[self._rows.hub]
+        self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
         if (link.generation, hub_node) != self._made_for:
             self._prepare(hub_node)
         self._sequence = sequence = self._sequence % 0xFFFF + 1
         query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
                             sequence << 16 | self._mask_of_boards)
-        tl = link.next_tl()
-        if not link.send(self._control + query + wire.crc_bytes(query)):
-            return self._blame_all()
+        self._sent = link.send(self._control + query + wire.crc_bytes(query))
+        self._ready_ns = link.send_ns + self._wait_ns
         np.bitwise_or(self._sizes, _swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
+
+    def read(self) -> bool:
+        """Sample every board; a fixed number of datagrams and array operations."""
+        link, now_ns, ready_ns = self._link, self._link.now_ns, self._ready_ns
+        if not self._asked:
+            self.ask()
+            ready_ns = self._ready_ns
+        self._asked = False
+        if not self._sent:
+            return self._blame_all()
         if link.real_time:
-            ready_ns = link.send_ns + self._wait_ns
             while now_ns() < ready_ns:
                 pass
+        tl = link.next_tl()
         if not link.send(self._reads[tl]):
             return self._blame_all()
         size = link.receive(tl, link.cycle_timeout_ms)
         if size != self._size:
             return self._blame_all(silent=size == 0)
         label, source, length = _REPLY.unpack_from(link.rx)
-        if label & _TCODE_BITS != wire.BLOCK_RESPONSE << 4 or source >> 16 & 0x3F != hub_node or length != self._length:
+        node = source >> 16 & 0x3F
+        if label & _TCODE_BITS != wire.BLOCK_RESPONSE << 4 or node != self._hub_node or length != self._length:
             link.counters.stray += 1
             return self._blame_all()
         link.rx_quads.take(self._heads, out=self._masked, mode="clip")
@@ -235,6 +252,9 @@ class SequentialRead:
         self._unpack = Unpack(rows, self._sample, self._starts, header=0)
         self._statuses = [_swapped(status) for status in _statuses(rows).tolist()]
         self._board_mask = _swapped(BOARD_MASK)
+
+    def ask(self) -> None:
+        """Every board samples when it is read."""
 
     def read(self) -> bool:
         """Sample board after board."""

@@ -44,7 +44,7 @@ class UdpPort:
                  protocol: str = BROADCAST_QUERY, *, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
                  asked_at: str = "", first_control: int = 0, quiet: bool = False, udp_port: int = wire.UDP_PORT,
-                 link: Link | None = None) -> None:
+                 link: Link | None = None, spin_ns: int = 0) -> None:
         self._name = PortName.parse(name)
         self.board_ids = tuple(sorted(board_ids))
         where = f"port {name}"
@@ -64,7 +64,7 @@ class UdpPort:
         self.send_ns = 0
         self.counters = Counters(count)
         self.boards: tuple[BoardInfo, ...] = ()
-        self._link = link or Link(self._name.address, udp_port, now_ns, real_time)
+        self._link = link or Link(self._name.address, udp_port, now_ns, real_time, spin_ns)
         self._link.counters = self.counters
         if deadline_ms is not None:
             self._link.cycle_timeout_ms = deadline_ms
@@ -162,6 +162,12 @@ class UdpPort:
         if needed > limit:
             raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast read ({needed} bytes)",
                             self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
+
+    def ask_all(self) -> None:
+        """Have every board sample; what is done until `read_all` costs no time of the cycle."""
+        if self._reader is None:
+            raise self._not_ready()
+        self._reader.ask()
 
     def read_all(self) -> bool:
         """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample."""

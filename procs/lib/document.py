@@ -188,7 +188,7 @@ class Io:
     arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
     current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
     current_error_s: float = 0.05  # for longer than this
-    spin_us: float = 0.0
+    spin_us: float = 50.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
     tasks: tuple[TaskRow, ...] = ()

@@ -124,6 +124,8 @@ class FakePort:
         if address >> 4 and address & 0xF == registers.ENCODER_PRELOAD:
             self.live[self.board_ids.index(board), blocks.POSITION.start + (address >> 4) - 1] = value
 
+    def ask_all(self) -> None: ...
+
     def read_all(self) -> bool:
         self.counters.reads += 1
         if not self.good:

@@ -96,6 +96,28 @@ def test_datagrams_do_not_grow_with_boards():
             assert len(bus.heard) - heard - 1 == 3
 
 
+def test_boards_that_were_asked_are_not_asked_again():
+    with bus_of(4) as bus, port_to(bus) as port:
+        port.discover()
+        settle(port)
+        heard = len(bus.heard)
+        port.ask_all()
+        assert port.read_all() and port.read_all()
+        settle(port)
+        kinds = [wire.decode_request(each).tcode for each in bus.heard[heard:-1]]
+        assert kinds == [wire.QUADLET_WRITE, wire.BLOCK_READ] * 2
+
+
+def test_a_port_that_spins_reads_and_misses_like_one_that_sleeps(protocol):
+    with bus_of(3) as bus, port_to(bus, protocol, spin_ns=50_000) as port:
+        port.discover()
+        assert port.read_all()
+        bus.fault = lose(lambda request, replies: [], times=1)
+        assert not port.read_all()
+        assert port.counters.timeouts == 1
+        assert eventually_reads(port)
+
+
 def lose(kind, times):
     """A fault that swallows so many replies to block reads, or passes them through `kind`."""
     left = [times]

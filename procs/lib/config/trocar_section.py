@@ -37,7 +37,7 @@ class IoOptions(Section):
     current_error_a: float = Field(default=0.0, ge=0.0, le=20.0,
                                    description="A between measured and requested current; 0: not compared")
     current_error_s: float = Field(default=0.05, ge=0.0, le=10.0, description="s of that, then power off")
-    spin_us: float = Field(default=0.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle")
+    spin_us: float = Field(default=50.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle and a reply")
     tasks: Rows[TaskKeys] = ()
 
 
