@@ -33,7 +33,7 @@ PROCS: tuple[Proc, ...] = (
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          ("state",), budget_us=500),
     Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
-         ("state", "gains"), budget_us=300),
+         ("state", "gains", "instruments"), budget_us=300),
     Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
          ("state", "setpoint"), phase=0.5, budget_us=150),
 )

@@ -48,6 +48,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("set_output", "on", "output name", "pin of a digital output high or low; a one-shot turns by itself",
                 moves=False),
         Command("set_pwm", "duty", "output name", "share of the time that a digital output is high, 0 to 1"),
+        Command("trigger_read", "", "instrument reader",
+                "read the memory of the instrument; done with its NAME:MODEL[VERSION]", moves=False),
         Command("clear_fault", "", "robot", "forget the latched fault", moves=False),
     ),
     "arm": (

@@ -1,8 +1,9 @@
 """THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
 
 A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `drives`, `robots`, `inputs`,
-`outputs`, `boards`): they are filled in when an instance is created, and the filled-in schema travels in the segment's
-header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not listed here.
+`outputs`, `readers`, `boards`): they are filled in when an instance is created, and the filled-in schema travels in the
+segment's header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not
+listed here.
 """
 
 from __future__ import annotations
@@ -147,6 +148,24 @@ IO_GAINS = Topic(
         Field("use_disturbance_observer", "(axes,)?", "", "the observed disturbance is compensated"),
         Field("nominal_mass", "(axes,)<f8", "kg·m²|kg", "inertia that the observer assumes"),
         Field("disturbance_cutoff", "(axes,)<f8", "1/s", "how fast the observer is"),
+    ),
+)
+
+IO_INSTRUMENTS = Topic(
+    "instruments",
+    writer="io",
+    rate_hz=0,
+    depth_s=0,
+    depth=64,
+    fields=(
+        # readers: entries of `dallas_chips`, in the order of the files
+        Field("reader", "(readers,)S40", "", "name of the entry that reads an instrument's memory"),
+        Field("status", "(readers,)S8", "", "empty: never asked for, READING, READ, ABSENT or ERROR"),
+        Field("tool", "(readers,)S48", "", "NAME:MODEL[VERSION], empty unless READ"),
+        Field("name", "(readers,)S28", "", "name as the memory has it"),
+        Field("model", "(readers,)<u4", "", "model number"),
+        Field("version", "(readers,)u1", "", "version"),
+        Field("since_ns", "(readers,)<i8", "ns", "monotonic time since when the status is this one"),
     ),
 )
 
@@ -315,7 +334,7 @@ REPLY = Topic(
 )
 
 TOPICS: tuple[Topic, ...] = (
-    IO_STATE, IO_GAINS, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY,
+    IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

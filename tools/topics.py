@@ -17,7 +17,10 @@ from shm.topics import Field, View
 from tools.systems import unknown
 
 SAID_BY_ALL = ("status", "warning", "error")
-SAID_BY_KIND = {"arm": ("operating_state", "goal_reached", "tool_type"), "io": ("button", "operating_state")}
+SAID_BY_KIND = {
+    "arm": ("operating_state", "goal_reached", "tool_type"),
+    "io": ("button", "tool_type", "operating_state"),
+}
 RECORD, EVENT = "record", "event"
 
 

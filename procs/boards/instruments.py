@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 
-from procs.boards.devices.dallas import NAME_AT, NAME_END, Dallas, instrument_memory
+from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.boards.robots.plant import Plant
 from procs.lib.document import Arm, System, Tool
+from procs.lib.instrument import NAME_AT, NAME_END
 
 _NAME = re.compile(r"(.+?)[_:](\d{5,})(?:[_[](\d+)]?)?")  # name, model and, where it was asked for, version
 VERSION = 1  # where none was asked for

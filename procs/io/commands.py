@@ -13,12 +13,13 @@ from procs.io.brakes import Brakes
 from procs.io.devices import Bias, DigitalOutputs, Power, Safety
 from procs.io.follow import Follow
 from procs.io.gains import Gains
+from procs.io.instruments import Instruments
 from procs.io.record import Record
 from procs.io.robots import Robots
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 
-OF_OUTPUTS: Final = ("set_output", "set_pwm")  # commands about an output; the others are about a robot
+ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
 MOST_SAMPLES: Final = 100_000
@@ -61,10 +62,12 @@ class Commands:
     """Carries out commands; power and bias answer again when they are finished."""
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
-                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains) -> None:
+                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
+                 instruments: Instruments) -> None:
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
-        self._outputs, self._gains = outputs, gains
+        self._outputs, self._gains, self._instruments = outputs, gains, instruments
+        self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Command]] = []
         self._now_ns = 0
@@ -75,7 +78,7 @@ class Commands:
             "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
             "set_output": self._set_output, "set_pwm": self._set_pwm,
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
-            "set_gains": self._set_gains,
+            "set_gains": self._set_gains, "trigger_read": self._trigger_read,
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
@@ -116,9 +119,10 @@ class Commands:
         return f"{fault.text}; {fault.hint}" if fault else otherwise
 
     def _place(self, command: Command) -> int:
-        """What it is about: a robot, or an output."""
+        """What it is about: a robot, an output, a reader of instruments."""
         name = command.text if command.name not in WITH_MORE else command.text.partition(" ")[0]
-        kind, names = ("output", self._outputs.names) if command.name in OF_OUTPUTS else ("robot", self._robots.names)
+        kind = ABOUT.get(command.name, "robot")
+        names = self._names[kind]
         if name not in names:
             raise Refused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
@@ -244,6 +248,11 @@ class Commands:
         if reason:
             raise Refused(reason)
         command.done()
+
+    def _trigger_read(self, reader: int, command: Command) -> None:
+        reason = self._instruments.begin(reader, command, self._now_ns)
+        if reason:
+            raise Refused(reason)
 
     def _clear_fault(self, robot: int, command: Command) -> None:
         self._record.fault[robot] = 0

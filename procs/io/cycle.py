@@ -19,6 +19,7 @@ from procs.io.commands import Command, Commands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow, SetpointSource
 from procs.io.gains import Gains
+from procs.io.instruments import Instruments
 from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.power import Power
@@ -42,10 +43,10 @@ class RobotIo:
 
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
                  sources: Sequence[SetpointSource], preset: Sequence[bool] | None = None, *,
-                 gains: Field | None = None) -> None:
+                 gains: Field | None = None, instruments: Field | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` says per robot whether its encoders kept a preload.
 
-        `gains` gives the fields of that record; None: nobody looks at it.
+        `gains` and `instruments` give the fields of these records; None: nobody looks at them.
         """
         self.io, self.record, self.reports = io, record, Reports()
         self._port, self._now_ns = port, now_ns
@@ -68,9 +69,10 @@ class RobotIo:
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self._digital_outputs = DigitalOutputs(robots, port, record)
+        self.instruments = Instruments(robots, port, self.reports, instruments)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes, self._digital_outputs, self.gains)
+                                  self._brakes, self._digital_outputs, self.gains, self.instruments)
         self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
@@ -110,6 +112,8 @@ class RobotIo:
             if not finite:
                 self._not_finite(now_ns)
             self._show(good, read_ns, now_ns)
+            if self.instruments.running:
+                self.instruments.step(good, now_ns)
 
     def _look(self, now_ns: int) -> None:
         """Decode a good sample and check it."""

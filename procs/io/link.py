@@ -190,15 +190,18 @@ class Link:
                 return reply.value
         return None
 
-    def read_block(self, node: int, address: int, length: int, *, flags: int = 0) -> bytes | None:
+    def read_block(self, node: int, address: int, length: int, *, flags: int = 0, timeout_ms: int | None = None,
+                   tries: int = SETUP_TRIES) -> bytes | None:
         """`length` bytes of a node; None when it does not answer."""
-        for _ in range(SETUP_TRIES):
+        if timeout_ms is None:
+            timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
+        for _ in range(tries):
             self._open_socket()
             self.drain()
             tl = self.next_tl()
             if not self.send(wire.block_read(node, address, length, tl, self.generation, flags)):
                 continue
-            size = self.receive(tl, SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS)
+            size = self.receive(tl, timeout_ms)
             reply = self._decode(size, wire.BLOCK_RESPONSE, node)
             if reply is not None and len(reply.data) == length:
                 return reply.data

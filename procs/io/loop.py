@@ -43,11 +43,11 @@ def main() -> None:
                        first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
         with owner.hold(io.port), contextlib.closing(port):
             out, mailbox = me.writes("state"), me.mailbox()
-            others = {topic: me.writes(topic) for topic in ("gains",)}
+            others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
             sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
             preset = prepare(robots, port)
             core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset,
-                          gains=others["gains"].field)
+                          gains=others["gains"].field, instruments=others["instruments"].field)
             try:
                 mailbox.refuse_waiting(f"{me.name} has just started; ask again")
                 me.ready()

@@ -140,6 +140,9 @@ class Port(Protocol):
     def ask_all(self) -> None:
         """Have every board sample, where the protocol has a step for it: the boards need time, until `read_all`."""
 
+    def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
+        """Quadlets of one board, asked for once between two cycles; None without an answer in a cycle's time."""
+
     def read_all(self) -> bool:
         """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample.
 

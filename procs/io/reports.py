@@ -13,7 +13,7 @@ from procs.lib.faults import Fault
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event for the event ring; `kind` is status, warning, error or button."""
+    """One event for the event ring; `kind` is status, warning, error, button or tool_type."""
 
     kind: str
     text: str

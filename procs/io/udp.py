@@ -215,6 +215,15 @@ class UdpPort:
             raise self._no_answer(board, address)
         return np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
 
+    def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
+        """Quadlets of one board, asked for once between two cycles; None without an answer in a cycle's time."""
+        link, node = self._link, self._node(board)
+        if quads > 1:
+            data = link.read_block(node, address, 4 * quads, timeout_ms=link.cycle_timeout_ms, tries=1)
+            return None if data is None else np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
+        value = link.read_quadlet(node, address, timeout_ms=link.cycle_timeout_ms, tries=1)
+        return None if value is None else np.array([value], np.uint32)
+
     def write_block(self, board: int, address: int, values: Sequence[int]) -> None:
         """Write consecutive quadlets of one board."""
         node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)

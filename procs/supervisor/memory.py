@@ -66,7 +66,7 @@ def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
         inputs += [i.name for i in io.digital_inputs]
         outputs += [o.name for o in io.digital_outputs]
     dims = {"axes": first, "drives": first + brakes, "robots": len(robots), "inputs": len(inputs),
-            "outputs": len(outputs)}
+            "outputs": len(outputs), "readers": sum(len(io.instrument_readers) for io in ios)}
     return dims, {"robots": robots, "inputs": inputs, "outputs": outputs}
 
 

@@ -41,7 +41,7 @@ def test_all_axes_change_together(stand: Stand) -> None:
 
 def test_the_record_shows_files_first_and_every_change(stand: Stand) -> None:
     record, reports = stand.core.gains.record, stand.core.reports
-    assert reports.changed == {"gains"} and record["changes"] == 0
+    assert "gains" in reports.changed and record["changes"] == 0
     assert record["p_gain"].tolist() == [1.0] * 7 and record["pid_max_output"].tolist() == [-1.0] * 7
     reports.changed.clear()
     stand.ask("set_gains", 0, 3.0, robot="PSM1 p_gain")

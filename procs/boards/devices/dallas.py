@@ -12,11 +12,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-MEMORY_BYTES: Final = 2048
-CHUNK_BYTES: Final = 256
+from procs.lib.instrument import (
+    CHUNK_BYTES,
+    COMPANY,
+    COMPANY_AT,
+    MEMORY_BYTES,
+    MODEL_AT,
+    NAME_AT,
+    NAME_END,
+    VERSION_AT,
+)
+
 FAMILY: Final = 0x0B
-COMPANY: Final = b"997"  # begins the company statement
-COMPANY_AT, MODEL_AT, VERSION_AT, NAME_AT, NAME_END = 0x80, 0xA4, 0xA8, 0x160, 0x17C
 
 BUSY: Final = 1 << 13  # Rev 8 on
 PROBING: Final = 1 << 15  # a DS2480B is there, or still looked for; Rev 8 on

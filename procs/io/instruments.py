@@ -1,0 +1,168 @@
+"""Reading the memory of instruments when asked to: at most one question to one board a cycle, after its write.
+
+A board reads 256 bytes by itself in about 0.35 s. It is told to, asked every 20 ms whether it is done, and then the
+bytes are fetched. Writes are not acknowledged, answers may be old ones, so:
+
+    told, and an answer is there sooner than it can be   the telling was lost: told again
+    no instrument answers, twice                         ABSENT
+    the bytes are the same in two readings               they are believed; nothing else guards them
+    3 s without that, or never twice the same            ERROR
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from procs.io.port import Port, PortError
+from procs.io.record import Field, private
+from procs.io.reports import Event, Reports
+from procs.io.robots import Robots
+from procs.lib import instrument, registers
+from procs.lib.instrument import Instrument, instrument_of
+from shm.topics import IO_INSTRUMENTS
+
+POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question
+LEAST_NS: Final = 250_000_000  # 256 bytes cannot have come sooner
+LONGEST_NS: Final = 3_000_000_000
+TIMES: Final = 2  # in a row, before what was found is believed
+MOST_WAITING: Final = 16
+
+READING, READ, ABSENT, ERROR = "READING", "READ", "ABSENT", "ERROR"
+
+
+class Asker(Protocol):
+    """Who asked for a reading, and hears what became of it."""
+
+    def accept(self, text: str = "") -> None:
+        """It is under way."""
+
+    def done(self, text: str = "") -> None:
+        """It was read."""
+
+    def fail(self, reason: str) -> None:
+        """There is nothing, or nothing readable."""
+
+
+@dataclass(slots=True)
+class Reading:
+    """One reading under way."""
+
+    begun_ns: int
+    due_ns: int  # when the board is to be spoken to next
+    told_ns: int = 0  # when it was told to read; 0: it is to be told
+    ready: bool = False  # it is done: the bytes are to be fetched
+    status: int = 0  # its register, as it said so
+    silent: int = 0
+    record: bytes = b""  # what the last reading gave
+    askers: list[Asker] = field(default_factory=list)
+
+
+class Instruments:
+    """The readers of one io in the order of the document; `record` is what everybody sees."""
+
+    def __init__(self, robots: Robots, port: Port, reports: Reports, field: Field | None = None) -> None:
+        """Nothing is read yet. `field` gives the arrays of the record by name; None: nobody looks."""
+        readers = robots.io.instrument_readers
+        self.names = tuple(reader.name for reader in readers)
+        self._boards = [reader.board_id for reader in readers]
+        self._port, self._reports = port, reports
+        field = field or private(IO_INSTRUMENTS, {"readers": len(readers)})
+        self.record = {row.name: field(row.name) for row in IO_INSTRUMENTS.fields}
+        for array in self.record.values():
+            array[...] = array.dtype.type()
+        self.record["reader"][...] = [name.encode() for name in self.names]
+        self.running: dict[int, Reading] = {}
+        reports.changed.add(IO_INSTRUMENTS.name)
+
+    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+        """Read an instrument; more askers share a reading. Returns why not, or ""."""
+        reading = self.running.get(reader)
+        if reading is None:
+            sharing = [other for other in self.running if self._boards[other] == self._boards[reader]]
+            if sharing:
+                return f"its board is reading for {self.names[sharing[0]]}"
+            reading = self.running[reader] = Reading(now_ns, now_ns)
+            self._show(reader, READING, None, now_ns)
+        elif len(reading.askers) >= MOST_WAITING:
+            return "it is being read and was asked for often enough"
+        reading.askers.append(asker)
+        asker.accept()
+        return ""
+
+    def step(self, good: bool, now_ns: int) -> None:
+        """After the write of a cycle: speak to one board at most, and to none while samples are bad."""
+        for reader, reading in self.running.items():
+            if now_ns - reading.begun_ns > LONGEST_NS:
+                self._end(reader, ERROR, "it could not be read in 3 s: no two readings are alike, or the board does "
+                          "not answer", None, now_ns)
+                return
+            if good and now_ns >= reading.due_ns:
+                reading.due_ns = now_ns + POLL_NS
+                try:
+                    self._speak(reader, reading, now_ns)
+                except PortError:
+                    reading.told_ns = 0  # told again next time
+                return
+
+    def _speak(self, reader: int, reading: Reading, now_ns: int) -> None:
+        board = self._boards[reader]
+        if not reading.told_ns:
+            control = instrument.READ | instrument.RECORD_AT << instrument.ADDRESS_SHIFT
+            self._port.write_quadlet(board, registers.DALLAS, control)
+            reading.told_ns = now_ns
+            return
+        if reading.ready:
+            self._fetch(reader, reading, now_ns)
+            return
+        answer = self._port.peek(board, registers.DALLAS)
+        if answer is None or int(answer[0]) & instrument.BUSY:
+            return
+        reading.due_ns, reading.status = now_ns, int(answer[0])
+        result = reading.status >> instrument.RESET_SHIFT & 3
+        reading.silent = reading.silent + 1 if result == instrument.SILENT else 0
+        reading.ready = result == instrument.ANSWERED and now_ns - reading.told_ns >= LEAST_NS
+        if not reading.ready:
+            reading.told_ns = 0
+        if reading.silent >= TIMES:
+            self._end(reader, ABSENT, "no instrument answers", None, now_ns)
+
+    def _fetch(self, reader: int, reading: Reading, now_ns: int) -> None:
+        board = self._boards[reader]
+        quads = self._port.peek(board, registers.DALLAS_MEMORY, instrument.CHUNK_BYTES // 4)
+        if quads is None:  # the bytes are still there next time
+            return
+        before, reading.record = reading.record, quads.astype(">u4").tobytes()
+        reading.told_ns, reading.ready, reading.due_ns = 0, False, now_ns
+        if reading.record == before:
+            self._believe(reader, before, now_ns)
+
+    def _believe(self, reader: int, record: bytes, now_ns: int) -> None:
+        try:
+            found = instrument_of(record)
+        except ValueError as error:
+            self._end(reader, ERROR, str(error), None, now_ns)
+        else:
+            self._end(reader, READ, found.tool, found, now_ns)
+
+    def _end(self, reader: int, status: str, text: str, found: Instrument | None, now_ns: int) -> None:
+        reading = self.running.pop(reader)
+        release = instrument.RELEASE_CONVERTER if reading.status & instrument.CONVERTER else instrument.RELEASE
+        with contextlib.suppress(PortError):
+            self._port.write_quadlet(self._boards[reader], registers.DALLAS, release)
+        self._show(reader, status, found, now_ns)
+        self._reports.events.append(Event("tool_type", text, status, self.names[reader]))
+        for asker in reading.askers:
+            if found is None:
+                asker.fail(text)
+            else:
+                asker.done(text)
+
+    def _show(self, reader: int, status: str, found: Instrument | None, now_ns: int) -> None:
+        record = self.record
+        record["status"][reader], record["since_ns"][reader] = status.encode(), now_ns
+        record["tool"][reader] = found.tool.encode() if found else b""
+        record["name"][reader] = found.name.encode() if found else b""
+        record["model"][reader], record["version"][reader] = (found.model, found.version) if found else (0, 0)
+        self._reports.changed.add(IO_INSTRUMENTS.name)
