@@ -116,6 +116,7 @@ class Pid:
             before, self.gains[axis] = self.gains[axis], row
             self.integral[axis] *= before.i_gain / row.i_gain if row.i_gain else 0.0
         self._adopt()
+        self._inside[...] = False  # nobody fills it where the last dead-band has gone
         for axis, row in changes.items():
             if row.use_disturbance_observer:
                 self._observer_state[axis] += (self._momentum[axis] - momentum[axis]) * velocity[axis]

@@ -121,6 +121,14 @@ def test_the_observed_disturbance_stays_when_the_observer_changes() -> None:
     assert step(pid, 0.0, 0.0) == 0.0
 
 
+def test_damping_acts_again_when_the_last_dead_band_goes() -> None:
+    row = PidAxis("a", "REVOLUTE", 0.0, 2.0, 0.0, pid_max_output=-1.0, p_deadband=0.1, v_low_pass_cutoff=0.5)
+    pid = enabled(row)
+    assert step(pid, 0.05, 0.5) == 0.0
+    pid.configure({0: changed(row, ["p_deadband"], [0.0], running=True)}, np.full(1, 0.5))
+    assert step(pid, 0.05, 0.5) == pytest.approx(-1.0, abs=1e-12)
+
+
 def test_a_new_tolerance_counts_from_the_next_step() -> None:
     row = PidAxis("a", "REVOLUTE", 1.0, 0.0, 0.0, pid_max_output=-1.0, tolerance=0.2)
     pid = enabled(row)
