@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from procs.lib.decoding import decode
+from procs.lib.emulated import Bus as Bus
+from procs.lib.emulated import Controller as Controller
 from procs.lib.emulated import Likeness as Likeness
+from procs.lib.emulated import Quirks as Quirks
 from procs.lib.emulated import SetupJoints as SetupJoints
 from procs.lib.tasks import TaskRow as TaskRow
 
@@ -274,43 +277,6 @@ class Arm:
     reference_frame: str = ""
     use_setpoint_v: bool = True
     source: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Quirks:
-    """Oddities of the real firmware that emulated boards have unless switched off."""
-
-    direction_lag: bool = True  # the first edge after a reversal counts in the old direction
-    sticky_overflow: bool = True  # a preload does not clear a counter's overflow bit
-    repeated_amp_bits: bool = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
-    longest_pwm_holds: bool = True  # a PWM count of 65535 is held for ever, as 0 is
-    playing_hides_table: bool = True  # a table being played reads as the entry that is on
-    late_deviation: bool = True  # dRA1: a current too far off is noticed when the amplifier goes off for another reason
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """One emulated controller board; the node on the FireWire bus is its place in the bus's list."""
-
-    board_id: int
-    hardware: str = "QLA1"  # QLA1, DQLA or dRA1
-    firmware: int = 8
-    fpga: str = "V2"
-    serial: str = ""  # dddd-dd, in the PROMs of the boards; empty: none was ever written
-    robot_serial: str = ""  # of the Si arm around a dRA1
-    qla: str = "1.4"  # of a QLA1 or DQLA; from 1.5 on with I/O expander: voltage mode, safety line
-    quirks: Quirks = Quirks()
-
-
-@dataclass(frozen=True, slots=True)
-class Bus:
-    """One emulated bus: the UDP endpoint (or, Ethernet-only, the endpoints) of its controllers."""
-
-    io: str
-    address: str  # 127.x.y.z, port 1394; 0.0.0.0: every address of the machine
-    controllers: tuple[Controller, ...]
-    network: str = "bridge"  # bridge: FireWire behind the first board; ethernet: an address for every board (Rev 9)
-    testboard: bool = False  # the boards are wired to the loop-back board of the original test programs
 
 
 @dataclass(frozen=True, slots=True)
