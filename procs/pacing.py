@@ -1,4 +1,4 @@
-"""Pacing on absolute deadlines, and the statistics of a loop's periods and work.
+"""Pacing on absolute deadlines, and the statistics of a loop's periods, work and latency.
 
 Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
 altogether are skipped and counted as missed. Pure but for the control page it writes its numbers to.
@@ -26,10 +26,10 @@ class Pacing:
         names = ("heartbeat_ns", "cycles", "missed", "overruns", "interval_cycles")
         self._beat, self._cycles, self._missed, self._overruns, self._interval = (pulse.field(n) for n in names)
         self._figures = {
-            which: [pulse.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work")
+            which: [pulse.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work", "latency")
         }
-        self._periods, self._work = np.zeros(ROOM), np.zeros(ROOM)
-        self._count = 0
+        self._periods, self._work, self._latencies = np.zeros(ROOM), np.zeros(ROOM), np.zeros(ROOM)
+        self._count = self._latency_count = 0
         self._start = self._deadline = self._interval_end = 0
         self._missed_count = self._overrun_count = self._cycle_count = 0
 
@@ -51,6 +51,12 @@ class Pacing:
         if error > self.period_ns // 2:
             error -= self.period_ns
         self._deadline += int(error * GAIN)
+
+    def latency(self, latency_ns: int) -> None:
+        """What the process calls its latency, of this cycle; a cycle may have none."""
+        if self._latency_count < ROOM:
+            self._latencies[self._latency_count] = latency_ns
+            self._latency_count += 1
 
     def end_of_work(self, now_ns: int) -> int:
         """The cycle's work is done; returns the next deadline."""
@@ -81,12 +87,14 @@ class Pacing:
             self._publish(now_ns)
 
     def _publish(self, now_ns: int) -> None:
-        for which, samples in (("period", self._periods), ("work", self._work)):
-            seconds = samples[: self._count] * 1e-9
+        kept = (("period", self._periods, self._count), ("work", self._work, self._count),
+                ("latency", self._latencies, self._latency_count))
+        for which, samples, count in kept:
+            seconds = samples[: max(count, 1)] * (1e-9 if count else 0.0)  # nothing in this second: all 0
             place = min(len(seconds) - 1, int(0.99 * len(seconds)))
             figures = (seconds.mean(), seconds.std(), seconds.min(), seconds.max(), np.partition(seconds, place)[place])
             for cell, figure in zip(self._figures[which], figures, strict=True):
                 cell[...] = figure
         self._interval[...] = self._count
-        self._count = 0
+        self._count = self._latency_count = 0
         self._interval_end = now_ns + INTERVAL_NS

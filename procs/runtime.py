@@ -112,6 +112,10 @@ class Me:
         if not self.clock.simulated:
             self._pacing.follow(stamp_ns + lead_ns)
 
+    def latency(self, latency_ns: int) -> None:
+        """How long this cycle took from what it reacts to to its reaction; shown as statistics."""
+        self._pacing.latency(latency_ns)
+
     @property
     def wall_ns(self) -> int:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""

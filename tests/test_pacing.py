@@ -121,6 +121,18 @@ def test_figures_are_of_the_last_second(page: Page) -> None:
     assert page["work_max"] == pytest.approx(1e-4) and page["period_std"] == pytest.approx(0, abs=1e-12)
 
 
+def test_latencies_are_of_the_cycles_that_had_one(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    for latency_ns in (60_000, 70_000, 110_000):
+        pacing.latency(latency_ns)
+    loop(pacing, 0, [0] * 1002)
+    found = [page[f"latency_{f}"] for f in ("avg", "min", "max", "p99")]
+    assert found == [pytest.approx(x) for x in (8e-5, 6e-5, 1.1e-4, 1.1e-4)]
+    loop(pacing, 2 * INTERVAL_NS, [0] * 1002)
+    assert [page[f"latency_{f}"] for f in ("avg", "std", "min", "max", "p99")] == [0.0] * 5
+
+
 def test_more_cycles_than_there_is_room_are_counted_not_kept(page: Page) -> None:
     pacing = Pacing(page, 10_000, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)

@@ -17,12 +17,18 @@ LOOK_AGAIN_S = 0.02
 TRIES = 5
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
-FIGURES = ("cycles", "missed", "overruns", "period_avg", "period_p99", "work_avg", "work_p99")
+COUNTS = ("cycles", "missed", "overruns")
+STATISTICS = ("period", "work", "latency")
+PARTS = ("avg", "std", "min", "max", "p99")
 
 
 @dataclass(frozen=True, slots=True)
 class Life:
-    """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well."""
+    """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well.
+
+    `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
+    reply to the next write; what it has not measured is absent.
+    """
 
     name: str
     kind: str
@@ -39,6 +45,7 @@ class Life:
     scheduling: str
     silent_s: float | None
     trouble: str
+    statistics: dict[str, dict[str, float]]
 
 
 def lives(system: str) -> list[Life]:
@@ -78,20 +85,21 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
 def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool) -> Life:
     kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
     state, lives_on = pulse.state, alive(pulse.segment.identity())
-    figures = {figure: pulse.get(figure) for figure in FIGURES}
-    measured = bool(figures["period_avg"]) and lives_on
+    counts = {count: pulse.get(count) for count in COUNTS}
+    statistics = {which: {part: float(pulse.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
+    statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
+    period, work = statistics.get("period"), statistics.get("work")
     beat = int(pulse.get("heartbeat_ns"))
     wall = not simulated or name == "supervisor"
     return Life(
         name=name, kind=kind, state=state, pid=int(pulse.get("pid")),
-        rate_hz=1.0 / figures["period_avg"] if measured else None,
-        period_p99_s=figures["period_p99"] if measured else None,
-        work_p99_s=figures["work_p99"] if measured else None,
-        cycles=figures["cycles"], missed=figures["missed"], overruns=figures["overruns"],
+        rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
+        period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
+        cycles=counts["cycles"], missed=counts["missed"], overruns=counts["overruns"],
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(pulse.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if wall and beat else None,
-        trouble=_trouble(kind, state, lives_on, pulse, wall),
+        trouble=_trouble(kind, state, lives_on, pulse, wall), statistics=statistics,
     )
 
 
@@ -131,4 +139,8 @@ def cells(life: Life) -> tuple[str, ...]:
 def remarks(life: Life) -> str:
     """What else is to be said of a process: its scheduling, how it last ended."""
     parts = [life.scheduling] if life.scheduling else []
+    latency = life.statistics.get("latency")
+    if latency:
+        in_us = {part: latency[part] * 1e6 for part in PARTS}
+        parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
     return "; ".join(parts + ([f"last ended: {life.exit_reason}"] if life.exit_reason else []))

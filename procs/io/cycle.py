@@ -78,6 +78,8 @@ class RobotIo:
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
         """When the newest sample arrived, or a bad read was given up: the stamp of the record."""
+        self.good = False
+        """The last cycle had a complete fresh sample."""
         self._before_ns = self._good_ns
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
@@ -93,7 +95,7 @@ class RobotIo:
             self._port.ask_all()
             # Set-points are taken while the boards sample: that costs no time, least of all between read and write.
             self._follow.receive(read_ns)
-            good = self._port.read_all()
+            self.good = good = self._port.read_all()
             now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
             if good:
                 self._look(now_ns)

@@ -54,6 +54,8 @@ def main() -> None:
                 while me.tick():
                     core.cycle(mailbox.drain(me.wall_ns))
                     out.publish(core.stamp_ns)
+                    if core.good:
+                        me.latency(port.send_ns - port.recv_ns)
                     while core.reports.changed:
                         others[core.reports.changed.pop()].publish(core.stamp_ns)
                     if core.reports.events:
