@@ -1,0 +1,59 @@
+"""`trocar bench io`: what is put together from the measurements, and one short measurement of the real thing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shm.segment import names_of
+from tools import bench_io
+
+
+def keeping_up_to(limit_hz: float) -> Callable[[float], dict[str, Any]]:
+    """Measurements of a machine that misses a hundredth of its deadlines above a rate, one in 5000 below."""
+    return lambda hz: {"cycles": 5000, "missed_deadlines": 1 if hz <= limit_hz else 50}
+
+
+@pytest.mark.parametrize(("limit_hz", "tried"), [
+    (4100, [3000, 3500, 4000, 4500]),
+    (2100, [2000, 2500, 3000]),
+    (100, [500, 1000, 1500, 2000, 2500, 3000]),
+    (10**9, list(range(3000, 8001, 500))),
+])
+def test_the_rate_is_sought_from_3_khz_in_the_direction_it_lies(limit_hz: float, tried: list[int]) -> None:
+    missed = bench_io.sustained(keeping_up_to(limit_hz))
+    assert sorted(missed) == tried
+    assert [hz for hz in missed if missed[hz] < bench_io.MOST_MISSED] == [hz for hz in missed if hz <= limit_hz]
+
+
+def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.MonkeyPatch) -> None:
+    def measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
+        boards = 2 * file.read_text().count("type: PSM")
+        latency = 50.0 + boards
+        if sets:
+            assert (boards, seconds) == (8, 10.0)
+            return keeping_up_to(3600)(1.0 / float(sets[0].removeprefix("io.period_s=")))
+        return {"read_to_write_us_p50": latency, "packets_per_cycle": 4.0}
+
+    monkeypatch.setattr(bench_io, "_measure", measure)
+    result = bench_io.run()
+    assert result["figures"] == {
+        "read_to_write_us_p50_2": 52.0, "read_to_write_us_p50_4": 54.0, "read_to_write_us_p50": 58.0,
+        "read_to_write_us_p50_10": 60.0, "packets_per_cycle_2": 4.0, "packets_per_cycle_4": 4.0,
+        "packets_per_cycle": 4.0, "packets_per_cycle_10": 4.0, "ratio_10_vs_2": 60.0 / 52.0, "max_rate_hz": 3500,
+    }
+    assert list(result["conditions"]["missed_at_hz"]) == ["3000", "3500", "4000"]
+
+
+@pytest.mark.slow
+def test_a_short_measurement_counts_four_packets_a_cycle(tmp_path: Path) -> None:
+    found = bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0)
+    assert (found["boards"], found["axes"]) == (2, 7)
+    assert found["packets_per_cycle"] == pytest.approx(4.0, abs=0.2)  # whoever else uses the loopback interface
+    assert 0.0 < found["read_to_write_us_p50"] <= found["read_to_write_us_p99"]
+    assert found["cycles"] > 100
+    assert not [parts for parts in names_of() if parts[0].startswith(f"bench-io-{os.getpid()}")]
