@@ -1,0 +1,49 @@
+"""Two I/O processes, each alone on its bus: what becomes of one does not touch the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from shm import directory
+from tests.system.robot import Robot, wait_for
+from tools.bench_io import write_system
+
+pytestmark = pytest.mark.slow
+LOCKSTEP = ("--set", "clock=lockstep")  # what one of them does is compared with the other, not with the machine
+
+
+def two_buses(folder: Path) -> Path:
+    """Two PSMs, each on a bus of its own."""
+    file = write_system(folder, 2)
+    system = yaml.safe_load(file.read_text())
+    system["IOs"] = [{"name": "IO1", "port": "udp"}, {"name": "IO2", "port": "udp:169.254.0.101"}]
+    system["arms"][1]["IO"] = "IO2"
+    file.write_text(yaml.safe_dump(system))
+    return file
+
+
+def shown(robot: Robot, instance: str, name: str) -> list[float]:
+    """One field of an instance's newest record."""
+    reader = directory.reader(robot.name, instance, "state")
+    assert reader.newest()
+    value = reader.field(name).tolist()
+    reader.close()
+    return list(value) if isinstance(value, list) else [value]
+
+
+def test_an_io_that_is_killed_leaves_the_robot_of_another_holding(robot: Robot, tmp_path: Path) -> None:
+    robot.up(two_buses(tmp_path), *LOCKSTEP)
+    robot.trocar("power-on")
+    robot.trocar("home")
+    faults = shown(robot, "IO2", "fault")
+    died = robot.kill("IO1")
+    wait_for(lambda: not any(shown(robot, "boards", "amp_on")[:7]), 10, "the first bus cuts its amplifiers")
+    wait_for(lambda: robot.state("IO1") == "RUNNING" and robot.pid("IO1") != died, 20, "IO1 is there again")
+    assert shown(robot, "IO2", "fault") == faults == [0]
+    assert all(shown(robot, "boards", "amp_on")[7:]) and all(shown(robot, "IO2", "pid_enabled"))
+    assert '"HOMED"' in robot.trocar("echo", "PSM2/operating_state", "--json", "--once")
+    robot.trocar("power-on", "PSM1")
+    wait_for(lambda: all(shown(robot, "IO1", "powered")), 10, "IO1 has power again")
