@@ -154,9 +154,7 @@ class QueryRead:
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
         self._made_for = (-1, -1)
         self._reads: list[bytes] = []
-        self._asked = self._sent = False
-        self._hub_node = -1
-        self._ready_ns = 0
+        self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
 
     def ask(self) -> None:
         """Query all boards."""
@@ -178,18 +176,14 @@ class QueryRead:
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
-        link, now_ns, ready_ns = self._link, self._link.now_ns, self._ready_ns
+        link, now_ns = self._link, self._link.now_ns
         if not self._asked:
             self.ask()
-            ready_ns = self._ready_ns
-        self._asked = False
-        if not self._sent:
-            return self._blame_all()
-        if link.real_time:
-            while now_ns() < ready_ns:
-                pass
+        self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
+        while now_ns() < ready_ns:
+            pass
         tl = link.next_tl()
-        if not link.send(self._reads[tl]):
+        if not self._sent or not link.send(self._reads[tl]):
             return self._blame_all()
         size = link.receive(tl, link.cycle_timeout_ms)
         if size != self._size:
