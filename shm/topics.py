@@ -106,6 +106,7 @@ IO_STATE = Topic(
         Field("holding", "(robots,)?", "", "no fresh set-point from the arm: holding the last one"),
         Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest set-point, -1: there was none"),
         Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
+        Field("calibration_mode", "?", "", "potentiometers and currents are being calibrated: some checks are off"),
         Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
         # inputs, outputs
         Field("input", "(inputs,)?", "", "debounced digital inputs, true: pressed"),

@@ -25,6 +25,8 @@ def up(
     file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; none: the demo's.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are played.")] = "",
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    calibration: Annotated[bool, typer.Option(
+        "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
     seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after so many seconds.")] = None,
     sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it is up, leave it running.")] = False,
@@ -39,7 +41,8 @@ def up(
         raise Misuse(f"--boards {boards}: allowed is emulated")
     if file is None:
         file, boards = DEMO, boards or "emulated"
-    request = Request(file, system, boards, tuple(path or ()), tuple(sets or ()), seconds)
+    values = (*(sets or ()), *(["calibration_mode=true"] if calibration else []))
+    request = Request(file, system, boards, tuple(path or ()), values, seconds)
     if not detach:
         if is_up(system):
             raise Problem(f"system {system} is up already; trocar down stops it, --system gives another name")

@@ -302,14 +302,15 @@ class PsmArm:
                 self._must_bias = False
                 self._machine.fire(Event.BIASED)
         elif duties.pid.settled and not self._io.biasing.item():
-            if not self._must_bias and not arm.re_home and self._io.biased.item():
+            again = arm.re_home or arm.calibration_mode
+            if not self._must_bias and not again and self._io.biased.item():
                 self._machine.fire(Event.BIASED)
                 return
-            duties.bias(BIAS_SAMPLES if arm.re_home or arm.generation == "Si" else -BIAS_SAMPLES)
+            duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES)
             self._asked_bias = True
 
     def _enter_biased(self) -> None:
-        self._duties.pots.want(True)
+        self._duties.pots.want(not self._arm.calibration_mode)
 
     def _enter_homing(self) -> None:
         duties = self._duties
@@ -358,7 +359,7 @@ class PsmArm:
         self._motion.hold(here, Mode.NONE)
         duties.limits.want(True)
         duties.tracking.want(True)
-        duties.pots.want(True)
+        duties.pots.want(not self._arm.calibration_mode)
         duties.velocity.want(self._arm.use_setpoint_v)
 
     def _run_homed(self) -> None:

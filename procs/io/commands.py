@@ -16,6 +16,7 @@ from procs.io.gains import Gains
 from procs.io.instruments import Instruments
 from procs.io.record import Record
 from procs.io.robots import Robots
+from procs.lib import faults
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 
@@ -189,6 +190,8 @@ class Commands:
         if on and not record.pid_enabled[robot]:
             if not self._follow.controlled(robot):
                 raise Refused("it has no joint controller")
+            if self._robots.motors_off[robot]:
+                raise Refused(faults.CALIBRATION_MOTORS.text)
             for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
                                (record.biased, "its encoders are not biased")):
                 if not flag[robot]:
@@ -218,10 +221,12 @@ class Commands:
         command.done()
 
     def _pot_check(self, robot: int, command: Command) -> None:
-        self._record.pot_check[robot] = _switch(command)
+        on = _switch(command)
+        calibrating = on and self._robots.io.calibration_mode
+        self._record.pot_check[robot] = on and not calibrating
         self._safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
-        command.done()
+        command.done(faults.CALIBRATION_MODE.text if calibrating else "")
 
     def _use_velocity(self, robot: int, command: Command) -> None:
         self._follow.use_velocity(robot, _switch(command))

@@ -85,6 +85,9 @@ class RobotIo:
         self._lost = False
         self._cycles = 0
         self._bad_by_board = port.counters.board_bad_reads.copy()
+        record.calibration_mode[...] = io.calibration_mode
+        if io.calibration_mode:
+            self.reports.warn(faults.CALIBRATION_MODE, io.name)
         if io.close_all_relays:
             self._outputs.close_relays()
 

@@ -69,6 +69,8 @@ class Power:
         self._supplies = [Supply() for _ in robots.names]
         self._rows = [np.flatnonzero(row) for row in robots.on_board]
         self._wake_ns = 0
+        self._switched = [(places >= robots.axes) | (not off)  # which drives of a robot power-on switches on
+                          for places, off in zip(robots.of_robot, robots.motors_off, strict=True)]
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
         self.changed = False  # limits that depend on power must be looked at again
 
@@ -80,6 +82,8 @@ class Power:
         self._supplies[robot] = Supply(SUPPLY, now_ns)
         self.reached[robot] = False
         self._wake_ns, self.changed = 0, True
+        if self._robots.motors_off[robot]:
+            self._reports.warn(faults.CALIBRATION_MOTORS, self._robots.names[robot])
 
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Amplifiers off; motor supply off on boards that no other robot wants powered."""
@@ -131,7 +135,7 @@ class Power:
         record.watchdog[robot] = bool(some & registers.STATUS_WATCHDOG)
         record.power_fault[robot] = bool(some & registers.STATUS_MV_FAULT)
         record.relay[robot] = bool(every & registers.STATUS_RELAY_FEEDBACK)
-        amps = self._samples.amp_on[self._robots.of_robot[robot]] > 0.5
+        amps = self._samples.amp_on[self._robots.of_robot[robot][self._switched[robot]]] > 0.5
         record.amps_on[robot] = bool(amps.all()) and len(words) > 0 and bool(record.power_wanted[robot])
 
     def _advance(self, robot: int, now_ns: int) -> None:
@@ -152,7 +156,7 @@ class Power:
             if supply.state == SUPPLY:
                 self._outputs.command_power(self._robots.on_board[robot], relay=True)
             else:
-                self._outputs.enable_amps(self._robots.of_robot[robot])
+                self._outputs.enable_amps(self._robots.of_robot[robot][self._switched[robot]])
         if supply.state in (SUPPLY, AMPS):
             self._wake_at(supply.retry_ns)
 
@@ -186,7 +190,7 @@ class Power:
         else:
             late = age_ns > POWER_GRACE_NS
         if late:
-            off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5)
+            off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5) & self._switched[robot]
             self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)))
 
     def _wake_at(self, when_ns: int) -> None:

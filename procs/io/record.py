@@ -70,6 +70,7 @@ class Record:
         self.holding: Flags = field("holding")
         self.setpoint_age_ns: NDArray[np.int64] = field("setpoint_age_ns")
         self.fault: NDArray[np.uint16] = field("fault")
+        self.calibration_mode = field("calibration_mode")
         self.board_period: Floats = field("board_period")
         self.input: Flags = field("input")
         self.output: Flags = field("output")

@@ -53,6 +53,8 @@ class Robots:
         boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
         boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}
         self.board_ids = tuple(sorted(boards))
+        self.motors_off = [io.calibration_mode and robot.hardware == "dRA1" for robot in io.robots]
+        """Whether calibration mode keeps the motors of a robot off: only its brakes are powered then."""
         self.slices: list[slice] = []
         for robot in io.robots:
             first = self.slices[-1].stop if self.slices else 0

@@ -21,7 +21,7 @@ from procs.lib import conversion, faults
 CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
 CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated
 IDLE_CURRENT_A: Final = 0.1  # measured with the amplifier off
-UNPOWERED_CURRENT_A: Final = 0.2  # without motor power the sensors drift more
+UNPOWERED_CURRENT_A: Final = 0.2  # without motor power the sensors drift more; uncalibrated ones at any time
 HOT_C: Final = 65.0
 WARM_C: Final = 60.0
 WARM_REPEAT_NS: Final = 120_000_000_000
@@ -70,7 +70,7 @@ class Safety:
         robots, record, n = self._robots, self._record, self._robots.axes
         wanted = record.power_wanted[robots.robot_of_drive]
         powered = record.powered[robots.robot_of_drive]
-        idle = np.where(powered, IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
+        idle = np.where(powered & (not robots.io.calibration_mode), IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
         limit[n:] = self._enabled_limit[n:]  # brakes: the same whether on or off
         self._limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
@@ -106,7 +106,8 @@ class Safety:
             if not fine[TEMPERATURE, places].all():
                 self._check_temperature(robot, places, now_ns)
             self._check_overflow(robot, fine[OVERFLOW, places])
-        self._check_pots(fine[POT_ERROR, : self._robots.axes])
+        if not self._robots.io.calibration_mode:
+            self._check_pots(fine[POT_ERROR, : self._robots.axes])
         if self._compares:
             self._check_current_error(fine[CURRENT_ERROR])
 

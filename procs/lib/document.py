@@ -194,6 +194,7 @@ class Io:
     spin_us: float = 50.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
+    calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off
     tasks: tuple[TaskRow, ...] = ()
 
 
@@ -276,6 +277,7 @@ class Arm:
     base_frame: Matrix | None = None
     reference_frame: str = ""
     use_setpoint_v: bool = True
+    calibration_mode: bool = False
     source: str = ""
 
 

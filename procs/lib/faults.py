@@ -90,6 +90,12 @@ SHARED_BOARD: Final = Fault(
 CURRENT_ERROR: Final = Fault(
     21, "CURRENT_ERROR", ERROR, POWER_OFF, "measured and requested motor current differ for longer than tolerated",
     "check motor, motor cable and current calibration; the tolerance is io.current_error_a and _s")
+CALIBRATION_MODE: Final = Fault(
+    22, "CALIBRATION_MODE", WARNING, NOTHING, "calibration mode: potentiometers are not compared with encoders",
+    "for calibrating only; without calibration_mode the checks are back")
+CALIBRATION_MOTORS: Final = Fault(
+    23, "CALIBRATION_MOTORS", WARNING, NOTHING, "in calibration mode the motor amplifiers of a dRA1 stay off",
+    "its brakes can be released, the arm moved by hand; without calibration_mode the motors are switched on")
 TASK_OVER_BUDGET: Final = Fault(
     31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
@@ -100,7 +106,8 @@ TASK_FAILED: Final = Fault(
 FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
-    BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, TASK_OVER_BUDGET, TASK_FAILED,
+    BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, CALIBRATION_MODE,
+    CALIBRATION_MOTORS, TASK_OVER_BUDGET, TASK_FAILED,
 )
 
 

@@ -41,6 +41,15 @@ def test_no_command_is_sent_twice_on_the_way() -> None:
     assert ("bias_encoders", (1970.0,)) in rig.io.sent
 
 
+@pytest.mark.parametrize("re_home", (True, False))
+def test_calibration_mode_biases_anew_and_leaves_potentiometers_alone(re_home: bool) -> None:
+    rig = Rig(bare_arm(calibration_mode=True, re_home=re_home))
+    rig.io.record.field("biased")[1] = True
+    rig.homed()
+    assert ("bias_encoders", (1970.0,)) in rig.io.sent and ("pot_check", (1.0,)) not in rig.io.sent
+    assert not rig.io.flag("pot_check") and rig.state["is_homed"]
+
+
 def test_bare_arm_homes_with_seven_joints_and_without_tip() -> None:
     rig = Rig(bare_arm()).homed()
     assert rig.state["count"] == 7

@@ -194,8 +194,35 @@ def test_uncalibrated_controllers_are_refused(home: Home) -> None:
     ]
     file.write_text("\n".join(lines))
     problem = home.error()
-    assert "not calibrated" in problem.text
+    assert "not calibrated" in problem.text and "calibration_mode: true" in problem.allowed
     assert problem.key == f"{DRIVE}.current_to_bits.offset"
+    loaded = home.load(sets=["calibration_mode=true"])
+    assert loaded.system is not None and loaded.errors == ()
+    assert [warning.text for warning in loaded.warnings] == [problem.text]
+    assert loaded.system.ios[0].calibration_mode and loaded.system.arms[0].calibration_mode
+    assert any("calibration mode" in note for note in loaded.system.notes)
+
+
+def test_a_gripper_whose_potentiometer_is_not_calibrated_is_refused(home: Home) -> None:
+    drive = {"current_to_bits": {"scale": 5242.88, "offset": 32768}, "bits_to_current": {"scale": 1.9e-4}}
+    pot = {"bits_to_voltage": {"scale": 6.87e-5}, "voltage_to_position": {}}
+    actuator = {"board_id": 1, "axis_id": 3, "drive": drive, "potentiometer": pot}
+    robot = {"name": "G", "serial_number": "1", "hardware_version": "QLA1", "number_of_actuators": 1,
+             "actuators": [actuator], "number_of_brakes": 0}
+    file = {"$id": "saw-robot-io.schema.json", "$version": "6", "robots": [robot]}
+    system = {"IOs": [{"name": "IO1", "port": "udp", "configuration_files": ["gripper.json"]}]}
+    (home.path / "gripper.json").write_text(json.dumps(file))
+    loaded = home.load_made(system)
+    assert [problem.key for problem in loaded.errors] == ["robots[0].actuators[0].potentiometer.voltage_to_position"]
+    assert home.load_made({**system, "trocar": {"calibration_mode": True}}).errors == ()
+    for calibrated in ({"scale": 0.5}, {"offset": 0.1}):
+        pot["voltage_to_position"] = calibrated
+        (home.path / "gripper.json").write_text(json.dumps(file))
+        assert home.load_made(system).errors == ()
+    pot["voltage_to_position"] = {}
+    robot["hardware_version"] = "dRA1"  # whose potentiometers are not analog
+    (home.path / "gripper.json").write_text(json.dumps(file))
+    assert home.load_made(system).errors == ()
 
 
 @pytest.mark.parametrize(

@@ -258,6 +258,7 @@ def _loaded(
         base_frame=base_frame,
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
         use_setpoint_v=options.arm.use_setpoint_v,
+        calibration_mode=options.calibration_mode,
         source=str(source.path),
     )
     io_path = parts.robot[0].source.path

@@ -31,6 +31,7 @@ class Context:
     search: SearchPath
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    calibration_mode: bool = False  # what a calibration is to mend is a warning
 
     def error(self, source: Source, key: Key, text: str, allowed: str = "") -> None:
         """An error at a place of a file."""

@@ -92,6 +92,9 @@ def _load(
     if content is None or options is None:
         return None
     context.search = _with_settings(context, source, content)
+    context.calibration_mode = options.calibration_mode
+    if options.calibration_mode:
+        context.notes.append("calibration mode: potentiometers are not compared with encoders")
     _check_names(context, source, content)
     _check_accounts(context, source, options)
     emulated = (boards or options.boards) == "emulated"
@@ -250,6 +253,7 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
         protocol=PROTOCOLS[keys.protocol],
         period_s=(own.period_s if own else None) or io_options.period_s or keys.period,
         watchdog_s=watchdog_s(keys),
+        calibration_mode=options.calibration_mode,
         close_all_relays=keys.close_all_relays,
         robots=tuple(robots.values()),
         pids=tuple(loaded.pid for loaded in mine),

@@ -55,6 +55,7 @@ class TrocarSection(Section):
 
     clock: Literal["wall", "lockstep"] = "wall"
     boards: Literal["real", "emulated"] = "real"
+    calibration_mode: bool = Field(default=False, description="checks that calibration needs off are off")
     group: Account = Field(default="", description="a group of this machine")
     service_user: Account = Field(default="", description="a user of this machine")
     supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
