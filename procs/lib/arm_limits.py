@@ -1,4 +1,4 @@
-"""Fastest trajectories of each arm type, per controlled joint: rad/s or m/s, rad/s² or m/s²."""
+"""What each arm type does by itself, per controlled joint: how fast it goes, and where it goes to when only played."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryLimits:
-    """Velocity and acceleration a joint trajectory may use at ratio 1, one number per controlled joint."""
+    """Velocity and acceleration a joint trajectory may use at ratio 1, per joint: rad/s or m/s, rad/s² or m/s²."""
 
     velocity: tuple[float, ...]
     acceleration: tuple[float, ...]
@@ -36,4 +36,11 @@ LIMITS = {
         velocity=(*(radians(90),) * 6, radians(360)),
         acceleration=(*(radians(45),) * 6, radians(360)),
     ),
+}
+
+# Where a KINEMATIC arm homes to, rad or m: instrument or endoscope inserted, so that it can move its tip from there on.
+KINEMATIC_HOME = {
+    "PSM": (0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0),
+    "ECM": (0.0, 0.0, 0.12, 0.0),
+    "MTM": (0.0,) * 7,
 }

@@ -52,7 +52,7 @@ class Potentiometer:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N."""
+    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N. No board: id below 0."""
 
     board_id: int
     axis_id: int
@@ -94,7 +94,7 @@ class Robot:
 
     name: str
     serial: str
-    hardware: str  # QLA1, DQLA, dRA1 or HARDWARE_UNDEFINED
+    hardware: str  # QLA1, DQLA, dRA1, HARDWARE_UNDEFINED or, without boards, KINEMATIC
     actuators: tuple[Actuator, ...]
     potentiometers: str = "UNDEFINED"  # UNDEFINED, NONE, ANALOG or DIGITAL
     tolerances: tuple[Tolerance, ...] = ()
@@ -178,7 +178,7 @@ class Io:
     """One `IOs[]` entry: a bus with its robots, controllers and inputs."""
 
     name: str
-    port: str  # as it is opened; with emulated boards "udp:127.x.y.z"
+    port: str  # as it is opened; with emulated boards "udp:127.x.y.z"; empty: KINEMATIC robots, no boards
     protocol: str  # sequential-read-write, sequential-read-broadcast-write or broadcast-query-read-write
     period_s: float
     watchdog_s: float  # 0: off
@@ -292,8 +292,8 @@ class Emulation:
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     likenesses: tuple[Likeness, ...] = ()
     setup_joints: tuple[SetupJoints, ...] = ()
-    # Where the IO files have more on these buses than the system's own processes drive: all there is.
-    ios: tuple[Io, ...] = ()
+    # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
+    ios: tuple[Io, ...] | None = None
     arms: tuple[Arm, ...] = ()
 
 
@@ -342,7 +342,7 @@ class System:
 
     def emulated(self) -> System:
         """The system as its emulated boards see it: every robot and input on them, driven by a process or not."""
-        if self.emulation is None or not self.emulation.ios:
+        if self.emulation is None or self.emulation.ios is None:
             return self
         return dataclasses.replace(self, ios=self.emulation.ios, arms=self.emulation.arms)
 

@@ -43,14 +43,17 @@ Info = dict[str, Any]
 def sizes(system: System, process: Process) -> tuple[Dims, Info]:
     """Named sizes of an instance's records and the constants that explain them (cuts of robots, names)."""
     if process.kind == "io":
-        return _of_ios((system.io(process.name),))
+        io = system.io(process.name)
+        dims, info = _of_ios((io,))
+        return dims, info if io.port else {**info, "simulation": "KINEMATIC"}
     if process.kind == "boards" and system.emulation is not None:
         dims, info = _of_ios(system.emulated().ios)
         boards = [c.board_id for bus in system.emulation.buses for c in bus.controllers]
         return {"axes": dims["axes"], "boards": len(boards)}, {"robots": info["robots"], "boards": boards}
     if process.kind == "supervisor":
         return {"instances": len(system.processes)}, {"instances": [p.name for p in system.processes]}
-    return {}, {}
+    played = [arm.simulation for arm in system.arms if arm.name == process.name and arm.simulation != "NONE"]
+    return {}, {"simulation": played[0]} if played else {}
 
 
 def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:

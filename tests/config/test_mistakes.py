@@ -139,9 +139,9 @@ DRIVE = "robots[0].actuators[0].drive"
         (
             SYSTEM,
             "serial: demo",
-            "serial: demo\n    simulation: KINEMATIC",
+            "serial: demo\n    simulation: DYNAMIC",
             "arms[0].simulation",
-            '"KINEMATIC"',
+            '"DYNAMIC"',
             "NONE",
         ),
     ],

@@ -41,7 +41,7 @@ class Plant:
         self.period_s = system.emulation.period_s
         self.before_step: list[Callable[[], None]] = []  # called at the beginning of every step
         self._robots = tuple(robot for io in system.ios for robot in io.robots)
-        self._arms = {arm.robot: arm for arm in system.arms if arm.robot and arm.simulation != "KINEMATIC"}
+        self._arms = {arm.robot: arm for arm in system.arms if arm.robot}
         self._by_name = {arm.name: arm for arm in system.arms}
         self._links = {arm.name: arm.links for arm in system.arms if arm.links is not None} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 from procs.lib import document
 from procs.lib.config import convert
 from procs.lib.config.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
+from procs.lib.config.base_frame import base_frame_of
 from procs.lib.config.buses import BusFiles, find_bus
 from procs.lib.config.chains import load_chain, load_indexes, load_tool, tool_file
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.io_file import IoFile, RobotKeys
-from procs.lib.config.matrices import check_rigid
+from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO, kinematic_robot
 from procs.lib.config.pid_file import PidFile
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
@@ -35,8 +35,13 @@ class LoadedArm:
     arm: document.Arm
     robot: document.Robot
     pid: document.Pid
-    io_path: Path
     starts: bool
+    pid_period_s: float = 0.0  # 0: that of its bus
+
+    @property
+    def is_kinematic(self) -> bool:
+        """Played by io, without boards."""
+        return self.arm.simulation == KINEMATIC
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +49,14 @@ class ArmPlace:
     """An arm, where it stands in the system file, and the bus it is on."""
 
     source: Source
-    key: Key
+    index: int
     keys: ArmKeys
     bus: BusFiles | None
+
+    @property
+    def key(self) -> Key:
+        """Its key in the system file."""
+        return "arms", self.index
 
     @property
     def robot_name(self) -> str:
@@ -65,13 +75,13 @@ def load_arm(
     """One arm with all its files checked; None when it has errors or is of a kind whose files have no model yet."""
     key: Key = ("arms", index)
     family = keys.type.split("_")[0]
-    kinematic = keys.simulation == "KINEMATIC"
+    kinematic = keys.simulation == KINEMATIC
+    base_frame = base_frame_of(context, source, key, keys)
+    bus = find_bus(context, source, (*key, "IO"), keys.IO, buses) if keys.IO and not kinematic else None
     if kinematic:
-        text = "KINEMATIC simulation is not available yet"
-        context.error(source, (*key, "simulation"), text, "NONE, with emulated boards")
-    base_frame = _base_frame(context, source, key, keys)
-    bus = find_bus(context, source, (*key, "IO"), keys.IO, buses) if keys.IO else None
-    place = ArmPlace(source, key, keys, bus)
+        unused = f"; nothing of it on {keys.IO} is used" if keys.IO else ""
+        context.notes.append(f"{keys.name} is KINEMATIC: there is no robot, its joints go where they are told{unused}")
+    place = ArmPlace(source, index, keys, bus)
     _check_required(context, place, family, kinematic)
     if keys.type.endswith("_GENERIC") or family not in ACTUATORS:
         _load_other_files(context, place)
@@ -119,7 +129,7 @@ def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None
     opened = _open_arm_file(context, place, _FILES[family])
     generation = opened.content.generation if opened else "Classic"
     pid = None
-    if keys.simulation == "NONE":
+    if keys.simulation != KINEMATIC or keys.PID_file:  # without a motor gains are good for nothing, but may be checked
         suffix = "-Si" if generation == "Si" and family != "MTM" else ""
         pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
     if opened is None:
@@ -131,7 +141,7 @@ def _open_arm_file(context: Context, place: ArmPlace, model: type[AnyArmFile]) -
     keys = place.keys
     where: Key = (*place.key, "arm_file")
     if not keys.arm_file and not keys.serial:
-        if keys.simulation == "KINEMATIC":
+        if keys.simulation == KINEMATIC:
             context.error(place.source, where, "this key is required without a serial", "a file")
         return None  # otherwise the missing serial has been named already
     default = f"{place.robot_name}-{keys.serial}.json"
@@ -232,17 +242,16 @@ def _loaded(
         tools = {item.name: item for item in (tool, inserted) if item is not None}
         _check_psm(context, opened, parts.chain)
     starts = _can_start(context, place, parts)
-    if starts is None or parts.chain is None or parts.robot is None or parts.pid is None or place.bus is None:
+    driven = _driven(context, place, parts, drives=bool(starts))
+    if starts is None or parts.chain is None or driven is None:
         return None
-    robot = parts.robot[2]
-    if starts:
-        _check_drivable(context, parts.robot)
+    robot, pid = driven
     arm = document.Arm(
         name=keys.name,
         type=keys.type,
         generation=content.generation,
         serial=keys.serial,
-        io=keys.IO,
+        io=KINEMATIC_IO if keys.simulation == KINEMATIC else keys.IO,
         robot=robot.name,
         simulation=keys.simulation,
         period_s=keys.period,
@@ -261,10 +270,30 @@ def _loaded(
         calibration_mode=options.calibration_mode,
         source=str(source.path),
     )
-    io_path = parts.robot[0].source.path
-    pid = convert.pid(parts.pid.content, robot.name, keys.name, str(parts.pid.source.path))
-    table = place.bus.tables.get((io_path, parts.robot[1]), "")
-    return LoadedArm(arm, convert.robot(robot, str(io_path), table), pid, io_path, starts)
+    return LoadedArm(arm, robot, pid, starts, keys.PID_period)
+
+
+def _driven(
+    context: Context, place: ArmPlace, parts: _Parts, *, drives: bool
+) -> tuple[document.Robot, document.Pid] | None:
+    """What io has of an arm: from its IO and PID files, or, KINEMATIC, from its chain; None when something is missing.
+
+    `drives`: somebody will move it.
+    """
+    name = place.keys.name
+    if place.keys.simulation == KINEMATIC:
+        if parts.chain is None:
+            return None
+        actuators = ACTUATORS[place.keys.type.split("_")[0]]
+        return kinematic_robot(context, parts.arm_file.source, name, place.index, parts.chain, actuators)
+    if parts.robot is None or parts.pid is None or place.bus is None:
+        return None
+    if drives:
+        _check_drivable(context, parts.robot)
+    opened, index, robot = parts.robot
+    path = opened.source.path
+    pid = convert.pid(parts.pid.content, robot.name, name, str(parts.pid.source.path))
+    return convert.robot(robot, str(path), place.bus.tables.get((path, index), "")), pid
 
 
 def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain | None) -> None:
@@ -358,21 +387,3 @@ def _load_other_files(context: Context, place: ArmPlace) -> None:
         path = context.find(source, (*key, "IO_file"), (keys.IO_file,))
         if path is not None:
             place.bus.add(context, path)
-
-
-def _base_frame(context: Context, source: Source, key: Key, keys: ArmKeys) -> document.Matrix | None:
-    """A fixed base frame; None without one, or when another component gives it."""
-    frame = keys.base_frame
-    if frame is None:
-        return None
-    where = (*key, "base_frame")
-    fixed = (frame.reference_frame is not None, frame.transform is not None)
-    driven = (frame.component is not None, frame.interface is not None)
-    forms = "either reference_frame and transform, or component and interface"
-    if any(fixed) == any(driven) or any(fixed) != all(fixed) or any(driven) != all(driven):
-        context.error(source, where, "both forms or half a form", forms)
-        return None
-    if frame.transform is None:
-        context.notes.append(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
-        return None
-    return frame.transform if check_rigid(context, source, (*where, "transform"), frame.transform) else None

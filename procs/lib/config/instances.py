@@ -21,13 +21,13 @@ def build_processes(
     emulation: document.Emulation | None,
     options: TrocarSection,
 ) -> tuple[document.Process, ...]:
-    """Boards first, every io after them, every arm after its io; options of single instances last."""
+    """Boards first, every io that has any after them, every arm after its io; options of single instances last."""
     rows: list[document.Process] = []
     if emulation is not None:
         boards = options.emulation
         rows.append(document.Process(BOARDS, "boards", boards.period_s, priority=boards.priority, cpu=boards.cpu))
-    before = (BOARDS,) if emulation is not None else ()
     for io in ios:
+        before = (BOARDS,) if emulation is not None and io.port else ()
         rows.append(
             document.Process(io.name, "io", io.period_s, before, priority=options.io.priority, cpu=options.io.cpu)
         )

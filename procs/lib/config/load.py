@@ -18,12 +18,13 @@ from procs.lib.config.consoles import check_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, port_of
 from procs.lib.config.instances import RESERVED, build_processes
+from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
 from procs.lib.config.search import SearchPath, expanded, is_folder, search_path
 from procs.lib.config.setup_joints import with_setup_joints
 from procs.lib.config.source import Source, read_source
-from procs.lib.config.system_file import PROTOCOLS, SystemFile
+from procs.lib.config.system_file import PERIOD_S, PROTOCOLS, SystemFile
 from procs.lib.config.tasks import with_tasks
 from procs.lib.config.trocar_section import TrocarSection
 from procs.lib.config.validate import validate
@@ -100,7 +101,7 @@ def _load(
     emulated = (boards or options.boards) == "emulated"
     if boards not in (None, "real", "emulated"):
         context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
-    if options.clock == "lockstep" and not emulated:
+    if options.clock == "lockstep" and content.IOs and not emulated:
         context.error(source, (SECTION, "clock"), "real boards don't wait", "wall, or emulated boards (--boards)")
     buses = load_buses(context, source, content, emulated=emulated)
     add_devices(context, source, content, buses)
@@ -158,6 +159,8 @@ def _with_settings(context: Context, source: Source, content: SystemFile) -> Sea
 def _check_names(context: Context, source: Source, content: SystemFile) -> None:
     """Every instance needs a name of its own: it names its process, its topics and its shared memory."""
     seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
+    if any(row.simulation == KINEMATIC for row in content.arms):
+        seen[KINEMATIC_IO] = "the process that plays KINEMATIC arms"
     names: list[tuple[str, list[str]]] = [
         ("IOs", [row.name for row in content.IOs]),
         ("arms", [row.name for row in content.arms]),
@@ -171,6 +174,8 @@ def _check_names(context: Context, source: Source, content: SystemFile) -> None:
     robots: dict[tuple[str, str], str] = {}
     for index, arm in enumerate(content.arms):
         robot = (arm.IO, arm.name_on_IO or arm.name)
+        if arm.simulation == KINEMATIC:  # nothing of it is on a bus
+            continue
         if arm.IO and robot in robots:
             key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
             context.error(source, key, f"{robots[robot]} uses this robot already", "a robot of its own for every arm")
@@ -206,21 +211,23 @@ def _assemble(
         context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
         return None
     started = [loaded for loaded in arms if loaded.starts]
+    real = [loaded for loaded in arms if not loaded.is_kinematic]
     for bus in (bus for bus in buses if not bus.has_boards):
         context.notes.append(f"not started: {bus.keys.name} (no file says what is on it)")
     used = [bus for bus in buses if bus.has_boards]
     emulation = None
     if emulated:
         address = bus_address or default_addresses(system_name)
-        emulation = build_emulation(context, source, buses, arms, options.emulation, address)
+        emulation = build_emulation(context, source, buses, real, options.emulation, address)
     ports = {bus.io: port_of(bus) for bus in emulation.buses} if emulation else {}
     ios = tuple(_io(bus, started, ports, options) for bus in used)
+    played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
     if emulation:
-        every = tuple(_io(bus, arms, ports, options) for bus in used)
-        if every != ios:
-            emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in arms))
+        every = tuple(_io(bus, real, ports, options) for bus in used)
+        if every != ios or played:
+            emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in real))
     arm_rows = tuple(loaded.arm for loaded in started)
-    ios = with_tasks(context, source, ios, options.io.tasks)
+    ios = with_tasks(context, source, ios, options.io.tasks) + played
     processes = build_processes(context, source, ios, arm_rows, emulation, options)
     return document.System(
         name=system_name,
@@ -267,3 +274,26 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
         instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
         digital_outputs=tuple(convert.digital_output(row) for file in files for row in file.digital_outputs),
     )
+
+
+def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.Io, ...]:
+    """The process that plays the robots of KINEMATIC arms, where there are any; the shortest `PID_period` holds."""
+    if not arms:
+        return ()
+    io_options, own = options.io, options.processes.get(KINEMATIC_IO)
+    asked = min((loaded.pid_period_s for loaded in arms if loaded.pid_period_s > 0.0), default=PERIOD_S)
+    return (document.Io(
+        name=KINEMATIC_IO,
+        port="",
+        protocol="",
+        period_s=(own.period_s if own else None) or io_options.period_s or asked,
+        watchdog_s=0.0,
+        close_all_relays=False,
+        robots=tuple(loaded.robot for loaded in arms),
+        pids=tuple(loaded.pid for loaded in arms if loaded.starts),
+        digital_inputs=(),
+        setpoint_timeout_s=io_options.setpoint_timeout_s,
+        arm_lost_s=io_options.arm_lost_s,
+        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
+        spin_us=io_options.spin_us,
+    ),)

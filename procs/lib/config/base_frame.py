@@ -1,0 +1,28 @@
+"""Where an arm stands: the `base_frame` of a system file."""
+
+from __future__ import annotations
+
+from procs.lib import document
+from procs.lib.config.context import Context
+from procs.lib.config.matrices import check_rigid
+from procs.lib.config.problem import Key
+from procs.lib.config.source import Source
+from procs.lib.config.system_file import ArmKeys
+
+
+def base_frame_of(context: Context, source: Source, key: Key, keys: ArmKeys) -> document.Matrix | None:
+    """A fixed base frame; None without one, or when another component gives it."""
+    frame = keys.base_frame
+    if frame is None:
+        return None
+    where = (*key, "base_frame")
+    fixed = (frame.reference_frame is not None, frame.transform is not None)
+    driven = (frame.component is not None, frame.interface is not None)
+    forms = "either reference_frame and transform, or component and interface"
+    if any(fixed) == any(driven) or any(fixed) != all(fixed) or any(driven) != all(driven):
+        context.error(source, where, "both forms or half a form", forms)
+        return None
+    if frame.transform is None:
+        context.notes.append(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
+        return None
+    return frame.transform if check_rigid(context, source, (*where, "transform"), frame.transform) else None
