@@ -107,6 +107,7 @@ IO_STATE = Topic(
         Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest set-point, -1: there was none"),
         Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
         Field("calibration_mode", "?", "", "potentiometers and currents are being calibrated: some checks are off"),
+        Field("simulated", "(robots,)?", "", "KINEMATIC: there is no robot, positions are set-points; the rest is NaN"),
         Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
         # inputs, outputs
         Field("input", "(inputs,)?", "", "debounced digital inputs, true: pressed"),
@@ -224,6 +225,7 @@ ARM_STATE = Topic(
         Field("is_busy", "?", "", "a move or a transition is under way"),
         Field("control_mode", "u1", "", "0 none, 1 position, 2 trajectory, 3 effort"),
         Field("bias_generation", "<u4", "", "bias generation the homing belongs to, 0: not homed"),
+        Field("simulated", "?", "", "KINEMATIC: there is no robot, io plays it"),
         Field("tool", "S40", "", "instrument, empty: none"),
         Field("reference_frame", "S24", "", "frame of measured_cp"),
         Field("base_frame", "(7,)<f8", "m, -", "pose of the arm's base in the reference frame"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from procs.io.instruments import Asker
 from procs.io.record import Floats
 
 
@@ -56,3 +57,12 @@ class DigitalOutputs(Protocol):
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A duty cycle; returns why not, or ""."""
+
+
+class Instruments(Protocol):
+    """Readers of the memory of instruments."""
+
+    names: tuple[str, ...]
+
+    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+        """Read an instrument; returns why not, or ""."""

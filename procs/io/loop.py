@@ -7,11 +7,13 @@ import contextlib
 from procs import runtime
 from procs.io import owner
 from procs.io.cycle import RobotIo
+from procs.io.kinematic import KinematicIo
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from procs.io.udp import UdpPort
+from procs.lib.document import Io
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
 
@@ -36,32 +38,43 @@ class RingSource:
 
 def main() -> None:
     """Run until asked to stop; outputs are zero on every path out."""
-    with runtime.process("io") as me:
+    with runtime.process("io") as me, contextlib.ExitStack() as held:
         io = me.document.io(me.name)
         robots = Robots(io)
-        port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
-                       first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
-        with owner.hold(io.port), contextlib.closing(port):
-            out, mailbox = me.writes("state"), me.mailbox()
-            others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
-            sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
-            preset = prepare(robots, port)
-            core = RobotIo(io, port, me.clock.now_ns, Record(out.field), sources, preset,
-                          gains=others["gains"].field, instruments=others["instruments"].field)
-            try:
-                mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-                me.ready()
-                while me.tick():
-                    core.cycle(mailbox.drain(me.wall_ns))
-                    out.publish(core.stamp_ns)
-                    if core.good:
-                        me.latency(port.send_ns - port.recv_ns)
-                    while core.reports.changed:
-                        others[core.reports.changed.pop()].publish(core.stamp_ns)
-                    if core.reports.events:
-                        _tell(me, core.reports.events)
-            finally:
-                core.farewell()
+        port = _port(me, io, robots, held) if io.port else None
+        out, mailbox = me.writes("state"), me.mailbox()
+        others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
+        sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
+        now_ns, record, gains = me.clock.now_ns, Record(out.field), others["gains"].field
+        core: RobotIo | KinematicIo
+        if port is None:
+            core = KinematicIo(io, now_ns, record, sources, gains=gains)
+        else:
+            core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
+                           instruments=others["instruments"].field)
+        try:
+            mailbox.refuse_waiting(f"{me.name} has just started; ask again")
+            me.ready()
+            while me.tick():
+                core.cycle(mailbox.drain(me.wall_ns))
+                out.publish(core.stamp_ns)
+                if port is not None and core.good:
+                    me.latency(port.send_ns - port.recv_ns)
+                while core.reports.changed:
+                    others[core.reports.changed.pop()].publish(core.stamp_ns)
+                if core.reports.events:
+                    _tell(me, core.reports.events)
+        finally:
+            core.farewell()
+
+
+def _port(me: runtime.Me, io: Io, robots: Robots, held: contextlib.ExitStack) -> UdpPort:
+    """The port of this io, ours alone; given back with `held`."""
+    port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
+                   first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
+    held.enter_context(owner.hold(io.port))
+    held.callback(port.close)
+    return port
 
 
 def _tell(me: runtime.Me, events: list[Event]) -> None:

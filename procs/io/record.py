@@ -71,6 +71,7 @@ class Record:
         self.setpoint_age_ns: NDArray[np.int64] = field("setpoint_age_ns")
         self.fault: NDArray[np.uint16] = field("fault")
         self.calibration_mode = field("calibration_mode")
+        self.simulated: Flags = field("simulated")
         self.board_period: Floats = field("board_period")
         self.input: Flags = field("input")
         self.output: Flags = field("output")

@@ -1,0 +1,204 @@
+"""KINEMATIC robots: no boards, no motors; every actuator goes where its set-point is, at once and exactly.
+
+Commands, power states, set-points and their freshness, limits and generations are those of real robots, and so is the
+record; it says `simulated`, and what only hardware could measure (currents, temperatures, potentiometers, board time)
+is NaN in it. Differences, as in the reference:
+
+    power_on      is there at once, and the joint controller with it, at position 0 and without tracking check
+    position      the set-point after its limits; it stays where the joint controller is off or passes efforts through
+    velocity      step of the set-point over the time between its stamps, 0 when the newest is 20 ms old
+    effort        0: nothing is there to exert any
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from procs.io.brakes import Brakes
+from procs.io.commands import Command, Commands
+from procs.io.follow import Follow, SetpointSource
+from procs.io.gains import Gains
+from procs.io.instruments import Asker
+from procs.io.reactions import Reactions
+from procs.io.record import Field, Flags, Floats, Record
+from procs.io.reports import Reports
+from procs.io.robots import Robots
+from procs.lib.document import Io, PidAxis
+from procs.lib.pid import Pid
+
+MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves
+
+
+class PlayedPower:
+    """Power of robots that need none: a flag, and the joint controller with it."""
+
+    def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, pid: Pid) -> None:
+        self._robots, self._record, self._reports = robots, record, reports
+        self._follow, self._pid = follow, pid
+        self.changed = False
+
+    def on(self, robot: int, now_ns: int) -> None:
+        """On at once, held at position 0."""
+        record, axes = self._record, self._robots.slices[robot]
+        if record.power_wanted[robot]:
+            return
+        self._show(robot, True)
+        record.position[axes] = 0.0
+        record.tracking_check[robot] = False
+        self._pid.check_tracking(axes, False)
+        self._follow.enable(robot, True, now_ns)
+        self._reports.status("power on (KINEMATIC)", self._robots.names[robot])
+
+    def off(self, robot: int, open_relays: bool = False) -> None:
+        """Off at once; there are no relays."""
+        if self._record.power_wanted[robot]:
+            self._reports.status("power off", self._robots.names[robot])
+        self._show(robot, False)
+
+    def _show(self, robot: int, on: bool) -> None:
+        record = self._record
+        record.power_wanted[robot] = record.powered[robot] = record.amps_on[robot] = on
+
+
+class ExactPositions:
+    """In the place of the encoder bias: nothing is measured, so nothing is to be set right."""
+
+    def begin(self, robot: int, samples: int) -> str:
+        """Why not."""
+        return "it is KINEMATIC: its positions are exact, and there are no encoders to set"
+
+    def stop(self, robot: int) -> None:
+        """Nothing is under way."""
+
+
+class NoChecks:
+    """In the place of the checks of what boards measure."""
+
+    def forget_pots(self, axes: slice) -> None:
+        """There are none."""
+
+
+class NoReaders:
+    """In the place of the readers of instruments: nobody can ask for one that has no name."""
+
+    names: tuple[str, ...] = ()
+
+    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+        """Never called."""
+        return "there are no readers"
+
+
+class NoOutputs:
+    """In the place of pins, in the same way."""
+
+    names: tuple[str, ...] = ()
+
+    def set(self, place: int, high: bool) -> None:
+        """Never called."""
+
+    def set_pwm(self, place: int, duty: float) -> str:
+        """Never called."""
+        return "there are no outputs"
+
+
+class Here:
+    """Where the actuators are and how fast: in the record itself."""
+
+    def __init__(self, record: Record) -> None:
+        self.position: Floats = record.position
+        self.velocity: Floats = record.velocity
+
+
+class KinematicIo:
+    """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
+
+    def __init__(self, io: Io, now_ns: Callable[[], int], record: Record, sources: Sequence[SetpointSource], *,
+                 gains: Field | None = None) -> None:
+        """`sources` in the order of `io.pids`; the robots are where a predecessor left them in `record`."""
+        self.io, self.record, self.reports = io, record, Reports()
+        self._now_ns = now_ns
+        self.robots = robots = Robots(io)
+        before = np.where(np.isfinite(record.position), record.position, 0.0)
+        record.restart()
+        record.position[...] = before
+        _show_what_is_not_there(record)
+        here = Here(record)
+        self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
+            record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
+            record.effort_mode))
+        self.gains = Gains(robots, here, self.pid, self.reports, gains)
+        self._follow = Follow(io, robots, here, self.pid, record, self.reports, sources)
+        power, bias, brakes = (PlayedPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
+                               Brakes(robots, record))
+        self._power = power
+        self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
+                                  self.gains, NoReaders())
+        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes)
+        self._stamps_ns = [0] * len(robots.names)
+        self._step: Floats = np.zeros(robots.axes)
+        self._driven: Flags = np.zeros(robots.axes, dtype=bool)
+        self._cycles = 0
+        self.good = True  # there is no cycle without a sample
+        self.stamp_ns = now_ns()
+        """When the newest cycle began: the stamp of the record."""
+        for name in robots.names:
+            self.reports.status("KINEMATIC: no boards and no motors, it goes where its set-points are", name)
+
+    def cycle(self, commands: Iterable[Command] = ()) -> None:
+        """One cycle; the caller publishes the record afterwards."""
+        now_ns = self.stamp_ns = self._now_ns()
+        record, reports = self.record, self.reports
+        record.valid[...] = True
+        with np.errstate(all="ignore"):
+            self._follow.receive(now_ns)
+            self._commands.execute(commands, now_ns)
+            if reports.trips:
+                self._reactions.act(now_ns)
+            self._commands.answer()
+            self._move(now_ns)
+            self.pid.step(record.position, record.velocity, record.at_limit)
+        self._cycles += 1
+        record.cycle[...] = self._cycles
+        record.read_ns[...] = record.recv_ns[...] = now_ns
+        record.write_ns[...] = self._now_ns()
+
+    def _move(self, now_ns: int) -> None:
+        """Actuators that follow positions are at their set-points from now on."""
+        record, pid, step = self.record, self.pid, self._step
+        np.greater(pid.enabled, pid.effort_mode, out=self._driven)
+        step.fill(0.0)
+        np.subtract(pid.setpoint_position, record.position, out=step, where=self._driven)
+        np.copyto(record.position, pid.setpoint_position, where=self._driven)
+        for robot, axes in enumerate(self.robots.slices):
+            stamp_ns = self._follow.stamp_ns(robot)
+            since_ns = stamp_ns - self._stamps_ns[robot]
+            if not record.pid_enabled[robot] or now_ns - stamp_ns > MOVING_NS:
+                record.velocity[axes] = 0.0
+            elif since_ns > 0:
+                np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
+            self._stamps_ns[robot] = stamp_ns
+
+    def farewell(self) -> None:
+        """Everything off, in the books. On every path out."""
+        now_ns = self._now_ns()
+        for robot in range(len(self.robots.names)):
+            self._follow.enable(robot, False, now_ns)
+            self._power.off(robot)
+
+
+def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:
+    """Gains per flat axis, None where nobody sends set-points: the same rows as for robots on boards."""
+    driven = {row.robot: row.axes for row in io.pids}
+    return [axis for name, axes in zip(robots.names, robots.slices, strict=True)
+            for axis in driven.get(name, (None,) * (axes.stop - axes.start))]
+
+
+def _show_what_is_not_there(record: Record) -> None:
+    """Nothing is made up: what nobody measures is NaN."""
+    record.simulated[...] = record.biased[...] = True
+    for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
+                  record.pot_voltage, record.current, record.current_request, record.temperature, record.board_period):
+        field[...] = np.nan
