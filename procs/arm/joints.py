@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.arm_limits import KINEMATIC_HOME
 from procs.lib.coupling import Coupling, coupling
 from procs.lib.document import Arm, Tool
 from procs.lib.kinematics import Kinematics
@@ -77,6 +78,13 @@ def joints(arm: Arm, tool: Tool | None) -> Joints:
         coupling(AXES, arm.chain, tool),
         kinematics,
     )
+
+
+def homing_goal(arm: Arm, setpoint: Array, has_jaw: bool) -> Array:
+    """Where homing takes the joints (7,): nowhere, to zero where the arm's file asks; a KINEMATIC arm is inserted."""
+    if arm.simulation != "NONE":
+        return np.array(KINEMATIC_HOME[arm.type])
+    return np.zeros(AXES) if arm.homing_zero_position and not has_jaw else setpoint.copy()
 
 
 def find_tool(arm: Arm, name: str) -> Tool | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from procs.arm.cartesian import Cartesian
 from procs.arm.commands import Commands, Refused
 from procs.arm.duties import Duties, Sender
-from procs.arm.joints import ARM_JOINTS, find_tool, joints
+from procs.arm.joints import ARM_JOINTS, find_tool, homing_goal, joints
 from procs.arm.machine import Machine, Reports, Request
 from procs.arm.motion import Mode, Motion
 from procs.arm.readings import Fields, Readings
@@ -45,7 +45,9 @@ class PsmArm:
         self._arm, self._io, self._reports, self._fault_text = arm, io, reports, fault_text
         self._predecessor = predecessor(state)
         self._cartesian = Cartesian(state)
-        self._record = ArmRecord(state, io, self._cartesian)
+        self._is_played = arm.simulation != "NONE"  # KINEMATIC: io plays the robot
+        self._no_pid = None if self._is_played else False  # until homing; a played one is on with the power
+        self._record = ArmRecord(state, io, self._cartesian, simulated=self._is_played)
         self._setpoint = SetpointRecord(setpoint)
         limits = LIMITS["PSM"]
         self._motion = Motion(np.array(limits.velocity), np.array(limits.acceleration))
@@ -257,7 +259,7 @@ class PsmArm:
     def _enter_powering(self) -> None:
         self._tries = 1
         self._duties.power.want(True)
-        self._duties.pid.want(False)
+        self._duties.pid.want(self._no_pid)
         self._deadline_ns = self._now_ns + POWER_NS
 
     def _run_powering(self) -> None:
@@ -281,7 +283,7 @@ class PsmArm:
     def _enter_enabled(self) -> None:
         self._driving = None
         self._duties.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
-        self._duties.pid.want(None if self._held else False)
+        self._duties.pid.want(None if self._held else self._no_pid)
 
     def _run_onward(self) -> None:
         if self._machine.goes_on:
@@ -289,13 +291,16 @@ class PsmArm:
 
     def _enter_calibrating(self) -> None:
         self._held = False
-        self._duties.pid.want(False)
+        self._duties.pid.want(self._no_pid)
         self._deadline_ns = self._now_ns + BIAS_NS
         self._asked_bias = False
 
     def _run_calibrating(self) -> None:
         duties, arm = self._duties, self._arm
-        if self._now_ns >= self._deadline_ns:
+        if self._is_played:
+            self._must_bias = False
+            self._machine.fire(Event.BIASED)
+        elif self._now_ns >= self._deadline_ns:
             self._machine.fault("bias-timeout", f"failed to bias encoders (timeout) {self._why()}".rstrip())
         elif self._asked_bias:
             if duties.bias_done:
@@ -341,9 +346,7 @@ class PsmArm:
         duties.pid.want(None)  # from here on the controller going off is a fault, not a thing to repair
         self._driving = Generations.now(io)
         motion.hold(io.setpoint, Mode.NONE)
-        goal = io.setpoint.copy()
-        if self._arm.homing_zero_position and not self.joints.has_jaw:
-            goal[...] = 0.0
+        goal = homing_goal(self._arm, io.setpoint, self.joints.has_jaw)
         outside = self.joints.clip(goal)
         if outside.any():  # io will hold the limits once homed: go there smoothly now
             names = ", ".join(self.joints.name(int(i)) for i in outside.nonzero()[0])

@@ -23,7 +23,7 @@ JAW_ROWS = ("jaw_position", "jaw_velocity", "jaw_effort", "jaw_setpoint_position
 class ArmRecord:
     """Fills the `state` record; arrays are resolved once."""
 
-    def __init__(self, field: Fields, io: Readings, cartesian: Cartesian) -> None:
+    def __init__(self, field: Fields, io: Readings, cartesian: Cartesian, *, simulated: bool) -> None:
         """`field` gives the arrays of the arm's record, `io` what they are filled from."""
         self._io, self._cartesian = io, cartesian
         self._valid, self._count, self._names = field("valid"), field("count"), field("names")
@@ -37,6 +37,7 @@ class ArmRecord:
         self._ratios = (field("trajectory_ratio"), field("trajectory_ratio_v"), field("trajectory_ratio_a"))
         self._shown: tuple[State, State, bool, bool, int, Mode] | None = None
         self._was_valid = True
+        field("simulated")[...] = simulated
         self._copies: list[tuple[Array, Array]] = []
         self._kinematic: tuple[Array, Array, Array] = (io.position, io.velocity, io.setpoint)
 

@@ -1,0 +1,219 @@
+"""A KINEMATIC PSM: the arm and the io that plays its robot, on one stepped clock."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.arm.psm import PsmArm
+from procs.arm.readings import Readings
+from procs.io.kinematic import KinematicIo
+from procs.io.record import Record as IoRecord
+from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.lib.document import System
+from shm.client import Reply
+from shm.topics import ARM_STATE, IO_STATE, SETPOINT
+from tests.arm.fake_io import FakeReports, FakeRequest, Record
+
+PERIOD_NS = 2_000_000
+
+
+def played_system() -> System:
+    system = load_system(PROJECT_CONFIGS / "systems/kinematic.yaml").system
+    assert system is not None
+    return system
+
+
+class Source:
+    """The arm's set-point record, as io reads it."""
+
+    def __init__(self, record: Record) -> None:
+        self.stamp_ns = 0
+        for name in ("mode", "has_velocity", "count", "bias_generation", "pid_generation", "position", "velocity",
+                     "effort", "feed_forward"):
+            setattr(self, name, record[name])
+
+    def newest(self) -> bool:
+        return self.stamp_ns != 0
+
+
+class Order:
+    """A command on its way to io, its answers on their way back."""
+
+    def __init__(self, number: int, name: str, values: Any, text: str, replies: list[Reply]) -> None:
+        self.id, self.name, self.text, self.values = number, name, text, np.array(values, dtype=float)
+        self._replies = replies
+
+    def accept(self, text: str = "") -> None:
+        self._replies.append(Reply(self.id, "accepted", text))
+
+    def refuse(self, reason: str) -> None:
+        self._replies.append(Reply(self.id, "refused", reason))
+
+    def done(self, text: str = "") -> None:
+        self._replies.append(Reply(self.id, "done", text))
+
+    def fail(self, reason: str) -> None:
+        self._replies.append(Reply(self.id, "failed", reason))
+
+
+class Pair:
+    """Both, and a sender between them."""
+
+    def __init__(self) -> None:
+        self.system, self.now_ns, self.epoch = played_system(), 5_000_000_000, 1
+        self.memory = Record(IO_STATE, axes=7, drives=7, robots=1, inputs=0, outputs=0)
+        self.state, self.setpoint = Record(ARM_STATE), Record(SETPOINT)
+        self.source, self.orders, self.replies = Source(self.setpoint), [], []
+        self.number = 0
+        self.steps: list[float] = []
+        self.start_io()
+        self.start_arm()
+
+    def start_io(self) -> None:
+        self.record = IoRecord(self.memory.field)
+        self.core = KinematicIo(self.system.io("io"), lambda: self.now_ns, self.record, [self.source])
+        self.orders.clear()
+
+    def start_arm(self) -> None:
+        self.reports = FakeReports()
+        self.arm: PsmArm | None = PsmArm(self.system.arm("PSM1"), Readings(self.memory.field, 0, 0), self,
+                                         self.state.field, self.setpoint.field, self.reports, lambda code: str(code))
+
+    def send(self, name: str, values: Any, text: str) -> int:
+        self.number += 1
+        self.orders.append(Order(self.number, name, values, text, self.replies))
+        return self.number
+
+    def poll(self) -> list[Reply]:
+        replies, self.replies[:] = list(self.replies), []
+        return replies
+
+    def step(self, *requests: FakeRequest) -> None:
+        self.now_ns += PERIOD_NS
+        before = self.record.position.copy()
+        orders, self.orders[:] = list(self.orders), []
+        self.core.cycle(orders)
+        self.steps.append(float(np.abs(self.record.position - before).max()))
+        if self.arm is not None:
+            self.arm.step(self.now_ns, self.core.stamp_ns, self.epoch, requests)
+            self.source.stamp_ns = self.now_ns
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 1e9 / PERIOD_NS)):
+            self.step()
+
+    def until(self, state: str, seconds: float = 10.0) -> float:
+        start = self.now_ns
+        while self.arm.state != state:
+            assert self.now_ns - start < seconds * 1e9, f"not within {seconds} s; it is {self.arm.state}"
+            self.step()
+        return (self.now_ns - start) * 1e-9
+
+    def ask(self, name: str, values: Any = (), text: str = "") -> FakeRequest:
+        request = FakeRequest(name, values, text)
+        self.step(request)
+        return request
+
+    def homed(self) -> Pair:
+        self.run(0.02)
+        self.ask("state_command", text="enable")
+        self.until("ENABLED")
+        self.ask("state_command", text="home")
+        self.until("HOMED")
+        self.run(0.1)
+        return self
+
+
+def test_power_comes_within_a_few_cycles_and_the_controller_stays_on() -> None:
+    pair = Pair()
+    pair.run(0.02)
+    pair.ask("state_command", text="enable")
+    assert pair.until("ENABLED") < 0.01
+    pair.run(0.2)
+    assert pair.record.pid_enabled[0] and pair.state["valid"] and not pair.record.tracking_check[0]
+    assert pair.record.pid_generation[0] == 2, "enabled once, with the power"
+    assert pair.state["simulated"] and not pair.reports.of("error", "warning")
+
+
+def test_homing_inserts_the_instrument_in_the_time_of_the_reference() -> None:
+    pair = Pair()
+    pair.run(0.02)
+    pair.ask("state_command", text="enable")
+    pair.until("ENABLED")
+    assert not pair.state["position"].any()
+    pair.ask("state_command", text="home")
+    took = pair.until("HOMED")
+    assert took == pytest.approx(1.549, abs=0.02)
+    pair.run(0.2)
+    assert pair.state["position"][:6] == pytest.approx((0, 0, 0.12, 0, 0, 0))
+    assert pair.state["is_homed"] and pair.record.limits_enforced[0] and pair.record.tracking_check[0]
+    states = [event[2] for event in pair.reports.of("operating_state")]
+    assert [s for i, s in enumerate(states) if i == 0 or s != states[i - 1]] == [
+        "DISABLED", "POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING", "HOMED"]
+    assert not pair.reports.of("error", "warning")
+
+
+@pytest.mark.slow
+def test_moves_are_followed_through_the_coupling_with_their_velocity() -> None:
+    pair = Pair().homed()
+    goal = (0.2, -0.1, 0.15, 0.4, 0.3, -0.2)
+    move = pair.ask("move_jp", goal)
+    pair.run(0.3)
+    fast = pair.state["velocity"][:6].copy()
+    pair.run(2.0)
+    assert move.outcomes[-1] == "done"
+    assert pair.state["position"][:6] == pytest.approx(goal, abs=1e-9)
+    assert np.abs(fast).max() > 0.1 and np.abs(pair.state["velocity"]).max() < 1e-9
+    assert not np.allclose(pair.record.position[3:6], goal[3:]), "an instrument couples its actuators"
+
+
+def test_dead_arm_is_held_and_its_successor_goes_on_without_a_jump() -> None:
+    pair = Pair().homed()
+    pair.ask("move_jp", (0.2, -0.1, 0.15, 0.4, 0.3, -0.2))
+    pair.run(0.5)
+    pair.arm = None
+    pair.run(0.01)
+    held = pair.record.position.copy()
+    pair.run(0.5)
+    assert pair.record.holding[0] and np.array_equal(pair.record.position, held)
+    pair.steps.clear()
+    pair.start_arm()
+    pair.run(0.5)
+    assert pair.arm.state == "HOMED" and pair.state["is_homed"] and not pair.record.holding[0]
+    assert max(pair.steps) < 1e-12
+
+
+@pytest.mark.slow
+def test_restarted_io_is_a_fault_and_can_be_homed_again() -> None:
+    pair = Pair().homed()
+    pair.start_io()
+    pair.epoch += 1
+    pair.step()
+    assert pair.arm.state == "FAULT" and ("error", "io-restarted", "PSM1: io was restarted") in pair.reports.events
+    pair.run(0.3)
+    assert not pair.record.powered[0]
+    pair.homed()
+    assert pair.state["position"][2] == pytest.approx(0.12)
+
+
+@pytest.mark.slow
+def test_power_again_begins_at_zero_as_in_the_reference() -> None:
+    pair = Pair().homed()
+    pair.ask("state_command", text="disable")
+    pair.run(0.2)
+    assert pair.record.position[2] == pytest.approx(0.12) and not pair.record.powered[0]
+    pair.homed()
+    assert pair.record.position[2] == pytest.approx(0.12) and max(pair.steps) == pytest.approx(0.12)
+
+
+def test_unhome_keeps_power_and_holds() -> None:
+    pair = Pair().homed()
+    pair.ask("state_command", text="unhome")
+    pair.run(0.2)
+    assert pair.arm.state == "ENABLED" and pair.record.pid_enabled[0] and not pair.state["is_homed"]
+    pair.ask("state_command", text="home")
+    pair.until("HOMED")
+    assert not pair.reports.of("error")
