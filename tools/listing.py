@@ -36,12 +36,14 @@ def list_topics(
     elif verbose:
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
+            rate += f", {entry.simulation}" if entry.simulation else ""
             print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.trouble}" if entry.trouble else ""))
             if entry.kind != "event":
                 for f in entry.fields:
                     print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
     else:
-        rows = [(e.name, e.kind, number(e.rate_hz or None, "g"), _names(e), e.trouble) for e in entries]
+        rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.trouble)
+                for e in entries]
         table("", ("topic", "kind", "Hz", "fields", "trouble"), rows, right=("Hz",))
 
 
@@ -56,7 +58,7 @@ def _names(entry: Entry) -> str:
 def _described(entry: Entry) -> dict[str, Any]:
     fields = [] if entry.kind == "event" else [dataclasses.asdict(f) for f in entry.fields]
     return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields,
-            "trouble": entry.trouble}
+            "simulation": entry.simulation, "trouble": entry.trouble}
 
 
 def hz(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ from procs.manifest import proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
-from shm.segment import SegmentError
+from shm.segment import Segment, SegmentError, segment_name
 from tools.printing import number, plain
 from tools.systems import alive, is_lockstep
 
@@ -28,6 +29,7 @@ class Life:
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
     reply to the next write; what it has not measured is absent.
+    `simulation` is KINEMATIC for an arm without a robot, and for the process that plays it.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Life:
     silent_s: float | None
     trouble: str
     statistics: dict[str, dict[str, float]]
+    simulation: str = ""
 
 
 def lives(system: str) -> list[Life]:
@@ -59,10 +62,20 @@ def lives(system: str) -> list[Life]:
         except SegmentError:  # the system went down while we looked
             continue
         try:
-            found.append(_life(name, pulse, ledger.get(name, {}), simulated))
+            life = _life(name, pulse, ledger.get(name, {}), simulated)
+            found.append(dataclasses.replace(life, simulation=_simulation(system, name)))
         finally:
             pulse.close()
     return found
+
+
+def _simulation(system: str, name: str) -> str:
+    """What its state record says about itself; it may say anything."""
+    try:
+        with Segment(segment_name(system, name, "state")) as segment:
+            return str(segment.header.info.get("simulation", ""))
+    except (SegmentError, ValueError, KeyError, TypeError, AttributeError):
+        return ""
 
 
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
@@ -132,13 +145,15 @@ def _stalled(kind: str, pulse: Pulse) -> bool:
 def cells(life: Life) -> tuple[str, ...]:
     """A process as a row of a table with COLUMNS; times are the 99 % ones of period and work."""
     in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
-    return (life.name, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed),
-            str(life.restarts), life.trouble)
+    name = f"{life.name} {life.simulation}".rstrip()
+    return (name, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed), str(life.restarts),
+            life.trouble)
 
 
 def remarks(life: Life) -> str:
-    """What else is to be said of a process: its scheduling, how it last ended."""
-    parts = [life.scheduling] if life.scheduling else []
+    """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
+    parts = [f"{life.simulation}, there is no robot"] if life.simulation else []
+    parts += [life.scheduling] if life.scheduling else []
     latency = life.statistics.get("latency")
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}

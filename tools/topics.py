@@ -29,7 +29,8 @@ class Entry:
     """One topic: the ring it lives in, and how it is seen.
 
     `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes.
-    `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well.
+    `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
+    KINEMATIC where there is no robot.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Entry:
     count: int = 0
     labels: tuple[str, ...] = field(default=())
     trouble: str = ""
+    simulation: str = ""
 
 
 def catalogue(system: str) -> list[Entry]:
@@ -69,12 +71,13 @@ def _entries(system: str, instance: str, ring: str) -> list[Entry]:
         with Segment(segment_name(system, instance, ring)) as segment:
             gone = segment.gone
             entries = _described(instance, ring, segment.header.info, segment.header.schema.text)
+            simulation = str(segment.header.info.get("simulation", ""))
     except SegmentError as error:
         return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
         text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
         return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
-    return [dataclasses.replace(entry, trouble=writer_gone(gone)) for entry in entries]
+    return [dataclasses.replace(entry, trouble=writer_gone(gone), simulation=simulation) for entry in entries]
 
 
 def writer_gone(who: str) -> str:
