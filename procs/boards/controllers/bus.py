@@ -83,6 +83,7 @@ class Bus:
     def _see_who_is_there(self) -> None:
         there = [row for row in self._every if not self._gone[row] and not self._silent_until[row]]
         self._there = tuple(there) if len(there) < self.count else self._every
+        self.hub_memory.absent = frozenset(self._every).difference(there)
         self._next_return = min((tick for tick in self._silent_until if tick), default=NEVER)
 
     # -- what happens to the bus ---------------------------------------------------------------------------------------

@@ -44,6 +44,7 @@ class Hub:
         self._complete = False
         self._queried = self.sequence = self.mask = 0
         self.withheld = [0] * firmware.count  # how many blocks of a board will be missing
+        self.absent: frozenset[int] = frozenset()  # rows of boards that are away
         self.spoiled = [0] * firmware.count  # how many will bear another sequence number
         self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
         self._whole = sum(self._bits)
@@ -93,7 +94,7 @@ class Hub:
         firmware, (sequence, mask) = self._firmware, (value >> 16, value & 0xFFFF)
         if (mask, first) != self._plan:
             self._plan_for(mask, first)
-        if any(self.withheld):
+        if self.absent or any(self.withheld):
             return self._query_with_gaps(value, first, tick)
         self.sequence, self.mask, self._queried = sequence, mask, tick
         self.quads, self._complete = self._length, self._can_complete
@@ -122,15 +123,16 @@ class Hub:
 
     def _query_with_gaps(self, value: int, first: int, tick: int) -> bool:
         """Some board keeps its block to itself this time: it is as if it were not there."""
-        silent = [row for row, count in enumerate(self.withheld) if count]
+        silent = [row for row, count in enumerate(self.withheld) if count or row in self.absent]
         kept, self.withheld = self.withheld, [0] * self._firmware.count
+        absent, self.absent = self.absent, frozenset()
         rows = [row for row in self._rows if row not in silent]
         if not self._over_ethernet and rows != list(self._rows):
             rows = [row for row in rows if row < min(silent)]
         self._set_plan(value & 0xFFFF, first, rows, False)
         self.query(value, first, tick)
         self._plan = (-1, -1)
-        self.withheld = [max(count - 1, 0) for count in kept]
+        self.withheld, self.absent = [max(count - 1, 0) for count in kept], absent
         return False
 
     def _spoil(self, head: npt.NDArray[np.uint32]) -> None:
