@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeAlias
@@ -14,7 +13,6 @@ from procs.lib.blocks import Columns
 
 Quads: TypeAlias = NDArray[np.uint32]
 
-DEFAULT_ADDRESS: Final = "169.254.0.100"
 ALL_BOARDS: Final = 0x3F  # in place of a board id: every board of the bus
 SEQUENTIAL: Final = "sequential-read-write"
 SEQUENTIAL_BROADCAST: Final = "sequential-read-broadcast-write"
@@ -30,26 +28,6 @@ class PortError(Exception):
         self.what = what
         self.where = where
         self.allowed = allowed
-
-
-@dataclass(frozen=True, slots=True)
-class PortName:
-    """A port as configuration files write it: `udp`, `udp:IP`, `udpfw`, `udpfw:IP`."""
-
-    address: str
-    bridge: bool  # FireWire bridge even where the hub could do without
-
-    @classmethod
-    def parse(cls, text: str) -> PortName:
-        """The parts of a port name; PortError for ports that are not UDP."""
-        kind, _, address = text.strip().partition(":")
-        if kind not in ("udp", "udpfw"):
-            raise PortError(f"port {text!r} is not supported", "port", "allowed: udp[:IP], udpfw[:IP]")
-        try:
-            address = str(ipaddress.IPv4Address(address or DEFAULT_ADDRESS))
-        except ValueError as error:
-            raise PortError(f"{address!r} is no IPv4 address", f"port {text!r}", "allowed: a.b.c.d") from error
-        return cls(address, kind == "udpfw")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 UDP_PORT: Final = 1394
+MULTICAST: Final = "224.0.0.100"  # Ethernet-only (Rev 9): all boards
 BROADCAST: Final = 0x3F  # node number that means every node
 BUS: Final = 0x3FF
 HOST_ID: Final = 0xFFD0

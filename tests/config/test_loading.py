@@ -151,12 +151,18 @@ def test_command_line_decides_over_the_file(home: Home) -> None:
     assert home.error(boards="simulated").file == "--boards"
 
 
-def test_port_that_cannot_be_opened_yet_warns(home: Home) -> None:
-    home.edit(SYSTEM, "port: udp", "port: fw")
+@pytest.mark.parametrize("port", ["fw", "fw:1", "2", "udp:10.0.0.4", "udpfw", "eth:0", "eth:enp3s0", "ethfw"])
+def test_every_port_that_can_be_opened_is_accepted(home: Home, port: str) -> None:
+    home.edit(SYSTEM, "port: udp", f"port: '{port}'")
     loaded = home.load(boards="real")
-    assert loaded.system is not None
-    assert [problem.key for problem in loaded.warnings] == ["IOs[0].port"]
-    assert home.load().warnings == ()
+    assert loaded.system is not None and loaded.warnings == ()
+    assert loaded.system.ios[0].port == port
+
+
+def test_port_that_only_a_controller_itself_can_open_is_an_error_but_for_emulated_boards(home: Home) -> None:
+    home.edit(SYSTEM, "port: udp", "port: emio")
+    assert home.load().errors == ()
+    assert home.error(boards="real").key == "IOs[0].port"
 
 
 def test_every_bus_has_an_address_of_its_own(home: Home) -> None:

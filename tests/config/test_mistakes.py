@@ -45,7 +45,7 @@ DRIVE = "robots[0].actuators[0].drive"
         # words
         (IO, "hardware_version: QLA1", "hardware_version: QLA2", "robots[0].hardware_version", '"QLA2"', '"QLA1"'),
         (IO, "joint_type: REVOLUTE", "joint_type: round", "robots[0].actuators[0].joint_type", '"round"', "REVOLUTE"),
-        (SYSTEM, "port: udp", "port: usb", "IOs[0].port", '"usb"', "fw[:N], udp[:IP]"),
+        (SYSTEM, "port: udp", "port: usb", "IOs[0].port", '"usb"', "udp[:IP], udpfw[:IP]"),
         (SYSTEM, "port: udp", "port: udp\n    protocol: fast", "IOs[0].protocol", '"fast"', "srbw"),
         (SYSTEM, "type: PSM", "type: PSN", "arms[0].type", '"PSN"', '"MTM"'),
         (SYSTEM, "name: PSM1", "name: PSM 1", "arms[0].name", '"PSM 1"', "letters, digits, _ and -"),

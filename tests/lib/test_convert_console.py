@@ -47,6 +47,11 @@ def test_bus_settings_go_over() -> None:
                    "watchdog_timeout": 0.04, "close_all_relays": False, "configuration_files": ["a.json", "b.json"]}
 
 
+def test_a_port_that_nobody_can_open_is_an_error() -> None:
+    result = convert(json.dumps({"arms": [PSM], "io": {"port": "usb:1"}}), "console.json")
+    assert [(problem.key, "udp[:IP]" in str(problem)) for problem in result.problems] == [("io.port", True)]
+
+
 def test_defaults_that_have_changed_are_told() -> None:
     told = fates(convert(json.dumps({"arms": [PSM]}), "console.json"))
     assert (told["IOs[0].protocol"], told["IOs[0].close_all_relays"]) == (DEFAULTED, DEFAULTED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +13,10 @@ from procs.lib.config.lookup_file import load_tables
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import IoDeviceKeys, IoKeys, SystemFile
+from procs.lib.ports import PortName, PortNameError
 
 LONGEST_PERIOD_S = 0.001
 LONGEST_WATCHDOG_S = 0.3
-
-_UDP = re.compile(r"udp(?:fw)?(?::|\Z)")
 
 
 @dataclass(slots=True)
@@ -71,10 +69,8 @@ def load_buses(context: Context, source: Source, system: SystemFile, *, emulated
     for index, keys in enumerate(system.IOs):
         key: Key = ("IOs", index)
         _check_numbers(context, source, key, keys)
-        if not emulated and not _UDP.match(keys.port):
-            context.warning(
-                source, (*key, "port"), "only UDP can be opened so far", "udp, udp:IP, or emulated boards (--boards)"
-            )
+        if not emulated:
+            _check_port(context, source, (*key, "port"), keys.port)
         bus = buses.setdefault(keys.name, BusFiles(keys, key))
         for number, name in enumerate(keys.configuration_files):
             path = context.find(source, (*key, "configuration_files", number), (name,))
@@ -115,6 +111,13 @@ def _add_device(context: Context, source: Source, key: Key, device: IoDeviceKeys
     path = context.find(source, (*key, "IO_file"), (device.IO_file,))
     if bus is not None and path is not None:
         bus.add(context, path)
+
+
+def _check_port(context: Context, source: Source, key: Key, port: str) -> None:
+    try:
+        PortName.parse(port)
+    except PortNameError as error:
+        context.error(source, key, error.what, f"{error.allowed}, or emulated boards (--boards)")
 
 
 def _check_numbers(context: Context, source: Source, key: Key, keys: IoKeys) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from procs.lib.config.validate import MatrixRows, Name, Rows, Section
+from procs.lib.ports import PORTS, PortName
 
 PERIOD_S = 1 / 1500  # as the original asks for; its 60 µs of compensation for relative sleeps are not needed here
 TELEOP_PERIOD_S = 1 / 1000
@@ -22,17 +23,16 @@ PROTOCOLS = {
     "bqrw": "broadcast-query-read-write",
     "brw": "broadcast-query-read-write",
 }
-_PORTS = "fw[:N], udp[:IP], udpfw[:IP], eth[:N], ethfw[:N], emio[:N] or a number"
-_PORT = re.compile(r"(?:(?:fw|eth|ethfw|emio)(?::\d+)?|udp(?:fw)?(?::\d{1,3}(?:\.\d{1,3}){3})?|\d+)\Z")
+_EMIO = re.compile(r"emio(?::\d+)?\Z")  # dVRK files may have it; nobody can open it here
 
 
 def _known_port(port: str) -> str:
-    if not _PORT.match(port):
-        raise ValueError("not a port")
+    if not _EMIO.match(port):
+        PortName.parse(port)
     return port
 
 
-Port = Annotated[str, AfterValidator(_known_port), Field(description=_PORTS)]
+Port = Annotated[str, AfterValidator(_known_port), Field(description=PORTS)]
 Protocol = Literal[
     "sequential-read-write",
     "srw",

@@ -11,6 +11,7 @@ from procs.lib.convert.keys import Keys
 from procs.lib.convert.names import file_today, today
 from procs.lib.convert.report import Report
 from procs.lib.convert.teleops import ecm_teleop, psm_teleop
+from procs.lib.ports import PortName, PortNameError
 
 Json = dict[str, object]
 
@@ -126,7 +127,13 @@ def _port(io: Keys) -> str:
         new = f"fw:{found}" if found else "fw"
         io.converted("port", str(found), new, "a number was a FireWire port")
         return new
-    return str(found) if found is not None else "fw"
+    if found is None:
+        return "fw"
+    try:
+        PortName.parse(str(found))
+    except PortNameError as error:
+        io.report.error(io.line("port"), io.key("port"), value_text(found), error.what, error.allowed)
+    return str(found)
 
 
 def _console(top: Keys, io: Keys | None, pedals: str) -> Json:

@@ -1,0 +1,76 @@
+"""Names of ports as configuration files write them, and what each of them means."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from dataclasses import dataclass
+from typing import Final
+
+UDP: Final = "udp"
+ETHERNET: Final = "eth"
+FIREWIRE: Final = "fw"
+DEFAULT_ADDRESS: Final = "169.254.0.100"
+PORTS: Final = "udp[:IP], udpfw[:IP], eth[:N or interface], ethfw[:N or interface], fw[:N], or a number N for fw:N"
+
+_KINDS: Final = {"udp": (UDP, False), "udpfw": (UDP, True), "eth": (ETHERNET, False), "ethfw": (ETHERNET, True),
+                 "fw": (FIREWIRE, True)}
+_INTERFACE: Final = re.compile(r"[^\s/:]{1,15}\Z")
+_LARGEST: Final = 99
+
+
+class PortNameError(ValueError):
+    """Not the name of a port we can open: what is wrong, and what is allowed."""
+
+    def __init__(self, what: str, allowed: str = PORTS) -> None:
+        super().__init__(f"{what}; allowed: {allowed}")
+        self.what = what
+        self.allowed = allowed
+
+
+@dataclass(frozen=True, slots=True)
+class PortName:
+    """A port: by what (`UDP`, `ETHERNET`, `FIREWIRE`), where, and whether a hub is to bridge to FireWire in any case.
+
+    `where` is an IPv4 address (UDP), an Ethernet interface or its place among them (0 is the first), or the place of a
+    card among those of FireWire.
+    """
+
+    kind: str
+    where: str
+    bridge: bool
+
+    @classmethod
+    def parse(cls, text: str) -> PortName:
+        """The parts of a port's name; PortNameError for names of ports that cannot be opened."""
+        text = text.strip()
+        if text.isascii() and text.isdecimal():
+            text = f"fw:{text}"
+        word, _, where = text.partition(":")
+        if word == "emio":
+            raise PortNameError("emio runs on the processor of a controller, not on a computer beside it")
+        if word not in _KINDS:
+            raise PortNameError(f"{text!r} is no port")
+        kind, bridge = _KINDS[word]
+        return cls(kind, _where(kind, where, text), bridge)
+
+    @property
+    def owned(self) -> str:
+        """What one owner at a time may have: the same for all names of one bus."""
+        return f"{self.kind}:{self.where}"
+
+
+def _where(kind: str, where: str, text: str) -> str:
+    if kind == UDP:
+        try:
+            return str(ipaddress.IPv4Address(where or DEFAULT_ADDRESS))
+        except ValueError as error:
+            raise PortNameError(f"{text!r}: {where!r} is no IPv4 address", "a.b.c.d") from error
+    where = where or "0"
+    if where.isascii() and where.isdecimal():
+        if int(where) > _LARGEST:
+            raise PortNameError(f"{text!r}: number {where}", f"0 to {_LARGEST}")
+        return str(int(where))
+    if kind == ETHERNET and _INTERFACE.match(where):
+        return where
+    raise PortNameError(f"{text!r}: {where!r}", PORTS)
