@@ -1,4 +1,4 @@
-"""The UDP port: a bus of controllers behind a hub with firmware Rev 7, 8 or 9 that bridges to FireWire."""
+"""A bus of controllers: finds them, checks them, samples and commands them, whatever transport carries it."""
 
 from __future__ import annotations
 
@@ -9,52 +9,61 @@ from typing import Final
 
 import numpy as np
 
-from procs.io import discovery, protocols
-from procs.io.link import Link, discovery_address, is_loopback
+from procs.io import discovery
+from procs.io.link import Link
 from procs.io.port import (
     ALL_BOARDS,
     BROADCAST_QUERY,
     PROTOCOLS,
     SEQUENTIAL,
+    SEQUENTIAL_BROADCAST,
     BoardInfo,
     Counters,
     PortError,
-    PortName,
     Quads,
 )
+from procs.io.protocols import (
+    BroadcastWrite,
+    QueryRead,
+    Reader,
+    Rows,
+    SequentialRead,
+    SequentialWrite,
+    Writer,
+)
+from procs.io.transport import Transport
+from procs.io.unasked import UnaskedRead
 from procs.lib import blocks, registers, wire
 
-ETHERNET_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
+LONGEST_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
 
 
-class UdpPort:
-    """A `Port` over UDP. `board_ids` may come in any order; rows are ascending.
+class BusPort:
+    """A `Port`. `board_ids` may come in any order; rows are ascending.
 
     `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
-    deadlines are generous and nothing is waited for. `query_wait_ns` replaces the time the boards are given between
-    query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (2 s when simulated). `exclusive` refuses a
-    bus that another host is driving; `asked_at` replaces the address discovery asks at, `link` the socket.
+    deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub even where the boards could
+    do without. `query_wait_ns` replaces the time the boards are given between query and read, `deadline_ms` the 2 ms a
+    cyclic read waits for its reply (2 s when simulated). `exclusive` refuses a bus that another host is driving.
     `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
     anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
     found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an
     earlier host left them ready: writes, even of discovery, refresh the watchdogs.
     """
 
-    def __init__(self, name: str, board_ids: Sequence[int], now_ns: Callable[[], int],
-                 protocol: str = BROADCAST_QUERY, *, real_time: bool = True,
+    def __init__(self, transport: Transport, board_ids: Sequence[int], now_ns: Callable[[], int],
+                 protocol: str = BROADCAST_QUERY, *, bridge: bool = False, real_time: bool = True,
                  exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
-                 asked_at: str = "", first_control: int = 0, quiet: bool = False, udp_port: int = wire.UDP_PORT,
-                 link: Link | None = None, spin_ns: int = 0) -> None:
-        self._name = PortName.parse(name)
+                 first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> None:
         self.board_ids = tuple(sorted(board_ids))
-        where = f"port {name}"
+        where = f"port {transport.where}"
         wrong = [b for b in self.board_ids if not 0 <= b <= 15]
         if wrong or len(set(self.board_ids)) != len(self.board_ids):
             raise PortError(f"board ids {list(board_ids)}", where, "allowed: each once, 0 to 15")
         if protocol not in PROTOCOLS:
             raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
-        self._protocol = protocol
-        self._exclusive, self._query_wait_ns, self._asked_at = exclusive, query_wait_ns, asked_at
+        self._protocol, self._bridge = protocol, bridge
+        self._exclusive, self._query_wait_ns = exclusive, query_wait_ns
         self._first_control, self._quiet = first_control, quiet
         self._hub: discovery.Hub | None = None
         count = len(self.board_ids)
@@ -64,13 +73,13 @@ class UdpPort:
         self.send_ns = 0
         self.counters = Counters(count)
         self.boards: tuple[BoardInfo, ...] = ()
-        self._link = link or Link(self._name.address, udp_port, now_ns, real_time, spin_ns)
+        self._link = Link(transport, now_ns, real_time, spin_ns)
         self._link.counters = self.counters
         if deadline_ms is not None:
             self._link.cycle_timeout_ms = deadline_ms
         self._nodes: ChainMap[int, int] = ChainMap()
-        self._reader: protocols.Reader | None = None
-        self._writer: protocols.Writer | None = None
+        self._reader: Reader | None = None
+        self._writer: Writer | None = None
 
     def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
@@ -80,15 +89,15 @@ class UdpPort:
         self.out: Quads = np.zeros((count, width + 1), np.uint32)
 
     def open(self) -> None:
-        """Make the socket."""
+        """Open the transport."""
         self._link.open()
 
     def close(self) -> None:
-        """Close the socket; boards keep their last command until their watchdog trips."""
+        """Close the transport; boards keep their last command until their watchdog trips."""
         self._link.close()
         self._reader = self._writer = None
 
-    def __enter__(self) -> UdpPort:
+    def __enter__(self) -> BusPort:
         self.open()
         return self
 
@@ -97,40 +106,45 @@ class UdpPort:
 
     def discover(self) -> tuple[BoardInfo, ...]:
         """Find the hub and all boards, check them, and get ready to read and write."""
-        link, address = self._link, self._name.address
+        link = self._link
         self.close()
         link.open()
         if self._quiet and self._discover_quietly():
             return self.boards
-        hub = discovery.find_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
-        if self._exclusive and self.board_ids:
-            discovery.refuse_other_host(link, hub)
-        if self._first_control:
-            link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
+        hub = discovery.find_hub(link, self._bridge)
+        self._make_ours(hub)
         boards = discovery.find_boards(link, hub, self.board_ids)
-        self._nodes = ChainMap({info.board: info.node for info in boards})
-        if hub.board not in self._nodes:
+        if hub.board not in {info.board for info in boards}:
             raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
-        discovery.tune_gap(link, boards)
-        self.boards, self._hub = boards, hub
-        if self.board_ids:
-            self._prepare(hub)
-        self.counters.clear()  # silent node numbers are no faults
+        if not link.by_board:
+            discovery.tune_gap(link, boards)
+        self._take(hub, boards)
         return boards
+
+    def _make_ours(self, hub: discovery.Hub) -> None:
+        """Nobody else drives the bus, or PortError; whatever a predecessor left on is switched off."""
+        if self._exclusive and self.board_ids:
+            discovery.refuse_other_host(self._link, hub)
+        if self._first_control:
+            self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
 
     def _discover_quietly(self) -> bool:
         """False where the hub has no address of ours, or the boards do not know their node numbers yet."""
-        link, address = self._link, self._name.address
-        hub = discovery.find_told_hub(link, address, self._asked_at or discovery_address(address), self._name.bridge)
+        link = self._link
+        hub = discovery.find_told_hub(link, self._bridge)
         boards = discovery.find_boards(link, hub, self.board_ids) if hub is not None else ()
         if hub is None or hub.board not in {info.board for info in boards}:
             return False
+        self._take(hub, boards)
+        return True
+
+    def _take(self, hub: discovery.Hub, boards: tuple[BoardInfo, ...]) -> None:
+        """These boards it is."""
         self.boards, self._hub = boards, hub
         self._nodes = ChainMap({info.board: info.node for info in boards})
         if self.board_ids:
             self._prepare(hub)
-        self.counters.clear()
-        return True
+        self.counters.clear()  # silent node numbers are no faults
 
     def refuse_other_host(self) -> None:
         """PortError while somebody else drives the bus. Asks by sampling the hub, which restarts its sample timer."""
@@ -148,20 +162,22 @@ class UdpPort:
             self._make_rows(width)
         self.hardware = tuple(info.hardware for info in wanted_boards)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
-        rows = protocols.Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, wanted,
-                              hub.board, self._query_wait_ns)
+        rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, wanted, hub.board,
+                    self._query_wait_ns)
         self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
-        self._reader, self._writer = protocols.parts(self._protocol, self._link, rows)
+        self._reader, self._writer = _parts(self._protocol, self._link, rows)
 
     def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
-        """A hub read must fit one datagram."""
-        if self._protocol != BROADCAST_QUERY:
-            return
-        limit = wire.MAX_DATA if is_loopback(self._name.address) else ETHERNET_DATA_BYTES
-        needed = 4 * (sum(layout.hub_quads for layout in layouts) + 1)
-        if needed > limit:
-            raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast read ({needed} bytes)",
-                            self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
+        """What is for all boards at once must fit one datagram."""
+        transport, sizes = self._link.transport, []
+        if self._protocol == BROADCAST_QUERY:
+            sizes.append(("read", 4 * (sum(layout.hub_quads for layout in layouts) + 1), transport.most_read))
+        if self._protocol != SEQUENTIAL:
+            sizes.append(("write", 4 * sum(layout.write_quads for layout in layouts), transport.most_write))
+        for what, needed, limit in sizes:
+            if needed > limit:
+                raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast {what} ({needed} bytes)",
+                                self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
 
     def ask_all(self) -> None:
         """Have every board sample; what is done until `read_all` costs no time of the cycle."""
@@ -208,8 +224,9 @@ class UdpPort:
 
     def read_block(self, board: int, address: int, quads: int) -> Quads:
         """So many consecutive quadlets of one board, (quads,)."""
-        if not 2 <= quads <= ETHERNET_DATA_BYTES // 4:
-            raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {ETHERNET_DATA_BYTES // 4}")
+        most = min(LONGEST_BLOCK, self._link.transport.most_read) // 4
+        if not 2 <= quads <= most:
+            raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {most}")
         data = self._link.read_block(self._node(board), address, 4 * quads)
         if data is None:
             raise self._no_answer(board, address)
@@ -228,11 +245,11 @@ class UdpPort:
         """Write consecutive quadlets of one board."""
         node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
         data = np.asarray(values, np.uint32).astype(np.dtype(">u4")).tobytes()
-        if not 8 <= len(data) <= ETHERNET_DATA_BYTES:
-            raise PortError(f"block of {len(values)} quadlets", f"board {board}",
-                            f"allowed: 2 to {ETHERNET_DATA_BYTES // 4}")
         link = self._link
-        if not link.send(wire.block_write(node, address, data, link.next_tl(), link.generation)):
+        most = min(LONGEST_BLOCK, link.transport.most_write) // 4
+        if not 2 <= len(values) <= most:
+            raise PortError(f"block of {len(values)} quadlets", f"board {board}", f"allowed: 2 to {most}")
+        if not link.send(wire.block_write(node, address, data, link.next_tl(), link.generation, link.flags)):
             raise self._not_sent(board, address)
 
     def info(self, board: int) -> BoardInfo:
@@ -257,3 +274,12 @@ class UdpPort:
 
     def _not_ready(self) -> PortError:
         return PortError("the boards are not discovered", self._link.where, "open and discover first")
+
+
+def _parts(protocol: str, link: Link, rows: Rows) -> tuple[Reader, Writer]:
+    """Reader and writer of a protocol (one of `port.PROTOCOLS`)."""
+    if protocol == SEQUENTIAL:
+        return SequentialRead(link, rows), SequentialWrite(link, rows)
+    if protocol == SEQUENTIAL_BROADCAST:
+        return SequentialRead(link, rows), BroadcastWrite(link, rows)
+    return (UnaskedRead if link.by_board else QueryRead)(link, rows), BroadcastWrite(link, rows)

@@ -18,8 +18,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from procs.io import owner
+from procs.io.bus_port import BusPort
 from procs.io.port import PortError
-from procs.io.udp import UdpPort
+from procs.io.ports import port_of
 from shm.clock import monotonic_ns
 
 Answer = dict[str, Any]
@@ -28,7 +29,7 @@ Answer = dict[str, Any]
 class Desk:
     """The transactions a person may ask for, on a port without boards of its own."""
 
-    def __init__(self, name: str, port: UdpPort, held: contextlib.ExitStack) -> None:
+    def __init__(self, name: str, port: BusPort, held: contextlib.ExitStack) -> None:
         """`port`, called `name`, is not discovered yet; what is taken beside it is given back with `held`."""
         self._name, self._port, self._held = name, port, held
         self._known: Mapping[str, Callable[..., Answer]] = {
@@ -72,7 +73,7 @@ def main() -> None:
     if len(sys.argv) != 2:
         sys.exit("started by: trocar bus")
     try:
-        port = UdpPort(sys.argv[1], (), monotonic_ns, quiet=True)
+        port = port_of(sys.argv[1], (), monotonic_ns, quiet=True)
     except PortError as error:
         _say({"misuse": str(error)})
         return

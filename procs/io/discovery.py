@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.io.link import Link, is_loopback
+from procs.io.link import Link
 from procs.io.port import BoardInfo, PortError
 from procs.lib import blocks, registers, wire
 
 NODES: Final = 16
-ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
 PHY_PAUSE_MS: Final = 10
 FIRST_TRIES: Final = 10
 TOLD_TRIES: Final = 3
@@ -22,76 +21,74 @@ OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or 
 
 @dataclass(frozen=True, slots=True)
 class Hub:
-    """The board that the network cable is plugged into."""
+    """The board whose hub memory is read: where there is one, that with the network cable."""
 
     board: int
     firmware: int
     fpga: int
     hardware: str
+    node: int  # at which it is asked before the nodes are known; BROADCAST: the hub by itself
 
 
-def find_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub:
+def find_hub(link: Link, bridge: bool) -> Hub:
     """Give the hub its address, take the bus generation from its first reply, and learn what it is."""
-    loopback = is_loopback(address)
-    link.aim(asked_at, connect=loopback and asked_at == address)
+    transport = link.transport
+    transport.ask_everybody()
     own = 0 if bridge else wire.NO_FORWARD
-    if not link.write_quadlet(wire.BROADCAST, registers.IP_ADDRESS, registers.ip_quadlet(address), own):
-        raise _silent(link, address)
-    if not loopback:
-        link.pause(ADDRESS_PAUSE_MS)
+    if transport.gives_address is not None:
+        if not link.write_quadlet(wire.BROADCAST, registers.IP_ADDRESS, transport.gives_address, own):
+            raise _silent(link)
+        link.pause(transport.pause_ms)
     hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=FIRST_TRIES)
     if hardware is None:
-        raise _silent(link, address)
+        raise _silent(link)
     link.generation = link.seen_generation
     link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 0, own)
     link.pause(PHY_PAUSE_MS)
-    return _known_hub(link, hardware, address, bridge)
+    hub = _known_hub(link, hardware, bridge)
+    _aim(link, hub, bridge)
+    return hub
 
 
-def find_told_hub(link: Link, address: str, asked_at: str, bridge: bool) -> Hub | None:
+def find_told_hub(link: Link, bridge: bool) -> Hub | None:
     """The hub, found by reads alone, which refresh no watchdog; None where no earlier host gave it this address."""
-    link.aim(asked_at, connect=is_loopback(address) and asked_at == address)
+    link.transport.ask_everybody()
     hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=TOLD_TRIES)
     if hardware is None:
         return None
     link.generation = link.seen_generation
-    hub = _known_hub(link, hardware, address, bridge)
+    hub = _known_hub(link, hardware, bridge)
     told = link.read_quadlet(wire.BROADCAST, registers.IP_ADDRESS, flags=wire.NO_FORWARD)
-    return hub if told == registers.ip_quadlet(link.address) else None
+    address = _aim(link, hub, bridge)
+    return hub if address in (0, told) else None
 
 
-def _known_hub(link: Link, hardware: int, address: str, bridge: bool) -> Hub:
-    """What the hub is; the link is aimed at its own address from here on."""
+def _known_hub(link: Link, hardware: int, bridge: bool) -> Hub:
+    """What the hub is."""
     values = []
     for register in (registers.STATUS, registers.FIRMWARE, registers.ETHERNET):
         value = link.read_quadlet(wire.BROADCAST, register, flags=wire.NO_FORWARD)
         if value is None:
-            raise PortError(f"the hub does not answer reads of register 0x{register:02X}", address, "check the cable")
+            raise PortError(f"the hub does not answer reads of register 0x{register:02X}", link.where,
+                            "check the cable")
         values.append(value)
-    hub = Hub(registers.board_of(values[0]), values[1], registers.fpga_of(values[2]),
-              registers.hardware_name(hardware))
-    _check_hub(hub, address, bridge)
-    # From Rev 9 on every board has the base address plus its board id.
-    own_address = address if hub.firmware < 9 else _shifted(address, hub.board)
-    link.aim(own_address, connect=True)
-    return hub
+    board, firmware, fpga = registers.board_of(values[0]), values[1], registers.fpga_of(values[2])
+    if firmware not in registers.FIRMWARE_REVISIONS:
+        raise PortError(f"firmware Rev {firmware} on hub board {board}", link.where, "allowed: Rev 7, 8, 9")
+    node = board if _does_without_firewire(firmware, fpga, bridge) else wire.BROADCAST
+    return Hub(board, firmware, fpga, registers.hardware_name(hardware), node)
 
 
-def _check_hub(hub: Hub, address: str, bridge: bool) -> None:
-    if hub.firmware not in registers.FIRMWARE_REVISIONS:
-        raise PortError(f"firmware Rev {hub.firmware} on hub board {hub.board}", address, "allowed: Rev 7, 8, 9")
-    if hub.fpga == 3 and hub.firmware >= 9 and not bridge:
-        raise PortError(f"hub board {hub.board} (Rev {hub.firmware}, FPGA V3) would run without FireWire", address,
-                        f"Ethernet-only buses are not supported: write udpfw:{address} to use it as a bridge")
+def _does_without_firewire(firmware: int, fpga: int, bridge: bool) -> bool:
+    return fpga == 3 and firmware >= 9 and not bridge
 
 
-def _shifted(address: str, board: int) -> str:
-    head, _, last = address.rpartition(".")
-    return f"{head}.{(int(last) + board) % 256}"
+def _aim(link: Link, hub: Hub, bridge: bool) -> int:
+    return link.aim(hub.board, hub.firmware, by_board=_does_without_firewire(hub.firmware, hub.fpga, bridge))
 
 
-def _silent(link: Link, address: str) -> PortError:
-    return PortError("no controller answers", f"{address}:{link.udp_port}", "check power, cable and address of the hub")
+def _silent(link: Link) -> PortError:
+    return PortError("no controller answers", link.where, "check power, cable and address of the hub")
 
 
 def find_boards(link: Link, hub: Hub, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
@@ -109,7 +106,7 @@ def find_boards(link: Link, hub: Hub, wanted: Sequence[int]) -> tuple[BoardInfo,
             break
     boards = tuple(sorted(found.values(), key=lambda info: info.board))
     if wanted:
-        check_boards(boards, wanted, link.address)
+        check_boards(boards, wanted, link)
     return boards
 
 
@@ -128,8 +125,9 @@ def _identify(link: Link, node: int, hub: Hub, timeout_ms: int) -> BoardInfo | N
                      board == hub.board)
 
 
-def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], where: str) -> None:
+def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], link: Link) -> None:
     """Raise PortError for a board that is missing, there twice, or of the wrong kind."""
+    where = link.where
     by_id: dict[int, BoardInfo] = {}
     for info in boards:
         if info.board in by_id:
@@ -147,6 +145,9 @@ def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], where: str)
                             f"allowed: {', '.join(blocks.AXES_OF)}")
         if info.firmware not in registers.FIRMWARE_REVISIONS:
             raise PortError(f"firmware Rev {info.firmware}", f"{where} board {board}", "allowed: Rev 7, 8, 9")
+        if link.by_board and not _does_without_firewire(info.firmware, info.fpga, bridge=False):
+            raise PortError(f"firmware Rev {info.firmware} on FPGA V{info.fpga} needs FireWire",
+                            f"{where} board {board}", "allowed: Rev 9 on FPGA V3 for all boards, or udpfw and ethfw")
     revisions = {by_id[board].firmware for board in wanted}
     if 7 in revisions and len(revisions) > 1:
         mix = ", ".join(f"board {board}: Rev {by_id[board].firmware}" for board in wanted)
@@ -171,20 +172,20 @@ def refuse_other_host(link: Link, hub: Hub) -> None:
     """Raise PortError when somebody else samples the boards: the time since the last sample would be too short."""
     if not link.real_time:
         return
-    length = 4 * blocks.read_quads(hub.firmware, *blocks.AXES_OF.get(hub.hardware, blocks.AXES_OF["QLA1"]))
-    if _sample(link, length) is None:
+    if _sample(link, hub) is None:
         raise PortError("the hub does not answer real-time reads", link.where, "check its firmware")
     link.pause(OTHER_HOST_PAUSE_MS)
-    data = _sample(link, length)
+    data = _sample(link, hub)
     since_s = (int.from_bytes(data[:4], "big") + 1) * registers.TICK_S if data else 0.0
     if data and since_s < OTHER_HOST_PAUSE_MS * 0.5e-3:
         raise PortError(f"another host uses this bus (the boards were sampled {since_s * 1e3:.1f} ms ago, not by us)",
                         link.where, "allowed: one host; stop the other")
 
 
-def _sample(link: Link, length: int) -> bytes | None:
-    """The real-time block of the hub, before any node number is known."""
-    return link.read_block(wire.BROADCAST, registers.REAL_TIME, length, flags=wire.NO_FORWARD)
+def _sample(link: Link, hub: Hub) -> bytes | None:
+    """The real-time block of the hub, before any other node number is known."""
+    length = 4 * blocks.read_quads(hub.firmware, *blocks.AXES_OF.get(hub.hardware, blocks.AXES_OF["QLA1"]))
+    return link.read_block(hub.node, registers.REAL_TIME, length, flags=wire.NO_FORWARD)
 
 
 class Rescan:

@@ -1,20 +1,18 @@
-"""One UDP socket to the hub of a bus: transaction labels, bus generation, deadlines, retries of set-up reads."""
+"""Transactions with the boards of a bus: labels, bus generation, deadlines, retries of set-up reads."""
 
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import select
-import socket
 from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from procs.io.port import Counters, PortError, Quads
+from procs.io.port import Counters, Quads
+from procs.io.transport import Transport
 from procs.lib import wire
 
-RECEIVE_BUFFER_BYTES: Final = 1 << 20
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
 SETUP_TIMEOUT_MS: Final = 20
@@ -26,34 +24,23 @@ TIMED_OUT: Final = 0
 DROPPED: Final = -1
 
 
-def is_loopback(address: str) -> bool:
-    """True inside 127/8."""
-    return ipaddress.IPv4Address(address).is_loopback
-
-
-def discovery_address(address: str) -> str:
-    """Where discovery asks: inside 127/8 the hub itself (systems run side by side), else its old-class broadcast."""
-    if is_loopback(address):
-        return address
-    octets = address.split(".")
-    first = int(octets[0])
-    kept = 1 if first < 128 else 2 if first < 192 else 3 if first < 224 else 0
-    return ".".join(octets[:kept] + ["255"] * (4 - kept))
-
-
 class Link:
-    """The socket and what belongs to a transaction. The newest datagram lies in `rx` after a successful receive."""
+    """A transport and what belongs to a transaction. The newest reply lies in `rx` after a successful receive.
 
-    def __init__(self, address: str, udp_port: int, now_ns: Callable[[], int], real_time: bool,
-                 spin_ns: int = 0) -> None:
+    A bus is Ethernet-only while `by_board`: nodes are board ids, requests are not forwarded, and the generation of a
+    FireWire bus that nobody uses is not looked at.
+    """
+
+    def __init__(self, transport: Transport, now_ns: Callable[[], int], real_time: bool, spin_ns: int = 0) -> None:
         """`spin_ns`: how long to look for a reply again and again before sleeping until there is one."""
-        self.address = address
-        self.udp_port = udp_port
+        self.transport = transport
         self.now_ns = now_ns
         self.real_time = real_time
         self.spin_ns = spin_ns if real_time else 0  # a clock that stands still would never end it
         self.counters = Counters(0)  # the port's own takes its place
         self.cycle_timeout_ms = CYCLE_TIMEOUT_MS if real_time else SIMULATED_TIMEOUT_MS
+        self.by_board = False
+        self.flags = 0  # control flags of all requests
         self.generation = 0  # the bus generation our requests carry
         self.seen_generation = 0  # the one the newest reply carried
         self.tl = 0
@@ -62,45 +49,28 @@ class Link:
         self.rx = memoryview(bytearray(DATAGRAM_BYTES))
         self.rx_quads: Quads = np.frombuffer(self.rx, np.uint32)  # the same bytes: not swapped yet
         self.suspect = True  # stale datagrams may be queued
-        self._socket: socket.socket | None = None
-        self._peer: tuple[str, int] | None = None
 
     @property
     def where(self) -> str:
         """The other end, for messages."""
-        return f"{self.address}:{self.udp_port}"
+        return self.transport.where
 
     def open(self) -> None:
-        """Make the socket."""
-        self.close()
-        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        made.setblocking(False)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        poll = select.poll()
-        poll.register(made, select.POLLIN)
-        self._socket, self._poll = made, poll.poll
-        self._recv_into = made.recv_into
+        """Open the transport; nothing is known of the bus."""
+        self.transport.open()
+        self.by_board, self.flags = False, 0
         self.generation = self.seen_generation = 0
         self.suspect = True
 
     def close(self) -> None:
-        """Close the socket; harmless when there is none."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
+        """Close the transport; harmless when it is."""
+        self.transport.close()
 
-    def aim(self, address: str, *, connect: bool) -> None:
-        """Send to `address` from now on; connected, only its replies are heard and sending is cheaper."""
-        sock = self._open_socket()
-        self._peer = None if connect else (address, self.udp_port)
-        try:
-            if connect:
-                sock.connect((address, self.udp_port))
-        except OSError as error:
-            where = f"{address}:{self.udp_port}"
-            raise PortError(f"no route ({error.strerror})", where, "check the network") from error
-        self.address = address
+    def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
+        """The hub is known, and what kind of bus it is; the address it must have been given, 0 where there is none."""
+        self.by_board = by_board
+        self.flags = wire.NO_FORWARD if by_board else 0
+        return self.transport.aim(board, firmware, by_board=by_board)
 
     def next_tl(self) -> int:
         """The label of the next transaction: 1, 2 … 63, 0, 1 …"""
@@ -110,12 +80,12 @@ class Link:
     def send(self, datagram: wire.Buffer) -> bool:
         """Send one datagram; False when the system refused it (nobody listens, no buffer, no route)."""
         try:
-            self._send(datagram)
+            self.transport.send(datagram)
         except ConnectionRefusedError:
             # Nobody listened to an earlier datagram; hearing of it cleared the error, and this one was not sent.
             self.suspect = True
             try:
-                self._send(datagram)
+                self.transport.send(datagram)
             except OSError:
                 return False
         except OSError:
@@ -123,27 +93,20 @@ class Link:
         self.send_ns = self.now_ns()
         return True
 
-    def _send(self, datagram: wire.Buffer) -> None:
-        sock = self._open_socket()
-        if self._peer is None:
-            sock.send(datagram)
-        else:
-            sock.sendto(datagram, self._peer)
-
     def receive(self, tl: int, timeout_ms: int) -> int:
         """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away."""
-        rx, left_ms = self.rx, timeout_ms
+        rx, left_ms, transport = self.rx, timeout_ms, self.transport
         begin_ns = self.now_ns()
         deadline_ns = begin_ns + timeout_ms * 1_000_000
         if self.spin_ns:
             spin_until_ns = begin_ns + self.spin_ns
-            while not self._poll(0) and self.now_ns() < spin_until_ns:
+            while not transport.poll(0) and self.now_ns() < spin_until_ns:
                 pass
         for _ in range(MAX_STRAYS):
-            if not self._poll(left_ms):
+            if not transport.poll(left_ms):
                 break
             try:
-                size = self._recv_into(rx)
+                size = transport.recv_into(rx)
             except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
                 size = 0
             self.recv_ns = now_ns = self.now_ns()
@@ -166,11 +129,11 @@ class Link:
     def drain(self) -> None:
         """Throw away what is queued, when anything may be: late or doubled replies to earlier reads."""
         for _ in range(MAX_STRAYS):
-            if not self._poll(0):
+            if not self.transport.poll(0):
                 self.suspect = False
                 return
             with contextlib.suppress(OSError):
-                self._recv_into(self.rx)
+                self.transport.recv_into(self.rx)
                 self.counters.stray += 1
 
     def read_quadlet(self, node: int, address: int, *, flags: int = 0, timeout_ms: int | None = None,
@@ -179,10 +142,9 @@ class Link:
         if timeout_ms is None:
             timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
         for _ in range(tries):
-            self._open_socket()
             self.drain()
             tl = self.next_tl()
-            if not self.send(wire.quadlet_read(node, address, tl, self.generation, flags)):
+            if not self.send(wire.quadlet_read(node, address, tl, self.generation, self.flags | flags)):
                 continue
             size = self.receive(tl, timeout_ms)
             reply = self._decode(size, wire.QUADLET_RESPONSE, node)
@@ -196,10 +158,9 @@ class Link:
         if timeout_ms is None:
             timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
         for _ in range(tries):
-            self._open_socket()
             self.drain()
             tl = self.next_tl()
-            if not self.send(wire.block_read(node, address, length, tl, self.generation, flags)):
+            if not self.send(wire.block_read(node, address, length, tl, self.generation, self.flags | flags)):
                 continue
             size = self.receive(tl, timeout_ms)
             reply = self._decode(size, wire.BLOCK_RESPONSE, node)
@@ -209,7 +170,7 @@ class Link:
 
     def write_quadlet(self, node: int, address: int, value: int, flags: int = 0) -> bool:
         """Write one register of a node; False when the datagram could not be sent."""
-        return self.send(wire.quadlet_write(node, address, value, self.next_tl(), self.generation, flags))
+        return self.send(wire.quadlet_write(node, address, value, self.next_tl(), self.generation, self.flags | flags))
 
     def pause(self, milliseconds: int) -> None:
         """Let the boards do their work; late replies stay queued. Nothing to wait for when time is simulated."""
@@ -227,11 +188,3 @@ class Link:
             return reply
         self.counters.stray += 1
         return None
-
-    def _open_socket(self) -> socket.socket:
-        if self._socket is None:
-            raise self._closed()
-        return self._socket
-
-    def _closed(self) -> PortError:
-        return PortError("the port is closed", self.where, "open it first")

@@ -6,13 +6,14 @@ import contextlib
 
 from procs import runtime
 from procs.io import owner
+from procs.io.bus_port import BusPort
 from procs.io.cycle import RobotIo
 from procs.io.kinematic import KinematicIo
+from procs.io.ports import port_of
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from procs.io.udp import UdpPort
 from procs.lib.document import Io
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
@@ -68,9 +69,9 @@ def main() -> None:
             core.farewell()
 
 
-def _port(me: runtime.Me, io: Io, robots: Robots, held: contextlib.ExitStack) -> UdpPort:
+def _port(me: runtime.Me, io: Io, robots: Robots, held: contextlib.ExitStack) -> BusPort:
     """The port of this io, ours alone; given back with `held`."""
-    port = UdpPort(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
+    port = port_of(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
                    first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
     held.enter_context(owner.hold(io.port))
     held.callback(port.close)

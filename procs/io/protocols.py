@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from procs.io.discovery import Rescan
 from procs.io.link import Link
-from procs.io.port import BROADCAST_QUERY, SEQUENTIAL_BROADCAST, Quads
+from procs.io.port import Quads
 from procs.lib import blocks, registers, wire
 
 BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
@@ -72,11 +72,12 @@ class Writer(Protocol):
         """True: `rows.out` was sent."""
 
 
-def _swapped(quad: int) -> int:
+def swapped(quad: int) -> int:
+    """A quadlet as it lies in a receive buffer, in the byte order of the wire."""
     return int.from_bytes(quad.to_bytes(4, "big"), "little")
 
 
-def _statuses(rows: Rows) -> Quads:
+def statuses(rows: Rows) -> Quads:
     """What the top byte of every status quadlet must be."""
     ids = np.array(rows.board_ids, np.uint32)
     motors = np.array([layout.motors for layout in rows.layouts], np.uint32)
@@ -89,7 +90,7 @@ class Unpack:
     def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int) -> None:
         """Blocks begin at quadlets `starts` of `raw`, each after a header of `header` quadlets."""
         count, quads = len(rows.board_ids), [layout.read_quads for layout in rows.layouts]
-        self._alike = rows.alike
+        self._alike = rows.alike and starts == sorted(starts)
         if self._alike:
             first, stride = starts[0] - header, header + quads[0]
             self._source = raw[first : first + count * stride].reshape(count, stride)[:, header:].view(BIG_QUAD)
@@ -120,7 +121,7 @@ class Bus:
     def settled(self) -> bool:
         """True when the map of nodes is up to date."""
         link = self._link
-        if link.seen_generation != link.generation and not self._rescan.active:
+        if link.seen_generation != link.generation and not link.by_board and not self._rescan.active:
             self._rescan.start()
         return not self._rescan.active or self._rescan.advance()
 
@@ -140,13 +141,13 @@ class QueryRead:
         self._unpack = Unpack(rows, link.rx_quads, [head + 1 for head in heads], header=1)
         # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
         self._heads = np.array([(head, head + 1 + blocks.STATUS) for head in heads], np.intp)
-        self._check = np.array([(_swapped(layout.check_mask), _swapped(BOARD_MASK)) for layout in rows.layouts],
+        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in rows.layouts],
                                np.uint32)
         self._masked = np.zeros((count, 2), np.uint32)
         self._expected = np.zeros((count, 2), np.uint32)
-        self._expected[:, 1] = _statuses(rows).byteswap()
+        self._expected[:, 1] = statuses(rows).byteswap()
         self._sizes = np.array([layout.header(0) for layout in rows.layouts], np.uint32).byteswap()
-        self._sequence_bits = _swapped(first.header(0xFFFF) ^ first.header(0))
+        self._sequence_bits = swapped(first.header(0xFFFF) ^ first.header(0))
         self._header = first.header
         self._last_header_at = 4 * heads[-1]
         self._time_mask = rows.layouts[-1].time_mask
@@ -172,7 +173,7 @@ class QueryRead:
                             sequence << 16 | self._mask_of_boards)
         self._sent = link.send(self._control + query + wire.crc_bytes(query))
         self._ready_ns = link.send_ns + self._wait_ns
-        np.bitwise_or(self._sizes, _swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
+        np.bitwise_or(self._sizes, swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
@@ -244,8 +245,8 @@ class SequentialRead:
         self._starts = rows.starts(self._quads)
         self._sample = np.zeros(sum(self._quads), np.uint32)
         self._unpack = Unpack(rows, self._sample, self._starts, header=0)
-        self._statuses = [_swapped(status) for status in _statuses(rows).tolist()]
-        self._board_mask = _swapped(BOARD_MASK)
+        self._statuses = [swapped(status) for status in statuses(rows).tolist()]
+        self._board_mask = swapped(BOARD_MASK)
 
     def ask(self) -> None:
         """Every board samples when it is read."""
@@ -271,7 +272,7 @@ class SequentialRead:
         if link.suspect:
             link.drain()
         tl = link.next_tl()
-        if not link.send(wire.block_read(node, registers.REAL_TIME, 4 * quads, tl, link.generation)):
+        if not link.send(wire.block_read(node, registers.REAL_TIME, 4 * quads, tl, link.generation, link.flags)):
             return False
         size = link.receive(tl, link.cycle_timeout_ms)
         if size != 4 * quads + wire.BLOCK_OVERHEAD_BYTES:
@@ -364,8 +365,8 @@ class BroadcastWrite:
 
     def _prepare(self) -> None:
         """Control word, header and header CRC for every label."""
-        data, generation = bytes(self._groups.length), self._link.generation
-        self._heads = [wire.block_write(wire.BROADCAST, registers.REAL_TIME, data, tl, generation)[:22]
+        data, generation, flags = bytes(self._groups.length), self._link.generation, self._link.flags
+        self._heads = [wire.block_write(wire.BROADCAST, registers.REAL_TIME, data, tl, generation, flags)[:22]
                        for tl in range(wire.TL_COUNT)]
         self._made_for = generation
 
@@ -385,16 +386,8 @@ class SequentialWrite:
             at = groups.starts[row]
             data = bytes(groups.data[at : at + groups.sizes[row]])
             node = rows.nodes[board]
-            done &= link.send(wire.block_write(node, registers.REAL_TIME, data, link.next_tl(), link.generation))
+            done &= link.send(wire.block_write(node, registers.REAL_TIME, data, link.next_tl(), link.generation,
+                                               link.flags))
         if done:
             groups.sent()
         return done
-
-
-def parts(protocol: str, link: Link, rows: Rows) -> tuple[Reader, Writer]:
-    """Reader and writer of a protocol (one of `port.PROTOCOLS`)."""
-    if protocol == BROADCAST_QUERY:
-        return QueryRead(link, rows), BroadcastWrite(link, rows)
-    if protocol == SEQUENTIAL_BROADCAST:
-        return SequentialRead(link, rows), BroadcastWrite(link, rows)
-    return SequentialRead(link, rows), SequentialWrite(link, rows)

@@ -9,45 +9,52 @@ import random
 from collections import deque
 from collections.abc import Iterable
 
+from procs.boards.controllers.bus import GROUP
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
+from procs.io.bus_port import BusPort
 from procs.io.cycle import RobotIo
-from procs.io.link import Link
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from procs.io.udp import UdpPort
+from procs.lib import registers, wire
 from procs.lib.document import System
 from tests.io.stand import Clock, FakeCommand, FakeSource
 
 
-class DirectLink(Link):
-    """A link whose other end is in this process. `lose`: so many replies; `loss`: this share of all datagrams."""
+class Direct:
+    """A transport whose other end is in this process. `lose`: so many replies; `loss`: this share of all datagrams."""
 
-    def __init__(self, address: str, world: Emulation, bus: int, clock: Clock) -> None:
-        super().__init__(address, 0, clock, real_time=False)
-        self._world, self._bus = world, bus
+    where, on_firewire, gives_address, pause_ms = "in this process", False, registers.ip_quadlet("127.0.0.1"), 0
+    most_read = most_write = wire.MAX_DATA
+
+    def __init__(self, world: Emulation, bus: int, clock: Clock) -> None:
+        self._world, self._bus, self._clock = world, bus, clock
         self._replies: deque[bytes] = deque()
+        self._to = GROUP
+        self._by_board = False
         self.lose, self.loss = 0, 0.0
         self._dice = random.Random(20261121)
 
     def open(self) -> None:
-        self.generation = self.seen_generation = 0
         self._replies.clear()
 
     def close(self) -> None: ...
 
-    def aim(self, address: str, *, connect: bool) -> None:
-        self.address = address
+    def ask_everybody(self) -> None:
+        self._by_board = False
 
-    def _open_socket(self):  # there is none
-        return self
+    def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
+        self._by_board = by_board
+        return 0
 
-    def _send(self, datagram) -> None:
+    def send(self, datagram) -> None:
         if self._lost():
             return
-        reply = self._world.answer(self._bus, bytes(datagram), self.now_ns())
+        node = datagram[3] & 0x3F
+        to = node if self._by_board and node != wire.BROADCAST else GROUP
+        reply = self._world.answer(self._bus, bytes(datagram), self._clock(), to)
         if reply is None or self._lost():
             return
         if self.lose:
@@ -58,10 +65,10 @@ class DirectLink(Link):
     def _lost(self) -> bool:
         return self.loss > 0.0 and self._dice.random() < self.loss
 
-    def _poll(self, _timeout_ms):
+    def poll(self, _timeout_ms):
         return bool(self._replies)
 
-    def _recv_into(self, buffer) -> int:
+    def recv_into(self, buffer) -> int:
         reply = self._replies.popleft()
         buffer[: len(reply)] = reply
         return len(reply)
@@ -77,11 +84,11 @@ class Rig:
         self.plant = Plant(whole)
         self.world = Emulation(whole, self.plant, self.clock.ns)
         bus = [bus.io for bus in whole.emulation.buses].index(self.io.name)
-        self.link = DirectLink("127.0.0.1", self.world, bus, self.clock)
+        self.link = Direct(self.world, bus, self.clock)
         self.robots = Robots(self.io)
-        # a bridge, whatever its firmware could do without
-        self.port = UdpPort("udpfw:127.0.0.1", self.robots.board_ids, self.clock, self.io.protocol, real_time=False,
-                            first_control=POWER_OFF, link=self.link)
+        bridge = whole.emulation.buses[bus].network == "bridge"  # whatever its firmware could do without
+        self.port = BusPort(self.link, self.robots.board_ids, self.clock, self.io.protocol, bridge=bridge,
+                            real_time=False, first_control=POWER_OFF)
         self.preset = prepare(self.robots, self.port)
         brakes = sum(len(robot.brakes) for robot in self.io.robots)
         self.record = Record.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,

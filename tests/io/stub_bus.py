@@ -9,6 +9,10 @@ import threading
 import time
 from dataclasses import dataclass, field
 
+from procs.io.bus_port import BusPort
+from procs.io.port import BROADCAST_QUERY
+from procs.io.ports import named
+from procs.io.udp import UdpTransport
 from procs.lib import blocks, registers, wire
 
 _COUNTER = iter(range(1, 1 << 16))
@@ -158,3 +162,10 @@ class StubBus:
 def bus_of(count, firmware=8, **options):
     """Boards 0…count-1 on nodes in reverse order, so that no test takes a node for a board id."""
     return StubBus([StubBoard(b, count - 1 - b, firmware=firmware) for b in range(count)], **options)
+
+
+def udp_port_to(name, boards, now_ns, protocol=BROADCAST_QUERY, *, udp_port=wire.UDP_PORT, asked_at="", **options):
+    """The port `name`, whose hub listens at `udp_port` instead of 1394."""
+    parts = named(name)
+    transport = UdpTransport(parts.where, bridge=parts.bridge, udp_port=udp_port, asked_at=asked_at)
+    return BusPort(transport, boards, now_ns, protocol, bridge=parts.bridge, **options)

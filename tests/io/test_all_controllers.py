@@ -9,10 +9,9 @@ import pytest
 
 from procs.io import discovery
 from procs.io.port import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
-from procs.io.udp import UdpPort
 from procs.lib import blocks, registers
 from tests.io.controllers_bus import ControllersBus, controller
-from tests.io.stub_bus import StubBoard, StubBus
+from tests.io.stub_bus import StubBoard, StubBus, udp_port_to
 
 MIXED = "all together"
 BUSES = {
@@ -43,7 +42,7 @@ def protocol(request):
 
 def port_to(bus, protocol=BROADCAST_QUERY, ids=None):
     # A hub of Rev 9 has the base address plus its board id: hubs here have another revision or board id 0.
-    return UdpPort(f"udpfw:{bus.address}", ids or bus.ids, time.monotonic_ns, protocol, udp_port=bus.port,
+    return udp_port_to(f"udpfw:{bus.address}", ids or bus.ids, time.monotonic_ns, protocol, udp_port=bus.port,
                    exclusive=False, deadline_ms=200)
 
 
@@ -95,7 +94,8 @@ def test_more_than_one_datagram_holds_is_refused_with_the_protocol_that_could():
         assert len(port.discover()) == 8
         assert eventually_reads(port)
     with StubBus([StubBoard(board, board, hardware=registers.DQLA) for board in range(9)]) as crowded:
-        port = UdpPort(f"udp:{crowded.address}", range(9), time.monotonic_ns, udp_port=crowded.port, exclusive=False)
+        port = udp_port_to(f"udp:{crowded.address}", range(9), time.monotonic_ns, udp_port=crowded.port,
+                           exclusive=False)
         with port, pytest.raises(PortError) as caught:
             port.discover()
         assert "9 boards do not fit" in str(caught.value) and SEQUENTIAL in str(caught.value)

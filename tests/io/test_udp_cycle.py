@@ -8,9 +8,8 @@ import pytest
 
 from procs.io import discovery
 from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
-from procs.io.udp import UdpPort
 from procs.lib import blocks, registers, wire
-from tests.io.stub_bus import bus_of
+from tests.io.stub_bus import bus_of, udp_port_to
 
 
 def port_to(bus, protocol=BROADCAST_QUERY, **options):
@@ -18,7 +17,7 @@ def port_to(bus, protocol=BROADCAST_QUERY, **options):
     options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
     ids = [board.board for board in bus.boards]
     now_ns = options.pop("now_ns", time.monotonic_ns)
-    return UdpPort(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)
+    return udp_port_to(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)
 
 
 @pytest.fixture(autouse=True)

@@ -5,12 +5,11 @@ import time
 
 import pytest
 
-from procs.io.link import discovery_address
-from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError, PortName
+from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
 from procs.io.start import POWER_OFF
-from procs.io.udp import UdpPort
+from procs.io.udp import discovery_address
 from procs.lib import blocks, registers, wire
-from tests.io.stub_bus import StubBoard, StubBus, bus_of
+from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
 
 DQLA, BCFG = registers.DQLA, 0x42434647
 
@@ -18,7 +17,7 @@ DQLA, BCFG = registers.DQLA, 0x42434647
 def port_to(bus, boards, **options):
     options.setdefault("exclusive", False)
     kind = options.pop("kind", "udp")
-    return UdpPort(f"{kind}:{bus.address}", boards, time.monotonic_ns, udp_port=bus.port, **options)
+    return udp_port_to(f"{kind}:{bus.address}", boards, time.monotonic_ns, udp_port=bus.port, **options)
 
 
 def test_boards_are_found_with_their_nature():
@@ -58,7 +57,6 @@ def test_broadcast_discovery_finds_the_hub():
         ([StubBoard(0, 0, firmware=6)], (0,), ("firmware Rev 6", "allowed: Rev 7, 8, 9")),
         ([StubBoard(0, 0), StubBoard(1, 1, firmware=4)], (0, 1), ("board 1", "firmware Rev 4", "allowed: Rev 7, 8, 9")),
         ([StubBoard(0, 0), StubBoard(1, 1, firmware=7)], (0, 1), ("board 1: Rev 7", "all Rev 7, or Rev 8 and 9")),
-        ([StubBoard(2, 0, firmware=9, ethernet=0x40B1A0A0)], (2,), ("Ethernet-only", "udpfw")),
     ],
 )  # fmt: skip
 def test_wrong_buses_are_refused_by_name(boards, wanted, words):
@@ -84,21 +82,10 @@ def test_a_second_host_is_noticed():
             port.discover()
 
 
-@pytest.mark.parametrize("name", ["fw", "fw:1", "udp:300.1.1.1", "udp:there", "emio", ""])
-def test_other_ports_are_refused(name):
-    with pytest.raises(PortError, match="allowed"):
-        PortName.parse(name)
-
-
-def test_port_names_have_the_usual_defaults():
-    assert PortName.parse("udp") == PortName("169.254.0.100", False)
-    assert PortName.parse("udpfw:127.0.0.1") == PortName("127.0.0.1", True)
-
-
 @pytest.mark.parametrize(("boards", "protocol"), [((1, 1), BROADCAST_QUERY), ((16,), SEQUENTIAL), ((0,), "fastest")])
 def test_impossible_requests_are_refused(boards, protocol):
     with pytest.raises(PortError, match="allowed"):
-        UdpPort("udp:127.0.0.1", boards, time.monotonic_ns, protocol)
+        udp_port_to("udp:127.0.0.1", boards, time.monotonic_ns, protocol)
 
 
 def test_discovery_asks_everybody_outside_loopback():
@@ -109,7 +96,7 @@ def test_discovery_asks_everybody_outside_loopback():
 
 
 def test_a_closed_port_says_so():
-    port = UdpPort("udp:127.0.0.1", (0,), time.monotonic_ns)
+    port = udp_port_to("udp:127.0.0.1", (0,), time.monotonic_ns)
     for use in (port.read_all, port.write_all, lambda: port.read_quadlet(0, 0)):
         with pytest.raises(PortError, match="discover"):
             use()

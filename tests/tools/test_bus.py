@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from procs.io import owner
-from procs.io.udp import UdpPort
+from procs.io.ports import port_of
 from procs.lib import registers, wire
 from procs.lib.document import Controller
 from shm.clock import monotonic_ns, pause
@@ -104,7 +104,7 @@ def test_silent_bus_is_told_with_its_address() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("port", ["eth:0", "udp:300.1.1.1", "bench"])
+@pytest.mark.parametrize("port", ["emio", "udp:300.1.1.1", "bench"])
 def test_unknown_port_is_misuse(port: str) -> None:
     assert "allowed" in run("scan", port, code=2).stderr
 
@@ -231,7 +231,7 @@ def test_running_io_keeps_its_bus(desk_bus: Recorded, words: tuple[Any, ...]) ->
 @pytest.mark.slow
 def test_another_host_keeps_its_bus(desk_bus: Recorded) -> None:
     stop = threading.Event()
-    with UdpPort(desk_bus.name, (0, 3), monotonic_ns) as port:
+    with port_of(desk_bus.name, (0, 3), monotonic_ns) as port:
         port.discover()
 
         def drive() -> None:

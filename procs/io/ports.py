@@ -1,0 +1,34 @@
+"""Which class opens a port, by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from procs.io.bus_port import BusPort
+from procs.io.port import BROADCAST_QUERY, PortError
+from procs.io.transport import Transport
+from procs.io.udp import UdpTransport
+from procs.lib.ports import UDP, PortName, PortNameError
+
+
+def named(name: str) -> PortName:
+    """The parts of a port's name; PortError for ports that cannot be opened."""
+    try:
+        return PortName.parse(name)
+    except PortNameError as error:
+        raise PortError(error.what, f"port {name}", f"allowed: {error.allowed}") from error
+
+
+def transport_of(name: PortName) -> Transport:
+    """What carries datagrams to the boards of a port; nothing is opened yet."""
+    if name.kind == UDP:
+        return UdpTransport(name.where, bridge=name.bridge)
+    raise PortError("not supported", f"port {name.owned}", "allowed: udp, udpfw")
+
+
+def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,
+            real_time: bool = True, first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> BusPort:
+    """The port `name`, as configuration files write it, with its boards; nothing is opened yet. See `BusPort`."""
+    parts = named(name)
+    return BusPort(transport_of(parts), board_ids, now_ns, protocol, bridge=parts.bridge, real_time=real_time,
+                   first_control=first_control, quiet=quiet, spin_ns=spin_ns)

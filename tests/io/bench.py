@@ -1,0 +1,130 @@
+"""Emulated controllers behind every kind of port, and what can go wrong on the way, for the conformance test."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+
+from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.endpoints import Endpoints
+from procs.io.bus_port import BusPort
+from procs.io.port import BROADCAST_QUERY
+from procs.io.ports import named, transport_of
+from procs.lib import document, wire
+from procs.lib.document import Controller
+from tests.io.stub_bus import own_address
+
+TICKS_PER_NS = 49.152e-3
+SERVE_NS = 5_000_000
+Replies = list[bytes]
+Fault = Callable[[bytes, Replies], Replies]
+
+
+def nothing_wrong(_request: bytes, replies: Replies) -> Replies:
+    return replies
+
+
+def block_address() -> str:
+    """The first of sixteen addresses in 127/8 that no other process or test uses."""
+    head, _, last = own_address().rpartition(".")
+    return f"{head}.{16 * (1 + int(last) % 14)}"
+
+
+class Bench:
+    """Controllers on one bus; a context manager. `fault` may change what they reply; `requests` is what they heard.
+
+    `kind`: udp, udpfw, or ethernet for Ethernet-only over UDP.
+    """
+
+    def __init__(self, kind: str, *, count: int = 3, serve: bool = True) -> None:
+        self.kind = kind
+        late = kind in ("udpfw", "ethernet", "eth-only")
+        rows = tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
+                     for board in range(2, 2 + count))
+        self.network = "ethernet" if kind in ("ethernet", "eth-only") else "bridge"
+        self.bus = Bus(rows, network=self.network)
+        self.ids = tuple(row.board_id for row in rows)
+        self.fault: Fault = nothing_wrong
+        self.requests: list[bytes] = []
+        self.lock = threading.Lock()
+        self._controllers = rows
+        self._start_ns = time.monotonic_ns()
+        self._second: bytes | None = None
+        self._stop = threading.Event()
+        self._endpoints = self._served() if serve else None
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    # -- the boards' side ----------------------------------------------------------------------------------------------
+
+    def _served(self) -> Endpoints:
+        self.name = f"{'udpfw' if self.kind == 'udpfw' else 'udp'}:{block_address()}"
+        described = document.Bus("bench", self.name.partition(":")[2], self._controllers, network=self.network)
+        return Endpoints((described,), self._answer, time.monotonic_ns, False)
+
+    def _answer(self, _bus: int, data: wire.Buffer, _now_ns: int, to: int) -> wire.Buffer | None:
+        replies = self.answer(bytes(data), to)
+        return replies[0] if replies else None
+
+    def answer(self, request: bytes, to: int = GROUP) -> Replies:
+        """What the boards reply, with what goes wrong on the way."""
+        with self.lock:
+            self.requests.append(request)
+            tick = round((time.monotonic_ns() - self._start_ns) * TICKS_PER_NS)
+            reply = self.bus.answer(request, tick, to)
+            return self.fault(request, [] if reply is None else [bytes(reply)])
+
+    def _serve(self) -> None:
+        assert self._endpoints is not None
+        while not self._stop.is_set():
+            self._endpoints.serve(SERVE_NS)
+
+    def __enter__(self) -> Bench:
+        if self._endpoints is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        if self._endpoints is not None:
+            self._thread.join()
+            self._endpoints.close()
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """A FireWire bus reset."""
+        with self.lock:
+            self.bus.reset()
+
+    def take_away(self, board: int, *, gone: bool = True) -> None:
+        with self.lock:
+            self.bus.take_away(self.ids.index(board), gone)
+
+    # -- the host's side -----------------------------------------------------------------------------------------------
+
+    def port(self, protocol: str = BROADCAST_QUERY, boards: tuple[int, ...] | None = None, **options) -> BusPort:
+        options.setdefault("deadline_ms", 200)  # of a busy machine; the rules are the same
+        options.setdefault("exclusive", False)
+        name = named(self.name)
+        return BusPort(transport_of(name), self.ids if boards is None else boards, time.monotonic_ns, protocol,
+                       bridge=name.bridge, **options)
+
+
+def times(count: int, kind: Fault) -> Fault:
+    """So many replies go through `kind`; then nothing is wrong any more."""
+    left = [count]
+
+    def fault(request: bytes, replies: Replies) -> Replies:
+        if not replies or not left[0]:
+            return replies
+        left[0] -= 1
+        return kind(request, replies)
+
+    return fault
+
+
+def here() -> bool:
+    """Whether the test's own network namespace was made."""
+    return os.environ.get("TROCAR_TEST_NAMESPACE") == "1"
