@@ -1,5 +1,8 @@
 """Digital inputs: debounced values and button events, all inputs of a process at once.
 
+Inputs are pulled up and a closed contact pulls them low: `pressed_value` of the files is the value while the bit is
+low, true for a contact that closes when pressed, false for one that opens. Value true: pressed.
+
 A value that differs is remembered; when it has stayed for the debounce time, the next poll takes whatever is there
 then. A change that does not last that long is a click when it ends released and lasted longer than the click time
 (0 where the file names none, so every short press of at least two polls clicks).
@@ -30,7 +33,7 @@ class Debounce:
         """In the order of the document."""
         n = len(inputs)
         self.value: NDArray[np.bool_] = np.zeros(n, dtype=bool)
-        self._inverted = np.array([not i.pressed_value for i in inputs], dtype=bool)
+        self._when_low = np.array([i.pressed_value for i in inputs], dtype=bool)
         self._debounce = np.array([i.debounce_s for i in inputs])
         self._click = np.array([i.debounce_click_s for i in inputs])
         self._clicks = self._click != self._debounce
@@ -45,18 +48,19 @@ class Debounce:
 
     def poll(self, bits: NDArray[np.bool_], dt: float) -> list[tuple[int, int]]:
         """Take raw `bits` (n,) and the time since the last poll [s]; returns (input, PRESSED, RELEASED or CLICKED)."""
-        np.not_equal(bits, self._inverted, self._pressed)
+        np.not_equal(bits, self._when_low, self._pressed)
         if self._first:
-            return self._begin()
+            return self._begin(dt)
         if self._pressed.tobytes() == self.value.tobytes() and b"\1" not in self._pending.tobytes():
             return _NOTHING
         return self._changed(dt)
 
-    def _begin(self) -> list[tuple[int, int]]:
-        # An input that skips its first run starts released and debounces like any later change.
+    def _begin(self, dt: float) -> list[tuple[int, int]]:
+        """What there is at first is taken and told; of those that skip that, it is a change from released."""
         self._first = False
-        np.copyto(self.value, self._pressed, where=~self._quiet_first)
-        return self._events(~self._quiet_first, np.zeros_like(self._pressed))
+        at_once = ~self._quiet_first
+        np.copyto(self.value, self._pressed, where=at_once)
+        return self._events(at_once, np.zeros_like(at_once)) + self._changed(dt)
 
     def _changed(self, dt: float) -> list[tuple[int, int]]:
         now, pending = self._pressed, self._pending

@@ -28,12 +28,12 @@ def test_buttons_have_their_released_level_until_pressed() -> None:
     def level(node: int, bit: int) -> int:
         return int(real_time(world, 0, node, START + 1)[blocks.DIGITAL_INPUT]) >> bit & 1
 
-    assert (level(0, 4), level(1, 0), level(0, 5)) == (0, 1, 1)
+    assert (level(0, 4), level(1, 0), level(0, 5)) == (1, 0, 1)
     incidents.press("clutch", True)
     incidents.press("limit", True)
-    assert (level(0, 4), level(1, 0)) == (1, 0)
+    assert (level(0, 4), level(1, 0)) == (0, 1)
     incidents.press("clutch", False)
-    assert level(0, 4) == 0
+    assert level(0, 4) == 1
     with pytest.raises(KeyError, match="clutch, limit"):
         incidents.press("camera", True)
 

@@ -40,7 +40,7 @@ def _system(reader: str) -> System:
     system = two_buses()
     first, second = system.ios
     switches = tuple(DigitalInput(f"PSM1_{name}", 3, bit, pressed, True, True)
-                     for name, bit, pressed in (("adapter", ADAPTER, True), ("tool", TOOL, False)))
+                     for name, bit, pressed in (("adapter", ADAPTER, False), ("tool", TOOL, True)))
     io = dataclasses.replace(first, digital_inputs=first.digital_inputs + switches, instrument_readers=(
         InstrumentReader("PSM2_dallas", 9), InstrumentReader(reader, 3)))
     tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), ()) for name in (LND, HOOK))

@@ -30,8 +30,8 @@ def _read(world: Emulation, node: int, address: int, now: int) -> int:
 
 def test_inputs_at_rest_are_pulled_up_but_for_buttons_that_pull_when_pressed() -> None:
     world = Emulation(_with(Controller(9, "DQLA", fpga="V3"), Controller(3, "dRA1", fpga="V3")), Rails(7), START)
-    assert _read(world, 0, reg.DIGITAL_INPUT, START + 1) == 0x0FFF_0FEF, "clutch: bit 4, high when pressed"
-    assert _read(world, 1, reg.DIGITAL_INPUT, START + 1) == 0x0001_FFFF, "limit: bit 0, low when pressed"
+    assert _read(world, 0, reg.DIGITAL_INPUT, START + 1) == 0x0FFF_0FFF, "clutch: bit 4, low when pressed"
+    assert _read(world, 1, reg.DIGITAL_INPUT, START + 1) == 0x0001_FFFE, "limit: bit 0, high when pressed"
 
 
 def test_a_voltage_is_held_against_the_current_limit_in_every_step() -> None:

@@ -60,7 +60,7 @@ def document(robot_count: int = 1, **changes) -> Io:
         "watchdog_s": 0.03, "close_all_relays": True,
         "robots": tuple(robot(n, 2 * i) for i, n in enumerate(names)),
         "pids": tuple(Pid(n, n, tuple(gains() for _ in range(7))) for n in names),
-        "digital_inputs": (DigitalInput("clutch", 0, 0, True, True, True, debounce_s=0.0),),
+        "digital_inputs": (DigitalInput("clutch", 0, 0, False, True, True, debounce_s=0.0),),
     }
     return Io(**(values | changes))
 
