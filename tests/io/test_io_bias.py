@@ -4,8 +4,9 @@ import pytest
 from procs.io.port import PortError
 from procs.io.robots import Robots
 from procs.io.start import prepare
-from procs.lib import registers
-from tests.io.stand import FakePort, Stand, document
+from procs.lib import blocks, registers
+from procs.lib.document import Linear, Potentiometer
+from tests.io.stand import FakePort, Stand, document, robot, with_actuators
 
 
 def test_encoders_take_the_value_of_constant_potentiometers() -> None:
@@ -25,6 +26,16 @@ def test_encoders_take_the_value_of_constant_potentiometers() -> None:
     assert stand.record.bias_generation[0] == generation + 1
     np.testing.assert_allclose(stand.record.position, stand.record.pot_position, atol=1e-5)
     np.testing.assert_allclose(stand.record.position, 1.5, atol=5e-5)
+
+
+def test_the_mean_of_1970_equal_samples_is_that_sample() -> None:
+    exact = Potentiometer(Linear(1.0 / 16384.0), Linear(1.0))  # 1.5 is a whole number of its bits
+    stand = Stand(preset=False, robots=(with_actuators(robot("PSM1", 0), potentiometer=exact),))
+    stand.port.live[:, blocks.ADC] = 24576 << 16 | 0x8000
+    assert stand.ask("bias_encoders", -1970).outcome == "accepted"
+    stand.run(2000)
+    assert stand.record.biased[0]
+    np.testing.assert_allclose(stand.record.position, 1.5, rtol=1e-12)  # the reference: 1.4992386787
 
 
 def test_motion_during_the_bias_does_no_harm() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.lib import conversion, registers
-from tests.stock import find
+from tests.stock import chain, find
 
 
 def _axis(path: str, axis: int) -> dict:
@@ -38,7 +38,7 @@ def _pot(path: str, axis: int, *bits: float) -> np.ndarray:
 def test_currents_become_the_bits_of_the_site() -> None:
     assert _bits(CLASSIC, 0, 0.0, 1.0, 1.34, -1.34) == [33032, 27789, 26006, 40057]
     assert _bits(CLASSIC, 2, 0.5) == [35313]
-    assert _bits(SI, 0, 0.0, 1.0, -1.0) in ([32768, 27968, 37568], [32768, 37568, 27968])
+    assert _bits(SI, 0, 0.0, 1.0, -1.0) == [32768, 27968, 37568]
 
 
 def test_a_negative_offset_wraps_like_the_converter() -> None:
@@ -59,8 +59,10 @@ def test_encoder_counts_become_positions() -> None:
 
 
 def test_potentiometer_bits_become_positions() -> None:
-    np.testing.assert_allclose(
-        _pot(CLASSIC, 0, 0, 32768, 65535), [1.7138683044, 2.1242890e-4, -1.7133911500], rtol=1e-7)
+    np.testing.assert_allclose(_pot(CLASSIC, 0, 0, 65535), [1.7138683044, -1.7133911500], rtol=1e-9)
+    np.testing.assert_allclose(_pot(CLASSIC, 0, 32768), 2.1242890e-4, rtol=5e-8)  # as many digits as are stated
+    volts = _linear(_axis(CLASSIC, 0)["potentiometer"]["bits_to_voltage"], 32768)
+    np.testing.assert_allclose(volts, 2.25, rtol=1e-9)
     np.testing.assert_allclose(_pot(CLASSIC, 2, 32768), 0.1190601520, rtol=1e-9)
 
 
@@ -73,6 +75,27 @@ def test_efforts_and_feedback_limits_of_the_site(path: str, axis: int, effort: f
     factor = conversion.inverse(np.array([drive["effort_to_current"]["scale"]]))
     np.testing.assert_allclose(largest * factor, effort, rtol=1e-9)
     np.testing.assert_allclose(conversion.feedback_limit(largest), limit, rtol=1e-9)
+
+
+def test_scales_of_a_site_come_from_its_gears_and_encoders() -> None:
+    gears = (56.5, 56.5, 336.6, 11.71, 11.71, 11.71, 11.71)  # the third: 1/m
+    counts = (14400, 14400, 14400, 4000, 4000, 4000, 4000)
+    constant = _axis(CLASSIC, 0)["drive"]["effort_to_current"]["scale"] * gears[0]  # of the motors, alike on all axes
+    for axis, (gear, count) in enumerate(zip(gears, counts, strict=True)):
+        row = _axis(CLASSIC, axis)
+        np.testing.assert_allclose(abs(row["encoder"]["bits_to_position"]["scale"]), 2 * np.pi / count / gear,
+                                   rtol=1e-9)
+        np.testing.assert_allclose(row["drive"]["effort_to_current"]["scale"] * gear, constant, rtol=1e-8)
+    for path, axes, full in ((CLASSIC, range(7), 6.25), (SI, (0, 1), 65536 / 4800 / 2), (SI, range(2, 7), 2.048)):
+        for axis in axes:
+            drive = _axis(path, axis)["drive"]
+            out, back = drive["current_to_bits"]["scale"], drive["bits_to_current"]["scale"]
+            np.testing.assert_allclose(abs(out), 32768 / full, rtol=1e-9)
+            np.testing.assert_allclose(back, np.sign(out) * full / 32768, rtol=2e-6)  # the site has rounded it
+
+
+def test_efforts_of_the_site_are_those_of_the_kinematic_file() -> None:
+    np.testing.assert_allclose(chain("PSM").links[0].effort_max, 1.34 / 0.4040893846, rtol=1e-6)
 
 
 def test_rounding_keeps_every_count_where_truncation_loses_some() -> None:

@@ -37,6 +37,18 @@ def test_power_is_the_same_on_both_sides(name: str) -> None:
 
 
 @pytest.mark.parametrize("arm", ["MTML", "MTMR"])
+def test_power_of_the_masters_is_the_same_to_the_last_digits(arm: str) -> None:
+    pair = coupling(7, stock.chain(arm))
+    for one, other in ((pair.actuator_to_joint, pair.joint_to_actuator), (pair.joint_to_actuator,
+                                                                          pair.actuator_to_joint)):
+        np.testing.assert_allclose(one @ other, np.eye(7), atol=1e-12)
+    rng = np.random.default_rng(4)
+    for velocity, effort in rng.uniform(-1.0, 1.0, (1000, 2, 7)):
+        power = pair.joint_position(velocity) @ pair.joint_effort(effort)
+        assert power == pytest.approx(velocity @ effort, rel=0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("arm", ["MTML", "MTMR"])
 def test_original_matrices_of_the_masters_are_met(arm: str) -> None:
     lines = stock.find("golden/kinematics/coupling_mtm.jsonl").read_text().splitlines()
     record = next(r for r in map(json.loads, lines) if r["arm"] == arm)

@@ -35,6 +35,20 @@ def test_firmware_words_give_velocity_both_ways(words: tuple[int, ...], expected
                                rtol=0, atol=6e-5)
 
 
+@pytest.mark.parametrize(("words", "stated"), CASES)
+def test_firmware_words_equal_the_formulas_to_the_last_digits(
+    words: tuple[int, ...], stated: tuple[float, ...]
+) -> None:
+    tick, (period, q1, q5, running) = 1 / 49.152e6, words
+    v = 4 / (period * tick)
+    a = 8 * (q5 - q1) / (period * (period - q1 + q5) * tick**2 * (q5 + q1)) if 1 / q1 <= 0.0005 else 0.0
+    most = 1 / (running * tick) if running else np.inf  # one count in the time since
+    expected = (v, a, min(v + a * (period * tick / 2 + running * tick), most))
+    np.testing.assert_allclose(expected, stated, rtol=0, atol=6e-5)
+    found = estimate(period | FORWARD, q1 | FORWARD | A_UP, q5 | FORWARD | A_UP, running | FORWARD)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
 def test_firmware_velocity_equals_the_formula() -> None:
     tick, period, q1, q5, running = 1 / 49.152e6, 49152, 11000, 14000, 500
     a = 8 * (q5 - q1) / (period * (period - q1 + q5) * tick**2 * (q5 + q1))
