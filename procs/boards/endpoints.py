@@ -21,15 +21,16 @@ from operator import itemgetter
 from typing import Final, cast
 
 from procs.boards.controllers.bus import GROUP
+from procs.boards.frames import FrameSocket
 from procs.boards.mishaps import Mishaps
 from procs.lib.document import Bus
-from procs.lib.wire import UDP_PORT, Buffer
+from procs.lib.wire import MULTICAST, UDP_PORT, Buffer
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
-MULTICAST: Final = "224.0.0.100"
 ANY: Final = "0.0.0.0"
+RAW: Final = "eth:"  # then a network interface, in place of an address: raw Ethernet
 OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
 BLOCK: Final = 16  # addresses of an Ethernet-only bus
 _STAMP = struct.Struct("@qq")
@@ -42,7 +43,7 @@ _OFFSET_SPAN_NS = 20_000
 
 Answer = Callable[[int, Buffer, int, int], Buffer | None]
 Addressee = Callable[[int, bytes], int | None]
-Sender = tuple[str, int]
+Sender = tuple[str | bytes, int]  # IP address and port; over raw Ethernet MAC address and the board it asked
 # Number of the door, size, receive time, sender, to whom, where the reply must come from (empty: the door)
 Arrival = tuple[int, int, int, Sender, int, bytes]
 
@@ -51,12 +52,13 @@ Arrival = tuple[int, int, int, Sender, int, bytes]
 class Door:
     """A socket of a bus, and for which of its boards it is."""
 
-    sock: socket.socket
+    sock: socket.socket | FrameSocket
     bus: int
     to: int  # board id or GROUP
-    replies: socket.socket  # where replies leave
+    replies: socket.socket | FrameSocket  # where replies leave
     only_from: tuple[int, int] | None = None  # senders it hears, as numbers
     any_address: bool = False
+    frames: FrameSocket | None = None
 
 
 class Endpoints:
@@ -84,6 +86,10 @@ class Endpoints:
         self._offset, self._offset_until = 0, 0
 
     def _open(self, number: int, bus: Bus) -> None:
+        if bus.address.startswith(RAW):
+            frames = _frames(bus)
+            self._doors.append(Door(frames, number, GROUP, frames, frames=frames))
+            return
         if bus.network != "ethernet" or bus.address == ANY:
             sock = _bound(bus.address)
             self._doors.append(Door(sock, number, GROUP, sock, any_address=bus.address == ANY))
@@ -129,6 +135,8 @@ class Endpoints:
             elif kind == IP_PKTINFO and door.any_address:
                 _, source, address = _PACKET_INFO.unpack_from(data)
                 to = self._board_at(door.bus, address)
+        if door.frames is not None:
+            to = door.frames.to
         if stamp:
             if now >= self._offset_until:
                 self._compare_clocks(now)
@@ -151,9 +159,9 @@ class Endpoints:
 
     def _reply(self, number: int, size: int, stamp_ns: int, sender: Sender, to: int, source: bytes) -> None:
         door, mishaps = self._doors[number], self._mishaps
-        if door.only_from is not None and not _heard(sender[0], door.only_from):
+        if door.only_from is not None and not _heard(str(sender[0]), door.only_from):
             return
-        if mishaps.active and not mishaps.arrives(door.bus):
+        if (mishaps.active and not mishaps.arrives(door.bus)) or (door.frames is not None and size == 0):
             return
         reply = self._answer(door.bus, self._views[number][:size], stamp_ns, to)
         if reply is None:
@@ -166,12 +174,13 @@ class Endpoints:
 
     def _send_to(self, reply: Buffer, receiver: object) -> None:
         # as `_reply` gave it to the mishaps
-        sock, sender, source = cast(tuple[socket.socket, Sender, bytes], receiver)
+        sock, sender, source = cast(tuple[socket.socket | FrameSocket, Sender, bytes], receiver)
         self._send(sock, reply, sender, source)
 
-    def _send(self, sock: socket.socket, reply: Buffer, sender: Sender, source: bytes) -> None:
+    def _send(self, sock: socket.socket | FrameSocket, reply: Buffer, sender: Sender, source: bytes) -> None:
         with contextlib.suppress(OSError):  # who asked is gone, or its buffer is full: as on a cable, it is lost
-            if source:  # hosts may refuse what comes from another address than they asked
+            if source and isinstance(sock, socket.socket):
+                # hosts may refuse what comes from another address than they asked
                 where = _PACKET_INFO.pack(0, source, bytes(4))
                 sock.sendmsg((reply,), ((socket.IPPROTO_IP, IP_PKTINFO, where),), 0, sender)
             else:
@@ -187,16 +196,31 @@ def _heard(sender: str, block: tuple[int, int]) -> bool:
     return block[0] <= int(IPv4Address(sender)) < block[1]
 
 
+def _frames(bus: Bus) -> FrameSocket:
+    interface, ids = bus.address.removeprefix(RAW), [controller.board_id for controller in bus.controllers]
+    try:
+        frames = FrameSocket(interface, ids, ids[0], by_board=bus.network == "ethernet")
+        _prepare(frames)
+    except OSError as error:
+        raise OSError(error.errno, f"emulated bus on interface {interface}: {error.strerror}") from error
+    return frames
+
+
+def _prepare(sock: socket.socket | FrameSocket) -> None:
+    """Times of arrival, and room for a burst."""
+    sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BYTES)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+
+
 def _bound(address: str, *, shared: bool = False) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        _prepare(sock)
         if shared:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, RECEIVE_BYTES)
-        except PermissionError:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
         sock.bind((address, UDP_PORT))
     except OSError as error:
         sock.close()

@@ -15,6 +15,10 @@ from typing import Final, TypeAlias
 
 UDP_PORT: Final = 1394
 MULTICAST: Final = "224.0.0.100"  # Ethernet-only (Rev 9): all boards
+FRAME_HEADER_BYTES: Final = 14  # of raw Ethernet: to, from, length
+FRAME_DATAGRAM_BYTES: Final = 1023  # firmware takes a longer frame for another protocol
+BOARD_MAC: Final = bytes.fromhex("fa610e1394")  # then the board id
+GROUP_MAC: Final = bytes.fromhex("fb610e1394ff")  # all boards
 BROADCAST: Final = 0x3F  # node number that means every node
 BUS: Final = 0x3FF
 HOST_ID: Final = 0xFFD0

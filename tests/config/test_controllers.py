@@ -183,6 +183,14 @@ def test_io_is_led_to_the_emulated_bus(home: Home, section: Section, port: str) 
     assert system.notes[-1].startswith("IO1: port udp replaced by emulated boards 6, 7 at ")
 
 
+def test_the_port_to_boards_on_raw_ethernet_stays_as_it_is_written(home: Home) -> None:
+    on_cable: Section = {"buses": {"IO1": {"address": "eth:veth1"}}}
+    system = _system(home, on_cable, port="eth:veth0")
+    assert system.ios[0].port == "eth:veth0" and system.emulation is not None
+    assert system.emulation.buses[0].address == "eth:veth1"
+    assert system.notes[-1] == "IO1: emulated boards 6, 7 at eth:veth1"
+
+
 def test_extra_boards_join_and_the_hub_comes_first(home: Home) -> None:
     section: Section = {"buses": {"IO1": {"hub": 7, "controllers": {"10": {}, "3": {"hardware": "DQLA"}}}}}
     system = _system(home, section)

@@ -71,6 +71,8 @@ MISTAKES: list[tuple[Section, str, str, str, str]] = [  # section, hardware, key
         "up to 506: 15 QLA1",
     ),
     # addresses
+    ({"buses": {"IO1": {"address": "eth:veth1"}}}, "QLA1", "IOs[0].port", "on raw Ethernet", "eth:INTERFACE"),
+    ({"buses": {"IO1": {"address": "eth:"}}}, "QLA1", f"{BUS}.address", "not an address", "eth:INTERFACE"),
     ({"buses": {"IO1": {"address": "10.0.0.1"}}}, "QLA1", f"{BUS}.address", "not an address", "127.x.y.z"),
     ({"buses": {"IO1": {"address": "127.1.2"}}}, "QLA1", f"{BUS}.address", "not an address", "0.0.0.0"),
     ({"buses": {"IO1": {"address": "127.1.2.255"}}}, "QLA1", f"{BUS}.address", "not an address", "1 to 254"),
@@ -172,6 +174,11 @@ def test_two_robots_of_one_name_cannot_be_told_apart(home: Home) -> None:
             "127.1.1.47 belongs to a",
         ),
         ({str(n): {"controllers": {"0": {}}} for n in range(16)}, "trocar.emulation.buses", "16 buses"),
+        (
+            {name: {"address": "eth:veth1", "controllers": {"0": {}}} for name in "ab"},
+            "trocar.emulation.buses.b.address",
+            "eth:veth1 belongs to a",
+        ),
     ],
 )
 def test_buses_must_not_disturb_each_other(home: Home, buses: Section, key: str, text: str) -> None:

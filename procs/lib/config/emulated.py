@@ -20,7 +20,7 @@ from procs.lib.config.controllers import (
     check_hub_memory,
     controllers,
 )
-from procs.lib.config.emulation_section import EVERYWHERE, EmulatedBusKeys, EmulationOptions
+from procs.lib.config.emulation_section import EVERYWHERE, RAW, EmulatedBusKeys, EmulationOptions
 from procs.lib.config.io_file import RobotKeys
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
@@ -64,6 +64,8 @@ def build_emulation(
             _note(place, bus, by_name.get(place.name))
             check_hub_memory(place, bus.controllers)
         if place.name in by_name:
+            if bus.address.startswith(RAW):
+                _check_raw_port(place, bus, by_name[place.name])
             check_broadcasts(place, bus.controllers, PROTOCOLS[by_name[place.name].keys.protocol])
     _check_addresses(places, rows)
     robots = _robots(context, buses)
@@ -79,12 +81,20 @@ def build_emulation(
     )
 
 
-def port_of(bus: document.Bus) -> str:
-    """The port under which a host on this machine finds an emulated bus."""
+def ports_of(buses: Iterable[document.Bus]) -> dict[str, str]:
+    """By IO, the ports under which a host on this machine finds emulated buses, but for those on raw Ethernet."""
+    return {bus.io: _port_of(bus) for bus in buses if not bus.address.startswith(RAW)}
+
+
+def _port_of(bus: document.Bus) -> str:
     address = "127.0.0.1" if bus.address == EVERYWHERE else bus.address
-    hub = bus.controllers[0]
-    could_do_without = hub.firmware >= 9 and hub.fpga == "V3"  # and would, if udp stood here
-    return f"udpfw:{address}" if bus.network == "bridge" and could_do_without else f"udp:{address}"
+    forced = bus.network == "bridge" and _could_do_without_firewire(bus)
+    return f"udpfw:{address}" if forced else f"udp:{address}"
+
+
+def _could_do_without_firewire(bus: document.Bus) -> bool:
+    """And would, where the port does not say otherwise."""
+    return bus.controllers[0].firmware >= 9 and bus.controllers[0].fpga == "V3"
 
 
 def _places(
@@ -122,7 +132,8 @@ def _bus(place: BusPlace, address: str) -> document.Bus:
 
 
 def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
-    replaced = f"port {files.keys.port} replaced by " if files is not None else ""
+    stays = bus.address.startswith(RAW)
+    replaced = f"port {files.keys.port} replaced by " if files is not None and not stays else ""
     boards = ", ".join(str(board) for board in sorted(row.board_id for row in bus.controllers))
     text = f"{bus.io}: {replaced}emulated boards {boards} at {bus.address}"
     if bus.testboard:
@@ -130,9 +141,20 @@ def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
     place.context.notes.append(text)
 
 
+def _check_raw_port(place: BusPlace, bus: document.Bus, files: BusFiles) -> None:
+    """Nobody but the system file can know at which interface the host hears the boards: its port stays."""
+    key: Key = (*files.key, "port")
+    if not files.keys.port.startswith("eth"):
+        text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
+        place.error(key, text, "eth:INTERFACE, the other end of their cable")
+    elif bus.network == "bridge" and not files.keys.port.startswith("ethfw") and _could_do_without_firewire(bus):
+        place.error(key, f"the boards of {place.name} would be asked without FireWire", "ethfw:INTERFACE")
+
+
 def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
     """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there."""
     taken: dict[IPv4Address, str] = {}
+    interfaces: dict[str, str] = {}
     place_of = {place.name: place for place in places}
     for bus in rows:
         place = place_of[bus.io]
@@ -140,6 +162,11 @@ def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
         if bus.address == EVERYWHERE:
             if len(rows) > 1:
                 place.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
+            continue
+        if bus.address.startswith(RAW):
+            if bus.address in interfaces:
+                place.error(key, f"{bus.address} belongs to {interfaces[bus.address]}", "an interface for every bus")
+            interfaces[bus.address] = bus.io
             continue
         base = IPv4Address(bus.address)
         shift = max((row.board_id for row in bus.controllers if row.firmware >= 9), default=0)

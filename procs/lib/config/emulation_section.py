@@ -13,12 +13,19 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from procs.lib.config.validate import Rows, Section
 
 EVERYWHERE = "0.0.0.0"  # every address of this machine
+RAW = "eth:"  # then an interface: raw Ethernet instead of UDP
+_RAW_INTERFACE = re.compile(r"eth:[^\s/:]{1,15}\Z")
 _LOOPBACK = re.compile(r"127(?:\.(?:25[0-5]|2[0-4]\d|1\d\d|[1-9]?\d)){3}\Z")
+
+
+_ADDRESSES = "127.x.y.z, z from 1 to 254, 0.0.0.0, or eth:INTERFACE"
 
 
 def _known_address(address: str) -> str:
     last = address.rpartition(".")[2]
-    if address != EVERYWHERE and not (_LOOPBACK.match(address) and 1 <= int(last) <= 254):
+    if address == EVERYWHERE or _RAW_INTERFACE.match(address):
+        return address
+    if not (_LOOPBACK.match(address) and 1 <= int(last) <= 254):
         raise ValueError("not an address for emulated boards")
     return address
 
@@ -32,7 +39,7 @@ Period = Annotated[float, Field(ge=0.0001, le=0.1, description="s")]
 Priority = Annotated[int, Field(ge=0, le=98, description="SCHED_FIFO priority, 0 for none")]
 Cpu = Annotated[int, Field(ge=0, le=1023, description="number of a processor")]
 Hardware = Annotated[Literal["QLA1", "DQLA", "dRA1"], Field()]
-Address = Annotated[str, AfterValidator(_known_address), Field(description="127.x.y.z, z from 1 to 254, or 0.0.0.0")]
+Address = Annotated[str, AfterValidator(_known_address), Field(description=_ADDRESSES)]
 Serial = Annotated[str, Field(pattern=r"^[0-9]{4}-[0-9]{2,3}$", description="dddd-dd")]
 QlaVersion = Annotated[Literal["1.4", "1.5"], BeforeValidator(_as_text)]
 Play = Annotated[float, Field(ge=0.0, le=0.5, description="rad or m")]

@@ -16,7 +16,7 @@ from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
 from procs.lib.config.consoles import check_consoles
 from procs.lib.config.context import Context
-from procs.lib.config.emulated import build_emulation, default_addresses, port_of
+from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
 from procs.lib.config.instances import RESERVED, build_processes
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.lib.config.overrides import SECTION, apply_overrides
@@ -219,7 +219,7 @@ def _assemble(
     if emulated:
         address = bus_address or default_addresses(system_name)
         emulation = build_emulation(context, source, buses, real, options.emulation, address)
-    ports = {bus.io: port_of(bus) for bus in emulation.buses} if emulation else {}
+    ports = ports_of(emulation.buses) if emulation else {}
     ios = tuple(_io(bus, started, ports, options) for bus in used)
     played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
     if emulation:
