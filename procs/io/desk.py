@@ -78,7 +78,7 @@ def main() -> None:
         _say({"misuse": str(error)})
         return
     _say({})
-    with port, contextlib.ExitStack() as held:
+    with contextlib.closing(port), contextlib.ExitStack() as held:  # discovery opens it
         desk = Desk(sys.argv[1], port, held)
         for line in sys.stdin:
             _say(desk.answer(json.loads(line)))

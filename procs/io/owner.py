@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from procs.io.port import PortError
-from procs.io.ports import named
+from procs.io.ports import owned
 
 _CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
 ASK_S: Final = 0.5
@@ -23,7 +23,7 @@ ASKERS: Final = 4096  # nobody takes them out of the queue: whoever finds it ful
 def hold(port: str) -> socket.socket:
     """Own `port` (as configuration files write it) until the socket is closed; PortError names who has it."""
     where = f"port {port}"
-    name = f"\0trocar~port~{named(port).owned}"
+    name = f"\0trocar~port~{owned(port)}"
     lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         lock.bind(name)

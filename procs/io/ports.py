@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from procs.io.bus_port import BusPort
+from procs.io.ethernet import EthernetTransport, interface_of
 from procs.io.port import BROADCAST_QUERY, PortError
 from procs.io.transport import Transport
 from procs.io.udp import UdpTransport
-from procs.lib.ports import UDP, PortName, PortNameError
+from procs.lib.ports import ETHERNET, UDP, PortName, PortNameError
 
 
 def named(name: str) -> PortName:
@@ -19,11 +20,21 @@ def named(name: str) -> PortName:
         raise PortError(error.what, f"port {name}", f"allowed: {error.allowed}") from error
 
 
+def owned(name: str) -> str:
+    """What one owner at a time may have: the same for all names of one bus."""
+    parts = named(name)
+    if parts.kind == ETHERNET:
+        return f"{ETHERNET}:{interface_of(parts.where)}"
+    return parts.owned
+
+
 def transport_of(name: PortName) -> Transport:
     """What carries datagrams to the boards of a port; nothing is opened yet."""
     if name.kind == UDP:
         return UdpTransport(name.where, bridge=name.bridge)
-    raise PortError("not supported", f"port {name.owned}", "allowed: udp, udpfw")
+    if name.kind == ETHERNET:
+        return EthernetTransport(name.where)
+    raise PortError("not supported", f"port {name.owned}", "allowed: udp, udpfw, eth, ethfw")
 
 
 def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
+
+import pytest
 
 from procs.boards.controllers.bus import GROUP, Bus
 from procs.boards.endpoints import Endpoints
@@ -16,8 +21,13 @@ from procs.lib import document, wire
 from procs.lib.document import Controller
 from tests.io.stub_bus import own_address
 
+ROOT = Path(__file__).resolve().parents[2]
 TICKS_PER_NS = 49.152e-3
 SERVE_NS = 5_000_000
+OUR_END, OTHER_END = "trocar0", "trocar1"  # of a virtual cable in the test's own network namespace
+CABLE = (f"ip link add {OUR_END} type veth peer name {OTHER_END} && ip link set {OUR_END} up && "
+         f"ip link set {OTHER_END} up")
+WITHOUT = "without FireWire"
 Replies = list[bytes]
 Fault = Callable[[bytes, Replies], Replies]
 
@@ -35,15 +45,16 @@ def block_address() -> str:
 class Bench:
     """Controllers on one bus; a context manager. `fault` may change what they reply; `requests` is what they heard.
 
-    `kind`: udp, udpfw, or ethernet for Ethernet-only over UDP.
+    `kind`: udp (Rev 8), udpfw (Rev 9 as a bridge), udp without FireWire (Rev 9); the same with eth.
     """
 
     def __init__(self, kind: str, *, count: int = 3, serve: bool = True) -> None:
         self.kind = kind
-        late = kind in ("udpfw", "ethernet", "eth-only")
+        word, _, without = kind.partition(" ")
+        late = bool(without) or word in ("udpfw", "ethfw")
         rows = tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
                      for board in range(2, 2 + count))
-        self.network = "ethernet" if kind in ("ethernet", "eth-only") else "bridge"
+        self.network = "ethernet" if without else "bridge"
         self.bus = Bus(rows, network=self.network)
         self.ids = tuple(row.board_id for row in rows)
         self.fault: Fault = nothing_wrong
@@ -59,8 +70,11 @@ class Bench:
     # -- the boards' side ----------------------------------------------------------------------------------------------
 
     def _served(self) -> Endpoints:
-        self.name = f"{'udpfw' if self.kind == 'udpfw' else 'udp'}:{block_address()}"
-        described = document.Bus("bench", self.name.partition(":")[2], self._controllers, network=self.network)
+        word = self.kind.partition(" ")[0]
+        raw = word.startswith("eth")
+        address = f"eth:{OTHER_END}" if raw else block_address()
+        self.name = f"{word}:{OUR_END if raw else address}"
+        described = document.Bus("bench", address, self._controllers, network=self.network)
         return Endpoints((described,), self._answer, time.monotonic_ns, False)
 
     def _answer(self, _bus: int, data: wire.Buffer, _now_ns: int, to: int) -> wire.Buffer | None:
@@ -125,6 +139,17 @@ def times(count: int, kind: Fault) -> Fault:
     return fault
 
 
-def here() -> bool:
-    """Whether the test's own network namespace was made."""
-    return os.environ.get("TROCAR_TEST_NAMESPACE") == "1"
+def in_namespace() -> bool:
+    """Whether this is the test's own network namespace, where the virtual cable is."""
+    return os.environ.get("TROCAR_TEST_CABLE") == "1"
+
+
+def run_in_namespace(*command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command where a virtual cable is the only network; the test is skipped where that is not permitted."""
+    if shutil.which("unshare") is None or shutil.which("ip") is None:
+        pytest.skip("needs unshare (util-linux) and ip (iproute2)")
+    made = subprocess.run(["unshare", "-rn", "sh", "-c", CABLE], capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(f"no network namespace for this user: {made.stderr.strip()}")
+    return subprocess.run(["unshare", "-rn", "sh", "-c", f'{CABLE} && exec "$@"', "sh", *command], capture_output=True,
+                          text=True, check=False, env={**os.environ, "TROCAR_TEST_CABLE": "1"}, cwd=ROOT)

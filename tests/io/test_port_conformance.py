@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
 from procs.io import discovery
 from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
 from procs.lib import blocks, registers, wire
-from tests.io.bench import Bench, nothing_wrong, times
+from tests.io.bench import ROOT, WITHOUT, Bench, in_namespace, nothing_wrong, run_in_namespace, times
 
 pytestmark = pytest.mark.slow
 
-KINDS = ("udp", "udpfw", "ethernet")
+KINDS = ("eth", "ethfw", f"eth {WITHOUT}") if in_namespace() else ("udp", "udpfw", f"udp {WITHOUT}")
+
+
+@pytest.mark.skipif(in_namespace(), reason="this is the namespace")
+def test_all_of_this_holds_over_raw_ethernet_on_a_virtual_cable():
+    done = run_in_namespace(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__,
+                            str(ROOT / "tests/io/test_raw_ethernet.py"))
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
 @pytest.fixture(autouse=True)

@@ -110,6 +110,11 @@ def test_unknown_port_is_misuse(port: str) -> None:
 
 
 @pytest.mark.slow
+def test_port_that_this_machine_has_not_is_told() -> None:
+    assert "no such Ethernet interface; of this machine" in run("scan", "eth:nosuch", code=1).stderr
+
+
+@pytest.mark.slow
 def test_boards_that_share_an_id_are_told() -> None:
     with StubBus([StubBoard(5, 0), StubBoard(2, 1), StubBoard(2, 4)], port=wire.UDP_PORT) as stub:
         name = f"udp:{stub.address}"
