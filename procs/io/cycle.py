@@ -29,6 +29,7 @@ from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.tasks import Tasks
+from procs.io.timing import Timing
 from procs.lib import faults
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
@@ -84,6 +85,7 @@ class RobotIo:
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._cycles = 0
+        self._timing = Timing(io.name, io.period_s, record, self.reports, self._good_ns)
         self._bad_by_board = port.counters.board_bad_reads.copy()
         record.calibration_mode[...] = io.calibration_mode
         if io.calibration_mode:
@@ -200,7 +202,9 @@ class RobotIo:
         record.read_ns[...] = read_ns
         record.recv_ns[...] = self._port.recv_ns
         record.write_ns[...] = self._port.send_ns
-        record.age_ns[...] = self._now_ns() - self._good_ns
+        end_ns = self._now_ns()
+        record.age_ns[...] = end_ns - self._good_ns
+        self._timing.step(read_ns, end_ns)
 
     def farewell(self) -> None:
         """Zero every output: amplifiers and power off, relays open; then the books. On every path out.

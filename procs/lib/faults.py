@@ -96,6 +96,12 @@ CALIBRATION_MODE: Final = Fault(
 CALIBRATION_MOTORS: Final = Fault(
     23, "CALIBRATION_MOTORS", WARNING, NOTHING, "in calibration mode the motor amplifiers of a dRA1 stay off",
     "its brakes can be released, the arm moved by hand; without calibration_mode the motors are switched on")
+PERIOD: Final = Fault(
+    24, "PERIOD", ERROR, STOP, "the I/O loop took more than twice its period on average over a second",
+    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s")
+PERIOD_LONG: Final = Fault(
+    25, "PERIOD_LONG", WARNING, NOTHING, "an I/O cycle works longer than its period on average over a second",
+    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s")
 TASK_OVER_BUDGET: Final = Fault(
     31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
@@ -107,7 +113,7 @@ FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
     BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, CALIBRATION_MODE,
-    CALIBRATION_MOTORS, TASK_OVER_BUDGET, TASK_FAILED,
+    CALIBRATION_MOTORS, PERIOD, PERIOD_LONG, TASK_OVER_BUDGET, TASK_FAILED,
 )
 
 

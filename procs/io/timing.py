@@ -1,0 +1,45 @@
+"""Whether the loop keeps its period: once a second, over the cycles of that second."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.io.record import Record
+from procs.io.reports import Reports
+from procs.lib import faults
+
+INTERVAL_NS: Final = 1_000_000_000
+START_NS: Final = 10_000_000_000  # nothing is judged before
+RATIO: Final = 2.0  # of the mean period to the one asked for that is too much
+REPEAT_NS: Final = 120_000_000_000  # of the warning
+
+
+class Timing:
+    """Means over a second; robots that are powered are stopped when the loop is far too slow to control them."""
+
+    def __init__(self, name: str, period_s: float, record: Record, reports: Reports, now_ns: int) -> None:
+        self._name, self._period_s, self._record, self._reports = name, period_s, record, reports
+        self._start_ns = self._since_ns = now_ns
+        self._warned_ns = now_ns - REPEAT_NS
+        self._cycles = self._work_ns = 0
+
+    def step(self, begin_ns: int, end_ns: int) -> None:
+        """A cycle is over, that began and ended then."""
+        self._cycles += 1
+        self._work_ns += end_ns - begin_ns
+        if end_ns - self._since_ns >= INTERVAL_NS:
+            self._judge(end_ns)
+
+    def _judge(self, now_ns: int) -> None:
+        period_s = (now_ns - self._since_ns) * 1e-9 / self._cycles
+        work_s = self._work_ns * 1e-9 / self._cycles
+        self._since_ns, self._cycles, self._work_ns = now_ns, 0, 0
+        if now_ns - self._start_ns < START_NS:
+            return
+        if period_s > RATIO * self._period_s:
+            for robot, wanted in enumerate(self._record.power_wanted.tolist()):
+                if wanted:
+                    self._reports.trip(faults.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
+        elif work_s > self._period_s and now_ns - self._warned_ns >= REPEAT_NS:
+            self._warned_ns = now_ns
+            self._reports.warn(faults.PERIOD_LONG, self._name, value=work_s, limit=self._period_s)

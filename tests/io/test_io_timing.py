@@ -1,0 +1,83 @@
+"""A loop that does not keep its period: warned of, and stopped when it is far too slow."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.io.record import Record
+from procs.io.reports import Reports
+from procs.io.timing import Timing
+from tests.io.stand import Stand
+
+PERIOD_S = 1 / 1500
+SLOW_NS = 1_333_334  # just above twice the period
+SECOND = 1_000_000_000
+
+
+class Loop:
+    """Cycles of some length in which some time is work."""
+
+    def __init__(self) -> None:
+        self.reports, self.record = Reports(), Record.private(7, 2, 0)
+        self.record.power_wanted[1] = True
+        self.now_ns = 5 * SECOND
+        self.timing = Timing("IO1", PERIOD_S, self.record, self.reports, self.now_ns)
+
+    def run(self, seconds: float, period_ns: int = 666_667, work_ns: int = 100_000) -> None:
+        for _ in range(round(seconds * SECOND / period_ns)):
+            self.now_ns += period_ns
+            self.timing.step(self.now_ns - work_ns, self.now_ns)
+
+    @property
+    def trips(self) -> list[tuple[str, int]]:
+        return [(trip.fault.code, trip.robot) for trip in self.reports.trips]
+
+
+def test_a_loop_that_keeps_its_period_is_fine() -> None:
+    loop = Loop()
+    loop.run(20.0)
+    assert loop.trips == [] and loop.reports.events == []
+
+
+def test_twice_the_period_is_the_limit_and_only_powered_robots_are_stopped() -> None:
+    loop = Loop()
+    loop.run(11.0)
+    loop.run(3.0, 1_333_333)
+    assert loop.trips == []
+    loop.run(1.5, SLOW_NS)
+    assert set(loop.trips) == {("PERIOD", 1)}
+    trip = loop.reports.trips[0]
+    assert trip.limit == pytest.approx(1.3333333e-3) and trip.value > trip.limit
+
+
+def test_nothing_is_judged_in_the_first_ten_seconds() -> None:
+    loop = Loop()
+    loop.run(9.5, 2_000_000, 1_000_000)
+    assert loop.trips == [] and loop.reports.events == []
+    loop.run(1.6, 2_000_000, 1_000_000)
+    assert set(loop.trips) == {("PERIOD", 1)}
+
+
+def test_long_work_is_warned_of_every_two_minutes() -> None:
+    loop = Loop()
+    loop.run(100.0, 700_000, 680_000)
+    (event,) = loop.reports.events
+    assert (event.kind, event.code, event.component) == ("warning", "PERIOD_LONG", "IO1")
+    assert event.value == pytest.approx(0.00068) and event.limit == pytest.approx(PERIOD_S)
+    loop.run(40.0, 700_000, 680_000)
+    assert len(loop.reports.events) == 2 and loop.trips == []
+
+
+def test_a_powered_robot_is_stopped_and_can_be_brought_back() -> None:
+    stand = Stand()
+    stand.control()
+    stand.core._timing._start_ns -= 10 * SECOND
+    for _ in range(800):
+        stand.clock.ns += 500_000
+        stand.run(1)
+    assert stand.codes == ["PERIOD"] and not stand.record.pid_enabled[0] and stand.record.power_wanted[0]
+    stand.run_s(1.1)
+    stand.ask("clear_fault")
+    assert stand.ask("pid_enable", 1).outcome == "done"
+    stand.run_s(1.5)
+    assert stand.codes == ["PERIOD"] and stand.record.pid_enabled[0]
