@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.brakes import Brakes
-from procs.io.devices import Bias, DigitalOutputs, Instruments, Power, Safety
+from procs.io.devices import Bias, DigitalOutputs, Gains, Instruments, Power, Safety
 from procs.io.follow import Follow
-from procs.io.gains import Gains
 from procs.io.record import Record
 from procs.io.robots import Robots
 from procs.lib import faults

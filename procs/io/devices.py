@@ -5,6 +5,7 @@ The real ones are in the modules of their names, the played ones of KINEMATIC ro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from procs.io.instruments import Asker
@@ -57,6 +58,13 @@ class DigitalOutputs(Protocol):
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A duty cycle; returns why not, or ""."""
+
+
+class Gains(Protocol):
+    """Gains of the joint controllers."""
+
+    def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
+        """Other values from this cycle on; returns why not, or ""."""
 
 
 class Instruments(Protocol):

@@ -81,6 +81,14 @@ class NoChecks:
         """There are none."""
 
 
+class NoGains:
+    """In the place of gains that can be changed: they all are 0, and stay so."""
+
+    def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it is where its set-points are, and no gain would change that"
+
+
 class NoReaders:
     """In the place of the readers of instruments: nobody can ask for one that has no name."""
 
@@ -135,7 +143,7 @@ class KinematicIo:
                                Brakes(robots, record))
         self._power = power
         self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
-                                  self.gains, NoReaders())
+                                  NoGains(), NoReaders())
         self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)

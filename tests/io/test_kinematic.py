@@ -199,6 +199,13 @@ def test_what_needs_hardware_is_refused_with_the_reason(stage: Stage, name: str,
     assert command.outcome == "refused" and reason in command.answers[-1][1]
 
 
+def test_gains_are_shown_as_zero_and_cannot_be_changed(powered: Stage) -> None:
+    command = FakeCommand("set_gains", "PSM1 p_gain", -1.0, 5.0)
+    powered.run(1, command)
+    assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
+    assert not powered.core.gains.record["p_gain"].any()
+
+
 def test_outputs_are_refused_for_there_are_none(stage: Stage) -> None:
     command = FakeCommand("set_output", "PSM1_led", 1.0)
     stage.run(1, command)

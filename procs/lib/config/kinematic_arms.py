@@ -55,7 +55,7 @@ def kinematic_robot(
     )
     gains = tuple(document.PidAxis(*row, 0.0, 0.0, 0.0) for row in zip(names, types, strict=True))
     robot = document.Robot(name, "", KINEMATIC, rows, "NONE", source=str(source.path))
-    return robot, document.Pid(name, name, gains, str(source.path))
+    return robot, document.Pid(name, name, gains)
 
 
 def _ranges(chain: document.Chain, links: Sequence[document.Link]) -> list[tuple[float, float]]:
