@@ -78,15 +78,15 @@ def load_arm(
     kinematic = keys.simulation == KINEMATIC
     base_frame = base_frame_of(context, source, key, keys)
     bus = find_bus(context, source, (*key, "IO"), keys.IO, buses) if keys.IO and not kinematic else None
-    if kinematic:
-        unused = f"; nothing of it on {keys.IO} is used" if keys.IO else ""
-        context.notes.append(f"{keys.name} is KINEMATIC: there is no robot, its joints go where they are told{unused}")
     place = ArmPlace(source, index, keys, bus)
     _check_required(context, place, family, kinematic)
     if keys.type.endswith("_GENERIC") or family not in ACTUATORS:
         _load_other_files(context, place)
         context.notes.append(f"not started yet: {keys.name} ({keys.type})")
         return None
+    if kinematic:
+        unused = f"; nothing of it on {keys.IO} is used" if keys.IO else ""
+        context.notes.append(f"{keys.name} is KINEMATIC: there is no robot, its joints go where they are told{unused}")
     parts = _load_parts(context, place, family)
     return _loaded(context, place, parts, base_frame, options) if parts is not None else None
 

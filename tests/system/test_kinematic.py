@@ -1,0 +1,121 @@
+"""KINEMATIC arms as whole systems: no boards process, and otherwise powered, homed, moved, killed like the others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from shm import directory
+from tests.system.robot import DEMO, ROOT, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
+LOCKSTEP = ("--set", "clock=lockstep")  # so that several robots on a busy machine are not too late for each other
+PLACE = (0.1, -0.1, 0.15, 0.2, 0.1, -0.1)
+
+
+def echo(robot: Robot, topic: str) -> dict:
+    return json.loads(robot.trocar("echo", topic, "--json", "--once"))
+
+
+def homed(robot: Robot, *arms: str) -> None:
+    robot.trocar("power-on", *arms)
+    robot.trocar("home", *arms)
+
+
+def there(robot: Robot, arm: str, goal: tuple[float, ...]) -> bool:
+    position = echo(robot, f"{arm}/measured_js")["position"]
+    return bool(np.abs(np.array(position) - goal).max() < 1e-9)
+
+
+def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) -> None:
+    robot.up(KINEMATIC)
+    assert "PSM1 is KINEMATIC" in robot.said()
+    homed(robot)
+    assert np.allclose(echo(robot, "PSM1/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
+    robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
+    wait_for(lambda: there(robot, "PSM1", PLACE), 20, "the move")
+    rows = {row["name"]: row for row in json.loads(robot.trocar("status", "--json"))["processes"]}
+    assert set(rows) == {"supervisor", "io", "PSM1"}
+    assert {name: row["simulation"] for name, row in rows.items()} == {
+        "supervisor": "", "io": "KINEMATIC", "PSM1": "KINEMATIC"}
+    listed = [json.loads(line) for line in robot.trocar("list", "--json").splitlines()]
+    assert {"io/PSM1/measured_js", "PSM1/measured_cp"} <= {row["topic"] for row in listed}
+    assert {row["simulation"] for row in listed if row["topic"].startswith(("io/", "PSM1/state"))} == {"KINEMATIC"}
+    state = echo(robot, "io/state")
+    assert state["simulated"] is True or state["simulated"] == [True]
+    assert set(state["current"]) == {None} and echo(robot, "PSM1/state")["simulated"] is True
+    (rate,) = [json.loads(line) for line in robot.trocar("hz", "io/state", "--json").splitlines()]
+    assert rate["hz"] > 500
+    history = directory.reader(robot.name, "io", "state")
+    assert len(history.last(1000)) == 1000 and history.last(1000)["simulated"].all()
+    history.close()
+    robot.trocar("power-off")
+    assert robot.down() == 0
+
+
+@pytest.mark.parametrize("clock", ["wall", "lockstep"])
+def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, clock: str) -> None:
+    robot.up(KINEMATIC, "--set", f"clock={clock}")
+    homed(robot)
+    robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
+    wait_for(lambda: there(robot, "PSM1", PLACE), 20, "the move")
+    io = directory.reader(robot.name, "io", "state")
+    assert io.newest()
+    first = int(io.field("cycle"))
+    old = robot.kill("PSM1")
+    wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 30, "the arm's restart")
+    wait_for(lambda: echo(robot, "PSM1/state")["is_homed"], 20, "homed again, by shared memory alone")
+    history = io.last(3000)
+    history = history[history["cycle"] >= first]
+    assert history["pid_enabled"].all() and np.abs(np.diff(history["position"], axis=0)).max() < 1e-12
+    io.close()
+    robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0")
+    wait_for(lambda: there(robot, "PSM1", (0, 0, 0.12, 0, 0, 0)), 20, "a move afterwards")
+
+
+def test_killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
+    robot.up(KINEMATIC)
+    homed(robot)
+    old = robot.kill("io")
+    wait_for(lambda: robot.pid("io") != old and robot.state("io") == "RUNNING", 30, "the restart of io")
+    wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 10, "FAULT")
+    state = echo(robot, "io/state")
+    assert not np.any(state["powered"]) and state["position"][2] == pytest.approx(0.12), "where it was"
+    homed(robot)
+    assert echo(robot, "PSM1/operating_state")["is_homed"] is True
+
+
+def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) -> None:
+    system = yaml.safe_load(DEMO.read_text())
+    system["arms"].append({"name": "PSM2", "type": "PSM", "simulation": "KINEMATIC",
+                           "arm_file": "arms/PSM1-demo.yaml"})
+    file = tmp_path / "mixed.json"
+    file.write_text(json.dumps(system))
+    robot.up(file, *LOCKSTEP)
+    homed(robot)
+    for arm, goal in (("PSM1", PLACE), ("PSM2", tuple(-0.5 * np.array(PLACE) + (0, 0, 0.2, 0, 0, 0)))):
+        robot.trocar("send", arm, "move_jp", *map(str, goal))
+        wait_for(lambda: np.abs(np.array(echo(robot, f"{arm}/measured_js")["position"]) - goal).max() < 0.02,  # noqa: B023
+                 20, f"the move of {arm}")
+    rows = {row["name"]: row["simulation"] for row in json.loads(robot.trocar("status", "--json"))["processes"]}
+    assert rows == {"supervisor": "", "boards": "", "IO1": "", "PSM1": "", "io": "KINEMATIC", "PSM2": "KINEMATIC"}
+    assert echo(robot, "PSM1/state")["simulated"] is False
+    robot.kill("io")
+    wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 20, "FAULT of the played arm")
+    assert echo(robot, "PSM1/operating_state")["is_homed"] is True, "the other arm notices nothing"
+
+
+def test_stock_full_system_homes_the_arms_there_are(robot: Robot, data: Callable[[str], Path]) -> None:
+    robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")),
+             *LOCKSTEP)
+    homed(robot)
+    for arm in ("PSM1", "PSM2", "PSM3"):
+        assert np.allclose(echo(robot, f"{arm}/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
+    robot.trocar("send", "io", "power_on", "ECM")
+    assert "io/ECM/measured_js" in robot.trocar("list")
