@@ -77,6 +77,16 @@ def test_arm_is_told_to_be_played(home: Home) -> None:
     assert any("PSM2 is KINEMATIC: there is no robot" in note for note in loaded.system.notes)
 
 
+def test_si_arm_starts_where_it_needs_no_brakes(home: Home) -> None:
+    folder = stock.find("dvrk-site/jhu-daVinci-Si")
+    arm = {"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": str(folder / "PSM1-292409.json")}
+    (home.path / "kinematic").rename(home.path / "ours")
+    (home.path / "kinematic").symlink_to(stock.find("dvrk-share/kinematic"))
+    system = home.load_made({"arms": [arm]}).system
+    assert system is not None
+    assert [(row.name, row.kind) for row in system.processes] == [("io", "io"), ("PSM1", "arm")]
+
+
 def test_real_and_kinematic_arms_stand_side_by_side(home: Home) -> None:
     system = home.load_made({"IOs": [BUS], "arms": [REAL, ARM], "trocar": {"boards": "emulated"}}).system
     assert system is not None and system.emulation is not None

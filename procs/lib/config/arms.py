@@ -312,7 +312,7 @@ def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
     reason = ""
     if keys.type != "PSM":
         reason = keys.type
-    elif generation != "Classic":
+    elif generation != "Classic" and keys.simulation != KINEMATIC:  # what is missing are its brakes
         reason = f"PSM {generation}"
     elif hardware == "HARDWARE_UNDEFINED" and parts.robot is not None:
         where: Key = ("robots", parts.robot[1], "hardware_version")
