@@ -48,20 +48,24 @@ class Bias:
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         self._usable: Flags = robots.has_encoder & robots.has_pot
 
-    def begin(self, robot: int, samples: int) -> str:
-        """Start with |samples| potentiometer samples; negative accepts preset encoders. Returns why not, or ""."""
+    def objection(self, robot: int, samples: int) -> str:
+        """Why the robot can never be biased so, or ""."""
         if samples < 0 and self.preset[robot]:
-            self._finish(robot)
             return ""
         axes = self._robots.slices[robot]
         if not (self._usable[axes] == self._robots.has_encoder[axes]).all():
             return "some of its encoders have no potentiometer"
-        if not self._usable[axes].any():
-            return "it has no encoders"
+        return "" if self._usable[axes].any() else "it has no encoders"
+
+    def begin(self, robot: int, samples: int) -> None:
+        """Start with |samples| potentiometer samples; negative accepts preset encoders."""
+        if samples < 0 and self.preset[robot]:
+            self._finish(robot)
+            return
+        axes = self._robots.slices[robot]
         self._running[robot] = Collection(abs(samples), np.zeros(axes.stop - axes.start))
         self._record.biasing[robot] = True
         self._record.biased[robot] = False
-        return ""
 
     def stop(self, robot: int) -> None:
         """Give up; what was there before is not trusted any more."""

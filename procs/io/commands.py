@@ -155,15 +155,16 @@ class Commands:
         samples = command.values[0] if len(command.values) else 0.0
         if not 1.0 <= abs(samples) <= MOST_SAMPLES:
             raise Refused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
+        reason = self._bias.objection(robot, int(samples))
+        if reason:
+            raise Refused(reason)
         if record.pid_enabled[robot]:
             raise Refused("the joint controller is on; switch it off first")
         if record.biasing[robot]:
             raise Refused("a bias is under way")
         if not record.valid:
             raise Refused("there is no good sample of the controllers")
-        reason = self._bias.begin(robot, int(samples))
-        if reason:
-            raise Refused(reason)
+        self._bias.begin(robot, int(samples))
         command.accept()
         self._biasing.append((robot, command))
 

@@ -34,8 +34,11 @@ class Power(Protocol):
 class Bias(Protocol):
     """Encoders that are set from potentiometers."""
 
-    def begin(self, robot: int, samples: int) -> str:
-        """Start with |samples| potentiometer samples; returns why not, or ""."""
+    def objection(self, robot: int, samples: int) -> str:
+        """Why the robot can never be biased so, or ""."""
+
+    def begin(self, robot: int, samples: int) -> None:
+        """Start with |samples| potentiometer samples."""
 
     def stop(self, robot: int) -> None:
         """Give up."""

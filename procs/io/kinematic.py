@@ -66,9 +66,12 @@ class PlayedPower:
 class ExactPositions:
     """In the place of the encoder bias: nothing is measured, so nothing is to be set right."""
 
-    def begin(self, robot: int, samples: int) -> str:
+    def objection(self, robot: int, samples: int) -> str:
         """Why not."""
         return "it is KINEMATIC: its positions are exact, and there are no encoders to set"
+
+    def begin(self, robot: int, samples: int) -> None:
+        """Never called."""
 
     def stop(self, robot: int) -> None:
         """Nothing is under way."""

@@ -194,8 +194,8 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: Stage) -> None:
     ("name", "values", "reason"),
     [("bias_encoders", (100.0,), "KINEMATIC"), ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
 )
-def test_what_needs_hardware_is_refused_with_the_reason(stage: Stage, name: str, values, reason: str) -> None:
-    command = stage.ask(name, *values)
+def test_what_needs_hardware_is_refused_with_the_reason(powered: Stage, name: str, values, reason: str) -> None:
+    command = powered.ask(name, *values)
     assert command.outcome == "refused" and reason in command.answers[-1][1]
 
 
