@@ -130,6 +130,13 @@ def test_arm_without_file_and_serial_is_refused(home: Home) -> None:
     assert [problem.key for problem in loaded.errors] == ["arms[0].arm_file"]
 
 
+def test_tasks_are_for_robots_on_boards(home: Home) -> None:
+    (home.path / "wall.py").write_text("class Wall: ...\n")
+    loaded = home.load_made({"arms": [ARM], "trocar": {"io": {"tasks": [{"module": "wall.py", "name": "Wall"}]}}})
+    assert loaded.system is not None and loaded.system.io("io").tasks == ()
+    assert "in-cycle tasks need boards: none runs for PSM2" in loaded.system.notes
+
+
 def test_period_is_the_shortest_asked_for_unless_said_otherwise(home: Home) -> None:
     def period(*keys: dict[str, object], **trocar: object) -> float:
         arms = [{**ARM, "name": f"PSM{place}", **more} for place, more in enumerate(keys)]

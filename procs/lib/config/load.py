@@ -222,6 +222,8 @@ def _assemble(
     ports = ports_of(emulation.buses) if emulation else {}
     ios = tuple(_io(bus, started, ports, options) for bus in used)
     played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
+    if played and options.io.tasks:
+        context.notes.append(f"in-cycle tasks need boards: none runs for {', '.join(r.name for r in played[0].robots)}")
     if emulation:
         every = tuple(_io(bus, real, ports, options) for bus in used)
         if every != ios or played:
