@@ -58,6 +58,13 @@ class Kinematics:
         self._tip_rotation[...] = self._end_rotation
         self._tip_position[...] = self._end_position
 
+    def miss(self, q: Array, goal: pinocchio.SE3) -> tuple[Array, Array]:
+        """Twist (6,) from the tip at q to the goal, in tip axes, and the body Jacobian (6, n) there. New arrays."""
+        pinocchio.computeJointJacobians(self._model, self._data, q)
+        placement = pinocchio.updateFramePlacement(self._model, self._data, self._end)
+        jacobian = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
+        return pinocchio.log6(placement.actInv(goal)).vector, jacobian
+
     def fk(self, q: Array, out: Array | None = None) -> Array:
         """Pose of the tip (4, 4); written to `out` when given, else to `tip`."""
         pinocchio.framesForwardKinematics(self._model, self._data, q)

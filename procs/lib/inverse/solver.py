@@ -1,0 +1,170 @@
+"""Inverse kinematics: joints for a pose, in bounded time, within limits, or a reason why not. Never a silent clip.
+
+Newton's method on the error twist e = log(T(q)⁻¹ · goal), which the body Jacobian maps to joint steps, converges
+quadratically from a seed close by: what servoing needs. Where that fails, the geometry of the arm gives every solution
+there is, and Newton only removes the last millionths, which come from files that write 1.5708 for a right angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final, Protocol
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from procs.lib.kinematics import Kinematics
+
+Array = NDArray[np.float64]
+
+CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to gain below
+ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
+CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
+STEPS: Final = 8
+SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
+LONGEST_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
+DAMPING: Final = 1e-12
+LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
+GUESS_ROOM: Final = 1e-4  # the same for what the geometry says
+MOST_TILT: Final = 0.5 * math.pi
+PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that an ECM's four joints can have
+ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
+BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
+BENDS[7, 4] = BENDS[6, 5] = 1.0
+
+
+class Geometry(Protocol):
+    """What the shape of an arm says about its solutions."""
+
+    def solutions(self, goal: Array, seed: Array) -> Iterable[Array]:
+        """Joints (n,) that bring the tip next to `goal` (4, 4), for every way there is to reach it.
+
+        Where the first joints are beyond their limits the others may be NaN.
+        """
+
+
+class Inverse:
+    """Solves for one chain; `q` (n,) holds the last result, `reason` why there is none, `axis` which joint is to blame.
+
+    `free` (n, m) maps m independent coordinates to the n joints (snakes bend twice by the same angle); None: all are
+    independent. `rows` are those of the twist (6,) that can be had at all.
+    """
+
+    def __init__(self, kinematics: Kinematics, geometry: Geometry, free: Array | None = None,
+                 rows: slice | list[int] = slice(None)) -> None:
+        self.kinematics = kinematics
+        n = kinematics.n
+        self.q: Array = np.zeros(n)
+        self.reason, self.axis = "", -1
+        self._partial = rows != slice(None)
+        self.steps = 0  # Newton steps that the last solution took
+        self._geometry, self._free, self._rows = geometry, free, rows
+        self._lower, self._upper = kinematics.lower, kinematics.upper
+        self._damping = DAMPING * np.eye(len(range(6)[rows] if isinstance(rows, slice) else rows))
+        self._turns = [i for i in range(n) if not kinematics.is_prismatic[i]
+                       and kinematics.upper[i] - kinematics.lower[i] > 2.0 * math.pi]
+
+    def solve(self, goal: Array, seed: Array) -> bool:
+        """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) where there is a choice.
+
+        The goal is a rigid transform in the chain's base frame. False: `reason` says why, `q` is the seed.
+        """
+        self.reason, self.axis, self.steps = "", -1, 0
+        if not math.isfinite(goal.sum() + seed.sum()):
+            np.copyto(self.q, seed)
+            self.reason = "goal or seed is not finite"
+            return False
+        target = pinocchio.SE3(goal)
+        q = self.q
+        np.copyto(q, seed)
+        if self._newton(target, CLOSE) and self._fits(seed, LIMIT_ROOM) == 0.0:
+            return True
+        best, why, axis = math.inf, "out of reach", -1
+        candidates = []
+        for start in self._geometry.solutions(goal, seed):
+            np.copyto(q, start)
+            beyond = self._fits(seed, GUESS_ROOM)
+            if beyond == 0.0:
+                candidates.append((float(np.abs(q - seed).sum()), q.copy()))
+            elif beyond < best:
+                best, why, axis = beyond, self.reason, self.axis
+        for _, start in sorted(candidates, key=lambda each: each[0]):
+            np.copyto(q, start)
+            if not self._newton(target, math.inf):
+                continue
+            if self._fits(seed, LIMIT_ROOM) == 0.0:
+                self.reason, self.axis = "", -1
+                return True
+            why, axis = self.reason, self.axis
+        np.copyto(q, seed)
+        self.reason, self.axis = why, axis
+        return False
+
+    def _newton(self, target: pinocchio.SE3, furthest: float) -> bool:
+        """Improve `q` until its tip is at the target; gives up further off than `furthest`, or where that is slow."""
+        kinematics, q, free = self.kinematics, self.q, self._free
+        before = 2.0 * furthest
+        for _ in range(STEPS + 1):
+            error, jacobian = kinematics.miss(q, target)
+            if self._partial:
+                error, jacobian = error[self._rows], jacobian[self._rows]
+            size = math.sqrt(error.dot(error))
+            if size < CONVERGED:
+                return True
+            if not size <= SLOW * before:
+                break
+            before = size
+            change = self._step(jacobian if free is None else jacobian @ free, error)
+            q += change if free is None else free @ change
+            self.steps += 1
+        return size < ACCEPTED
+
+    def _step(self, jacobian: Array, error: Array) -> Array:
+        """Change of the independent coordinates that takes the error away, shortened where it is too long."""
+        square = jacobian.shape[0] == jacobian.shape[1]
+        change = _solved(jacobian, error) if square else self._damped(jacobian, error)
+        longest = max(float(change.max()), -float(change.min()))
+        if not longest <= LONGEST_STEP:
+            change = self._damped(jacobian, error)
+            longest = max(float(change.max()), -float(change.min()))
+            if longest > LONGEST_STEP:
+                change *= LONGEST_STEP / longest
+        return change
+
+    def _damped(self, jacobian: Array, error: Array) -> Array:
+        """The shortest step where more than one does it, or none quite does."""
+        step: Array = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + self._damping, error)
+        return step
+
+    def _fits(self, seed: Array, room: float) -> float:
+        """How far joints are beyond their limits, 0: none is by more than `room`; then they are brought within.
+
+        Joints that may turn further than once are brought next to the seed first.
+        """
+        q, lower, upper = self.q, self._lower, self._upper
+        for i in self._turns:
+            if not math.isnan(q[i]):
+                q[i] += 2.0 * math.pi * round((seed[i] - q[i]) / (2.0 * math.pi))
+                if q[i] > upper[i] + room:
+                    q[i] -= 2.0 * math.pi
+                elif q[i] < lower[i] - room:
+                    q[i] += 2.0 * math.pi
+        beyond = np.maximum(lower - q, q - upper)
+        axis = int(np.nanargmax(beyond))
+        most = float(beyond[axis])
+        if most <= room:
+            np.minimum(np.maximum(q, lower), upper, out=q)
+            return 0.0
+        self.axis = axis
+        side, limit = ("below", lower[axis]) if q[axis] < lower[axis] else ("above", upper[axis])
+        self.reason = f"{self.kinematics.names[axis]} would be {q[axis]:.6g}, {side} its limit {limit:.6g}"
+        return most
+
+
+def _solved(jacobian: Array, error: Array) -> Array:
+    try:
+        return np.linalg.solve(jacobian, error).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError:
+        return np.full(len(error), np.inf)
