@@ -85,7 +85,7 @@ def test_wherever_an_arm_can_be_it_can_be_sent(name: str, parts: list[float], se
     solver, forward = arm(name)
     goal = forward.fk(spread(forward, [*parts, 0.5])).copy()
     depth = np.linalg.norm(forward.fk_to(spread(forward, [*parts, 0.5]), 4)[:3, 3])
-    # With the shaft's end in the remote centre its direction shows nowhere; snakes find it from their wrist's length on.
+    # A shaft that ends in the remote centre shows its direction nowhere; snakes find it from their wrist's length on.
     assume(ARMS[name][0] == "MTM" or depth > (0.011 if forward.n == len(BENDS) else 1e-3))
     assert solver.solve(goal, spread(forward, [*seed, 0.5])), solver.reason
     assert_reached(solver, forward, goal)
