@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import ChainMap
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,8 @@ from procs.io.protocols import (
 from procs.io.transport import Transport
 from procs.io.unasked import UnaskedRead
 from procs.lib import blocks, registers, wire
+
+_Found: TypeAlias = tuple[discovery.Hub, tuple[BoardInfo, ...]]
 
 LONGEST_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
 
@@ -109,17 +111,44 @@ class BusPort:
         link = self._link
         self.close()
         link.open()
-        if self._quiet and self._discover_quietly():
-            return self.boards
+        if link.transport.on_firewire:
+            hub, boards = self._find_on_firewire()
+        else:
+            hub, boards = (self._find_told() if self._quiet else None) or self._find_by_network()
+        self.boards, self._hub = boards, hub
+        self._nodes = ChainMap({info.board: info.node for info in boards})
+        if self.board_ids:
+            self._prepare(hub)
+        self.counters.clear()  # silent node numbers are no faults
+        return boards
+
+    def _find_by_network(self) -> _Found:
+        link = self._link
         hub = discovery.find_hub(link, self._bridge)
         self._make_ours(hub)
-        boards = discovery.find_boards(link, hub, self.board_ids)
+        boards = discovery.find_boards(link, hub.board, self.board_ids)
+        discovery.check_boards(link, boards, self.board_ids)
         if hub.board not in {info.board for info in boards}:
             raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
         if not link.by_board:
             discovery.tune_gap(link, boards)
-        self._take(hub, boards)
-        return boards
+        return hub, boards
+
+    def _find_told(self) -> _Found | None:
+        """None where the hub has no address of ours, or the boards do not know their node numbers yet."""
+        link = self._link
+        hub = discovery.find_told_hub(link, self._bridge)
+        if hub is None:
+            return None
+        boards = discovery.find_boards(link, hub.board, self.board_ids)
+        discovery.check_boards(link, boards, self.board_ids)
+        return (hub, boards) if hub.board in {info.board for info in boards} else None
+
+    def _find_on_firewire(self) -> _Found:
+        hub, boards = discovery.find_on_firewire(self._link, self.board_ids)
+        self._make_ours(hub)
+        discovery.check_boards(self._link, boards, self.board_ids)
+        return hub, boards
 
     def _make_ours(self, hub: discovery.Hub) -> None:
         """Nobody else drives the bus, or PortError; whatever a predecessor left on is switched off."""
@@ -127,24 +156,6 @@ class BusPort:
             discovery.refuse_other_host(self._link, hub)
         if self._first_control:
             self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
-
-    def _discover_quietly(self) -> bool:
-        """False where the hub has no address of ours, or the boards do not know their node numbers yet."""
-        link = self._link
-        hub = discovery.find_told_hub(link, self._bridge)
-        boards = discovery.find_boards(link, hub, self.board_ids) if hub is not None else ()
-        if hub is None or hub.board not in {info.board for info in boards}:
-            return False
-        self._take(hub, boards)
-        return True
-
-    def _take(self, hub: discovery.Hub, boards: tuple[BoardInfo, ...]) -> None:
-        """These boards it is."""
-        self.boards, self._hub = boards, hub
-        self._nodes = ChainMap({info.board: info.node for info in boards})
-        if self.board_ids:
-            self._prepare(hub)
-        self.counters.clear()  # silent node numbers are no faults
 
     def refuse_other_host(self) -> None:
         """PortError while somebody else drives the bus. Asks by sampling the hub, which restarts its sample timer."""

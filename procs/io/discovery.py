@@ -91,11 +91,22 @@ def _silent(link: Link) -> PortError:
     return PortError("no controller answers", link.where, "check power, cable and address of the hub")
 
 
-def find_boards(link: Link, hub: Hub, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
-    """All boards of the bus, by board id; every wanted one must be there with hardware and firmware we know.
+def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[Hub, tuple[BoardInfo, ...]]:
+    """All boards of a bus that we are on ourselves, unjudged, and the one whose hub memory is best read.
 
-    Without wanted boards, everything that answers is returned unjudged.
+    That is the one that reports last to a query: it has heard all others before.
     """
+    link.generation = link.seen_generation = link.transport.ask_everybody()
+    boards = find_boards(link, -1, wanted)
+    if not boards:
+        raise PortError("no controller answers", link.where, "check power and FireWire cables")
+    last = [info for info in boards if info.board in wanted or not wanted] or boards
+    info = last[-1]
+    return Hub(info.board, info.firmware, info.fpga, info.hardware, info.node), boards
+
+
+def find_boards(link: Link, hub: int, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
+    """All boards that answer, by board id, unjudged; `hub` is the id of the one with the network cable."""
     found: dict[int, BoardInfo] = {}  # by node
     for timeout_ms in SCAN_TIMEOUTS_MS:
         for node in range(NODES):
@@ -104,13 +115,10 @@ def find_boards(link: Link, hub: Hub, wanted: Sequence[int]) -> tuple[BoardInfo,
                 found[node] = info
         if found and {info.board for info in found.values()}.issuperset(wanted):
             break
-    boards = tuple(sorted(found.values(), key=lambda info: info.board))
-    if wanted:
-        check_boards(boards, wanted, link)
-    return boards
+    return tuple(sorted(found.values(), key=lambda info: info.board))
 
 
-def _identify(link: Link, node: int, hub: Hub, timeout_ms: int) -> BoardInfo | None:
+def _identify(link: Link, node: int, hub: int, timeout_ms: int) -> BoardInfo | None:
     hardware = link.read_quadlet(node, registers.HARDWARE_ID, timeout_ms=timeout_ms, tries=1)
     if hardware is None:
         return None
@@ -122,11 +130,13 @@ def _identify(link: Link, node: int, hub: Hub, timeout_ms: int) -> BoardInfo | N
     description = link.read_quadlet(node, registers.GIT_DESCRIPTION) or 0
     board = registers.board_of(status)
     return BoardInfo(board, node, registers.hardware_name(hardware), firmware, registers.fpga_of(ethernet), description,
-                     board == hub.board)
+                     board == hub)
 
 
-def check_boards(boards: Sequence[BoardInfo], wanted: Sequence[int], link: Link) -> None:
-    """Raise PortError for a board that is missing, there twice, or of the wrong kind."""
+def check_boards(link: Link, boards: Sequence[BoardInfo], wanted: Sequence[int]) -> None:
+    """Raise PortError for a wanted board that is missing, there twice, or of the wrong kind; without any, for none."""
+    if not wanted:
+        return
     where = link.where
     by_id: dict[int, BoardInfo] = {}
     for info in boards:

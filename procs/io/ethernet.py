@@ -120,9 +120,10 @@ class EthernetTransport:
     def _closed(self, _: object) -> int:
         raise closed(self.where)
 
-    def ask_everybody(self) -> None:
+    def ask_everybody(self) -> int:
         """All boards hear everything."""
         self._heads = [wire.GROUP_MAC + self._own] * (wire.BROADCAST + 1)
+        return 0
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
         """From now on requests go to the hub or to the boards themselves."""

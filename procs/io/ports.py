@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from procs.io.bus_port import BusPort
 from procs.io.ethernet import EthernetTransport, interface_of
+from procs.io.firewire import FirewireTransport
 from procs.io.port import BROADCAST_QUERY, PortError
 from procs.io.transport import Transport
 from procs.io.udp import UdpTransport
@@ -34,7 +35,7 @@ def transport_of(name: PortName) -> Transport:
         return UdpTransport(name.where, bridge=name.bridge)
     if name.kind == ETHERNET:
         return EthernetTransport(name.where)
-    raise PortError("not supported", f"port {name.owned}", "allowed: udp, udpfw, eth, ethfw")
+    return FirewireTransport(int(name.where))
 
 
 def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,

@@ -37,8 +37,11 @@ class Transport(Protocol):
     def close(self) -> None:
         """Give it back; harmless when there is nothing."""
 
-    def ask_everybody(self) -> None:
-        """From now on requests to all reach whoever is there, before anything is known of them."""
+    def ask_everybody(self) -> int:
+        """From now on requests to all reach whoever is there, before anything is known of them.
+
+        The bus generation, where it is known before anybody has replied; else 0.
+        """
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
         """From now on requests go to the hub, or, `by_board`, to the board with the node's number; BROADCAST: to all.

@@ -99,15 +99,16 @@ class UdpTransport:
     def _closed(self, _: object) -> int:
         raise closed(self.where)
 
-    def ask_everybody(self) -> None:
+    def ask_everybody(self) -> int:
         """By broadcast; inside 127/8 at the bus's address and, where that may be needed, by multicast, too."""
         if self._loopback and self._bridge and self._asked_at == self._address:
             self._connect(self._address)
-            return
+            return 0
         self._peers = [(self._asked_at, self._udp_port)]
         if self._loopback and not self._bridge:
             self._peers.append((wire.MULTICAST, self._udp_port))
         self.send = self._send_to_everybody
+        return 0
 
     def _send_to_everybody(self, datagram: wire.Buffer) -> None:
         sock, (first, *others) = self._open_socket(), self._peers

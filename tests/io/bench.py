@@ -17,6 +17,7 @@ from procs.boards.endpoints import Endpoints
 from procs.io.bus_port import BusPort
 from procs.io.port import BROADCAST_QUERY
 from procs.io.ports import named, transport_of
+from procs.io.transport import Transport
 from procs.lib import document, wire
 from procs.lib.document import Controller
 from tests.io.stub_bus import own_address
@@ -118,11 +119,14 @@ class Bench:
 
     # -- the host's side -----------------------------------------------------------------------------------------------
 
+    def transport(self) -> Transport:
+        return transport_of(named(self.name))
+
     def port(self, protocol: str = BROADCAST_QUERY, boards: tuple[int, ...] | None = None, **options) -> BusPort:
         options.setdefault("deadline_ms", 200)  # of a busy machine; the rules are the same
         options.setdefault("exclusive", False)
         name = named(self.name)
-        return BusPort(transport_of(name), self.ids if boards is None else boards, time.monotonic_ns, protocol,
+        return BusPort(self.transport(), self.ids if boards is None else boards, time.monotonic_ns, protocol,
                        bridge=name.bridge, **options)
 
 

@@ -42,8 +42,9 @@ class Direct:
 
     def close(self) -> None: ...
 
-    def ask_everybody(self) -> None:
+    def ask_everybody(self) -> int:
         self._by_board = False
+        return 0
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
         self._by_board = by_board

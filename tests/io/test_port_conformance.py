@@ -11,10 +11,12 @@ from procs.io import discovery
 from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
 from procs.lib import blocks, registers, wire
 from tests.io.bench import ROOT, WITHOUT, Bench, in_namespace, nothing_wrong, run_in_namespace, times
+from tests.io.fake_firewire import FakeFirewire
 
 pytestmark = pytest.mark.slow
 
-KINDS = ("eth", "ethfw", f"eth {WITHOUT}") if in_namespace() else ("udp", "udpfw", f"udp {WITHOUT}")
+ON_CABLE = ("eth", "ethfw", f"eth {WITHOUT}")
+KINDS = ON_CABLE if in_namespace() else ("udp", "udpfw", f"udp {WITHOUT}", "fw", "fw, this computer first")
 
 
 @pytest.mark.skipif(in_namespace(), reason="this is the namespace")
@@ -32,7 +34,9 @@ def quick_scan(monkeypatch):
 
 @pytest.fixture(params=KINDS)
 def bench(request):
-    with Bench(request.param) as made:
+    kind = request.param
+    made = FakeFirewire(first=kind != "fw") if kind.startswith("fw") else Bench(kind)
+    with made:
         yield made
 
 
@@ -58,7 +62,7 @@ def test_boards_are_found_and_named(bench):
     with bench.port() as port:
         found = port.discover()
     assert [(info.board, info.hardware) for info in found] == [(board, "QLA1") for board in bench.ids]
-    assert sum(info.is_hub for info in found) == 1
+    assert sum(info.is_hub for info in found) == (0 if bench.kind == "fw" else 1)
     nodes = [info.node for info in found]
     assert len(set(nodes)) == len(nodes)
 
