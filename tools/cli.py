@@ -60,6 +60,12 @@ VERBS: tuple[Verb, ...] = (
     Verb("echo", "tools.echo:echo", "Values of a topic."),
     Verb("attach", "tools.attach:attach", "Live table of processes and topics."),
     Verb("check", "tools.checking:check", "Validate configuration files."),
+    Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(
+        Verb("fk", "tools.kinematics:fk", "Pose of the tip."),
+        Verb("jacobian", "tools.kinematics:jacobian", "Body and spatial Jacobian."),
+        Verb("ik", "tools.kinematics:ik", "Joints for a pose, or why there are none."),
+        Verb("gravity", "tools.kinematics:gravity", "Efforts that hold the arm."),
+    )),
     Verb("convert", "tools.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
     Verb("bench", "tools.bench:bench", "Measure the machine and the software."),
 )

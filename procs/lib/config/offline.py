@@ -1,0 +1,94 @@
+"""The files of one arm by themselves, for calculations without a system: kinematics, tool, endoscope, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.lib import document
+from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.config.arms import arm_chain, psm_tool, real_links
+from procs.lib.config.chains import load_chain, load_tool
+from procs.lib.config.context import Context, Opened
+from procs.lib.config.gravity_file import load_master_gravity
+from procs.lib.config.kinds import kind_of
+from procs.lib.config.load import PROJECT_CONFIGS
+from procs.lib.config.problem import ERROR, Problem
+from procs.lib.config.search import search_path
+from procs.lib.endoscopes import NAMES, Endoscope, endoscope
+from procs.lib.master_gravity import MasterGravityParameters
+
+MODELS: dict[str, type[PsmFile] | type[EcmFile] | type[MtmFile]] = {"psm": PsmFile, "ecm": EcmFile, "mtm": MtmFile}
+KINDS = {7: "MTM", 4: "ECM", 3: "PSM"}
+"""What a kinematic file without an arm file is taken for, by its joints; others can be nothing but computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OfflineArm:
+    """What can be computed with. `weights` are the links with their masses, None where no file has any."""
+
+    kind: str  # PSM, ECM, MTM, or "" for a chain that is no arm's
+    chain: document.Chain
+    tool: document.Tool | None = None
+    endoscope: Endoscope | None = None
+    weights: document.Chain | None = None
+    master_gravity: MasterGravityParameters | None = None
+    mounting_pitch: float = 0.0
+
+
+def load_offline(
+    kinematic: Path | None, tool: Path | None, arm: Path | None, *, search: Sequence[Path] = (),
+    configs: Path = PROJECT_CONFIGS,
+) -> tuple[OfflineArm | None, tuple[Problem, ...]]:
+    """An arm from a kinematic file or an arm file, or both: what is given by itself takes the place of what it names.
+
+    None with errors. `search` is what `--path` gives.
+    """
+    beside = tuple(path.parent for path in (arm, kinematic, tool) if path is not None)
+    context = Context(search_path((Path.cwd(), *beside, *search, configs)))
+    found = _of_arm_file(context, arm, kinematic) if arm is not None else None
+    if found is None and arm is None and kinematic is not None:
+        chain = load_chain(context, kinematic)
+        if chain is not None:
+            weighs = any(link.mass > 0.0 or any(link.com) for link in chain.links)  # an ECM's is that of its camera
+            found = OfflineArm(KINDS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
+    chosen = load_tool(context, tool, tool.stem) if tool is not None else None
+    problems = tuple(dict.fromkeys(context.problems))
+    if found is None or any(problem.severity == ERROR for problem in problems):
+        return None, problems
+    if chosen is not None:
+        found = OfflineArm("PSM", found.chain, chosen, None, found.weights, None, found.mounting_pitch)
+    return found, problems
+
+
+def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> OfflineArm | None:
+    source = context.read(path)
+    if source is None:
+        return None
+    kind = kind_of(source)
+    if kind not in MODELS:
+        context.error(source, ("$id",), "is no arm file", "dvrk-psm, dvrk-ecm or dvrk-mtm.schema.json")
+        return None
+    opened = context.open(MODELS[kind], path)
+    if opened is None:
+        return None
+    content, pitch = opened.content, opened.content.mounting_pitch or 0.0
+    chain = load_chain(context, kinematic) if kinematic is not None else arm_chain(context, opened)
+    if chain is None:
+        return None
+    if isinstance(content, PsmFile):
+        tool = psm_tool(context, Opened(opened.source, content))
+        return OfflineArm("PSM", chain, tool, None, real_links(context, opened, "PSM"), None, pitch)
+    if isinstance(content, EcmFile):
+        if content.endoscope not in NAMES:
+            context.error(opened.source, ("endoscope",), "no such endoscope", ", ".join(NAMES))
+            return None
+        named = context.search.first(path.parent).find(content.kinematic_gc) if content.kinematic_gc else None
+        weights = real_links(context, opened, "ECM") or (load_chain(context, named) if named is not None else chain)
+        return OfflineArm("ECM", chain, None, endoscope(content.endoscope), weights, None, pitch)
+    parameters = None
+    if content.gravity_compensation:
+        where = context.search.first(opened.source.path.parent).find(content.gravity_compensation)
+        parameters = load_master_gravity(context, where) if where is not None else None
+    return OfflineArm("MTM", chain, None, None, None, parameters, pitch)
