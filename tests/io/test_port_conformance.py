@@ -22,7 +22,7 @@ KINDS = ON_CABLE if in_namespace() else ("udp", "udpfw", f"udp {WITHOUT}", "fw",
 @pytest.mark.skipif(in_namespace(), reason="this is the namespace")
 def test_all_of_this_holds_over_raw_ethernet_on_a_virtual_cable():
     done = run_in_namespace(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__,
-                            str(ROOT / "tests/io/test_raw_ethernet.py"))
+                            str(ROOT / "tests/io/test_raw_ethernet.py"), str(ROOT / "tests/io/test_distant_boards.py"))
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
