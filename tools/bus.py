@@ -23,7 +23,8 @@ ALL: Final = "all"
 ALL_BOARDS: Final = 0x3F  # as `Port` has it
 FOREIGN_SAMPLES: Final = 3  # in a row, before somebody else is said to sample the board
 
-PortArgument = Annotated[str, typer.Argument(metavar="PORT", help="As in IO files: udp, udp:IP, udpfw:IP.")]
+PortArgument = Annotated[str, typer.Argument(
+    metavar="PORT", help="As in system files: udp[:IP], udpfw[:IP], eth:INTERFACE, ethfw:INTERFACE, fw[:N].")]
 BoardArgument = Annotated[str, typer.Argument(metavar="BOARD", help="Board id, 0 to 15 (its rotary switch).")]
 RegisterArgument = Annotated[str, typer.Argument(
     metavar="REGISTER", help="A name (STATUS, ENCODER:2 for axis 2) or a number (0x25, 37).")]

@@ -44,7 +44,7 @@ class Desk:
     """A bus, its boards found; a context manager. Problem says what is wrong with it."""
 
     def __init__(self, port: str) -> None:
-        """Find the boards of a port as IO files name it: udp, udp:IP, udpfw:IP."""
+        """Find the boards of a port, named as in system files."""
         self.port = port
         command = [sys.executable, "-m", "procs.io.desk", port]
         # A session of its own: Ctrl-C is for us, and then its end of the pipe closes.

@@ -1,4 +1,4 @@
-"""The UDP sockets of the emulated buses: datagrams with the kernel's receive time in, replies out.
+"""The sockets of the emulated buses: datagrams with the kernel's receive time in, replies out.
 
 A bridge has one address; with Rev 9 its hub listens at that plus its board id, too, which is where hosts go.
 Ethernet-only every board has its own, the bus's plus its board id, and all hear multicast; so that several systems may
