@@ -31,6 +31,7 @@ QUERY_OFFSET: Final = 0x1800  # what the firmware takes for a query of all, thou
 COMMAND_OFFSET: Final = 0xFFFF_FFFF_0000  # and for commands to all
 REGISTERS: Final = 0xFFFF_FFFF_0000  # boards look at the lower 16 bits only; the kernel broadcasts only up there
 LOOK_AGAIN_NS: Final = 100_000_000  # a device appears some time after its board
+FOREIGN: Final = -1
 NO_ANSWER: Final = 1 << 40  # closures of requests whose outcome we need not know
 
 _REQUEST = struct.Struct(">BBIII")  # flags, generation, q0-q2
@@ -87,7 +88,7 @@ class FirewireTransport:
         self.most_write = firewire.BROADCAST_BYTES
         self._place, self._kernel = place, kernel or LinuxKernel()
         self._card, self._generation, self._local = -1, 0, -1  # _local: descriptor of the card itself
-        self._paths: dict[str, int] = {}  # looked at; -1: not ours
+        self._paths: dict[str, int] = {}  # looked at: descriptor, or FOREIGN
         self._nodes: dict[int, int] = {}  # of our boards: node to descriptor
         self._descriptors: set[int] = set()
         self._looked_ns = 0
@@ -159,25 +160,24 @@ class FirewireTransport:
             del self._paths[path]
         for path in there:
             if path not in self._paths:
-                self._paths[path] = self._opened(path)
+                with contextlib.suppress(OSError):  # gone again, or not ours to open yet: looked at once more later
+                    self._open_device(path)
 
-    def _opened(self, path: str) -> int:
-        try:
-            fd = self._kernel.open(path)
-        except OSError:
-            return -1
+    def _open_device(self, path: str) -> None:
+        fd = self._kernel.open(path)
         try:
             card, state, vendor = self._ask(fd)
         except OSError:
             os.close(fd)
-            return -1
+            raise
         if card != self._card or not (state.is_local or vendor == firewire.VENDOR):
             os.close(fd)
-            return -1
+            self._paths[path] = FOREIGN
+            return
+        self._paths[path] = fd
         self._descriptors.add(fd)
         self._poller.register(fd, select.POLLIN)
         self._follow(fd, state)
-        return fd
 
     def _follow(self, fd: int, state: firewire.BusReset) -> None:
         """A device tells which node it is in this generation."""
@@ -195,6 +195,8 @@ class FirewireTransport:
         self._descriptors.discard(fd)
         self._nodes = {node: other for node, other in self._nodes.items() if other != fd}
         self._paths = {path: other for path, other in self._paths.items() if other != fd}
+        if fd == self._local:
+            self._local = -1
         os.close(fd)
 
     def _stop_cycle_starts(self) -> None:
@@ -271,6 +273,8 @@ class FirewireTransport:
 
     def _request(self, fd: int, tcode: int, offset: int, length: int, closure: int,
                  code: int = firewire.SEND_REQUEST) -> None:
+        if fd < 0:
+            raise OSError(errno.ENODEV, "the card is gone")
         self._kernel.ioctl(fd, code, firewire.encode_request(tcode, length, offset, closure, self._data_at,
                                                              self._generation))
 
@@ -309,6 +313,7 @@ class FirewireTransport:
         event = firewire.decode_event(data)
         if isinstance(event, firewire.BusReset):
             self._follow(fd, event)
+            self._paths = {path: other for path, other in self._paths.items() if other != FOREIGN}  # names are reused
             self._looked_ns = 0
         elif isinstance(event, firewire.Response) and event.closure != NO_ANSWER:
             self._answer(event)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import select
+
 import pytest
 
 from procs.io.firewire import FirewireTransport
@@ -83,6 +85,28 @@ def test_a_board_whose_device_comes_later_is_found_then():
         assert f"/dev/fw{12}" not in fake.devices()
         fake.take_away(2, gone=False)
         assert eventually_reads(port, tries=200)
+
+
+def test_a_device_that_may_be_opened_only_later_is_opened_then():
+    with FakeFirewire() as fake, fake.port() as port:
+        port.discover()
+        fake.take_away(3)
+        assert not port.read_all()
+        fake.forbidden = {"/dev/fw13"}  # its permissions are set a moment after it has appeared
+        fake.take_away(3, gone=False)
+        assert not any(port.read_all() for _ in range(8))
+        fake.forbidden = set()
+        assert any(not select.poll().poll(10) and port.read_all() for _ in range(200))
+
+
+def test_a_card_that_is_pulled_out_is_a_bad_cycle():
+    with FakeFirewire(first=True) as fake, fake.port(deadline_ms=5) as port:
+        port.discover()
+        assert eventually_reads(port)
+        for path, end in fake._clients.values():
+            if path == CARD:
+                end.close()
+        assert not port.read_all() and not port.write_all()
 
 
 def test_a_reset_between_request_and_answer_is_noticed():

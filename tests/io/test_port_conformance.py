@@ -29,7 +29,7 @@ def test_all_of_this_holds_over_raw_ethernet_on_a_virtual_cable():
 @pytest.fixture(autouse=True)
 def quick_scan(monkeypatch):
     """Thirteen silent nodes at 20 ms each would be most of the time here."""
-    monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (10, 50, 100))
+    monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (10, 60))
 
 
 @pytest.fixture(params=KINDS)

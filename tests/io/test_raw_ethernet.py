@@ -85,6 +85,18 @@ def test_an_interface_that_is_down_is_told():
         subprocess.run(["ip", "link", "set", OUR_END, "up"], check=True)
 
 
+@on_cable
+def test_a_cable_that_is_pulled_out_and_plugged_in_again_is_survived():
+    with Bench("eth") as bench, bench.port(deadline_ms=20) as port:
+        port.discover()
+        assert any(port.read_all() for _ in range(20))
+        subprocess.run(["ip", "link", "set", OUR_END, "down"], check=True)
+        assert not any([port.read_all(), port.write_all(), port.read_all()])
+        subprocess.run(["ip", "link", "set", OUR_END, "up"], check=True)
+        assert any(port.read_all() for _ in range(200))
+        assert port.write_all()
+
+
 def listening():
     """The other end of the cable, hearing everything."""
     made = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(3))

@@ -16,6 +16,7 @@ DQLA, BCFG = registers.DQLA, 0x42434647
 
 def port_to(bus, boards, **options):
     options.setdefault("exclusive", False)
+    options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
     kind = options.pop("kind", "udp")
     return udp_port_to(f"{kind}:{bus.address}", boards, time.monotonic_ns, udp_port=bus.port, **options)
 
