@@ -86,6 +86,7 @@ def test_a_fault_that_io_keeps_is_told_instead_of_power() -> None:
     assert not rig.io.flag("power_wanted")
 
 
+@pytest.mark.slow
 def test_requests_to_a_refusing_io_are_no_flood() -> None:
     rig = Rig()
     rig.reach("HOMED")

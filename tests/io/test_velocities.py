@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from procs.lib.config import load_system
 from tests import stock
@@ -13,6 +14,7 @@ from tests.io.rig import Rig
 SWING, HZ, JOINT = 0.2, 0.5, 0
 
 
+@pytest.mark.slow
 def test_both_velocities_and_the_acceleration_follow_the_joint() -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-dVRK/system-PSM1.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")

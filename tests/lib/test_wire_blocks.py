@@ -79,6 +79,7 @@ def test_any_write_survives(values, firmware):
     assert blocks.decode_write(blocks.encode_write(groups, firmware), firmware) == groups
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=300), st.integers(6, 10))
 def test_noise_decodes_or_raises_wire_error(noise, firmware):
     for decode, encode in (

@@ -113,6 +113,7 @@ def test_merging_leaves_no_schedule_out() -> None:
     assert slowly.explore().schedules == bell(Real(), 2).explore().schedules
 
 
+@pytest.mark.slow
 def test_a_dead_waiter_s_flag_is_taken_down_and_no_other() -> None:
     assert dying(Real(TWO_PLACES), 2).explore().states > 10_000
     assert dying(Real(), 3, heir=False).explore().states > 10_000

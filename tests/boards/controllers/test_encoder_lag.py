@@ -101,6 +101,7 @@ _loads = st.tuples(st.just("load"), st.one_of(st.integers(0, 5), st.integers(0xF
 _deeds = st.lists(st.one_of(_steps, _steps, _loads, st.tuples(st.just("power up"))), min_size=1, max_size=14)
 
 
+@pytest.mark.slow
 @settings(max_examples=120, deadline=None)
 @given(lag=st.booleans(), sticky=st.booleans(), first=_loads, deeds=_deeds)
 def test_counters_follow_the_law_of_transitions(

@@ -85,6 +85,7 @@ _lines = st.tuples(st.integers(0, 1), st.integers(0, 1))
 _changes = st.lists(st.tuples(_gaps, _lines), max_size=30)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(lag=st.booleans(), start=_lines, changes=_changes, looks=st.lists(st.booleans(), min_size=8, max_size=8))
 def test_every_tick_is_as_in_the_clocked_registers(

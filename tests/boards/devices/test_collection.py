@@ -148,6 +148,7 @@ EVENTS = st.lists(st.tuples(st.integers(0, 3000), st.one_of(
     WORDS, st.just("sampled"), st.integers(0, 0xFFFF), st.just("look"))), max_size=20)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(EVENTS, st.sampled_from((8, 9)))
 def test_stepping_in_one_go_equals_tick_by_tick(

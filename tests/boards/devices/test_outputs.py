@@ -243,6 +243,7 @@ def carry_out(outputs: Outputs, slow: Slow, order: tuple[object, ...]) -> None:
             slow.table[index : index + len(entries)] = entries
 
 
+@pytest.mark.slow
 @settings(max_examples=120, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 40), WRITES), max_size=12), st.integers(0, 80))
 def test_stepping_in_one_go_equals_tick_by_tick(orders: list[tuple[int, tuple[object, ...]]], rest: int) -> None:

@@ -117,6 +117,7 @@ def test_a_camera_arm_with_a_mass_falls() -> None:
     assert plant.position[2] > start + 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_stops_hold_full_motor_effort(direction: float) -> None:
     plant = psm("")
@@ -130,6 +131,7 @@ def test_stops_hold_full_motor_effort(direction: float) -> None:
     assert beyond[2] <= 0.006
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", ["", LND, "LARGE_NEEDLE_DRIVER_420006", "NEEDLE_DRIVER_400117"])
 @pytest.mark.parametrize("delay", [1, 2])
 def test_stock_gains_follow_and_settle(tool: str, delay: int) -> None:

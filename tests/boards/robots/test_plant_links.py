@@ -87,6 +87,7 @@ def test_a_falling_si_arm_keeps_its_energy() -> None:
     np.testing.assert_allclose(total, total[0], atol=0.01 * kinetic)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_stops_of_an_si_arm_hold_motors_and_weight(direction: float) -> None:
     plant = si("PSM", -0.7)
