@@ -1,7 +1,7 @@
 """`trocar bench io`: the I/O loop on emulated boards: latency, period, datagrams, and the rate it can keep.
 
 One to five PSMs (2 to 10 boards) in one io process, powered, homed and holding; everything as `trocar up` starts it.
-The emulator and the arm processes share the machine's cores with io, which real boards would not. The figures without
+Where there are two cores io has the first one, the emulator and the arm processes share the second. The figures without
 a number are of four PSMs: 8 boards, 28 axes.
 """
 
@@ -24,7 +24,7 @@ from shm.clock import monotonic_ns, pause
 from shm.ring import RingReader
 from tools.arms import HOMED, bring
 from tools.errors import Problem
-from tools.processes import lives
+from tools.processes import Life, lives
 from tools.supervising import Background, Request
 from tools.systems import ROOT
 from tools.watch import arm_names
@@ -33,6 +33,8 @@ PSMS = 4
 SIZES = (1, 2, 4, 5)  # PSMs, of two boards each
 SECONDS = 5.0
 SUSTAINED_S = 10.0
+WINDOWS = 3  # to keep a rate in: a virtual machine is stopped for milliseconds now and then
+LOOK_S = 0.05
 MOST_MISSED = 0.001
 FIRST_HZ, STEP_HZ, MOST_HZ = 3000, 500, 8000
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
@@ -44,32 +46,33 @@ LOOPBACK = Path("/proc/net/dev")
 def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple[int, ...] = SIZES) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     figures: dict[str, Any] = {}
+    cores = sorted(psutil.Process().cpu_affinity() or [])
+    placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}", f"arm.cpu={cores[1]}") if len(cores) > 1 else ()
     with tempfile.TemporaryDirectory() as folder:
         for psms in sizes:
-            found = _measure(write_system(Path(folder), psms), seconds)
+            found = _measure(write_system(Path(folder), psms), seconds, *placed)
             figures |= {key if psms == PSMS else f"{key}_{2 * psms}": value for key, value in found.items()}
         file = write_system(Path(folder), PSMS)
-        tried = sustained(lambda hz: _measure(file, sustained_s, f"io.period_s={1.0 / hz}", SLOW_ARMS))
+        tried = sustained(lambda hz: _part_missed(file, sustained_s, f"io.period_s={1.0 / hz}", SLOW_ARMS, *placed))
     most, least = (figures[f"read_to_write_us_p50_{2 * psms}"] for psms in (max(sizes), min(sizes)))
     figures[f"ratio_{2 * max(sizes)}_vs_{2 * min(sizes)}"] = most / least
     figures["max_rate_hz"] = max((hz for hz, missed in tried.items() if missed < MOST_MISSED), default=0)
     conditions = {
         "boards": [2 * psms for psms in sizes], "seconds": seconds, "sustained_s": sustained_s,
         "missed_at_hz": {str(hz): round(missed, 6) for hz, missed in sorted(tried.items())},
-        "state": "every arm homed and holding; for max_rate_hz arms at 200 Hz",
-        "cores": len(psutil.Process().cpu_affinity() or []), "cpu": _cpu(), "kernel": platform.release(),
+        "windows": WINDOWS, "state": "every arm homed and holding; for max_rate_hz arms at 200 Hz",
+        "cores": len(cores), "placed": list(placed), "cpu": _cpu(), "kernel": platform.release(),
         "python": platform.python_version(), "numpy": np.__version__, "bus": "emulated boards on loopback UDP",
     }
     return {"bench": "io", "figures": figures, "conditions": conditions}
 
 
-def sustained(measure: Callable[[float], dict[str, Any]]) -> dict[int, float]:
+def sustained(measure: Callable[[float], float]) -> dict[int, float]:
     """Part of the deadlines missed at every rate tried [Hz]: upwards while the first is kept, else downwards."""
     tried: dict[int, float] = {}
     hz = FIRST_HZ
     while 0 < hz <= MOST_HZ and hz not in tried:
-        found = measure(hz)
-        tried[hz] = found["missed_deadlines"] / max(1, found["cycles"] + found["missed_deadlines"])
+        tried[hz] = measure(hz)
         hz += STEP_HZ if tried[hz] < MOST_MISSED else -STEP_HZ
     return tried
 
@@ -108,19 +111,37 @@ def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
         background.stop(_silent)
 
 
+def _part_missed(file: Path, seconds: float, *sets: str) -> float:
+    """Part of the deadlines that io misses, in the first window in which it keeps nearly all, else the best one."""
+    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets))
+    least = 1.0
+    try:
+        background.wait_until_up(_silent)
+        _home_all(background.system)
+        for _ in range(WINDOWS):
+            before = _io(background.system)
+            pause(seconds)  # without looking at its records: copying them on the other core costs io time, too
+            after = _io(background.system)
+            missed, cycles = after.missed - before.missed, after.cycles - before.cycles
+            least = min(least, missed / max(1, missed + cycles))
+            if least < MOST_MISSED:
+                break
+        return least
+    finally:
+        background.stop(_silent)
+
+
 def _watch(system: str, seconds: float) -> dict[str, Any]:
     reader = directory.reader(system, "IO1", "state")
     try:
         _look(reader)
-        first, begin, missed = int(reader.field("cycle")), reader.stamp_ns, _missed(system)
-        seen, datagrams = begin, []
+        first, begin, missed = int(reader.field("cycle")), reader.stamp_ns, _io(system).missed
+        packets = _packets()
+        seen = begin
         latencies, stamps = [], []
         end = monotonic_ns() + round(seconds * 1e9)
         while monotonic_ns() < end:
-            before, packets = int(reader.field("cycle")), _packets()
-            pause(0.5)
-            _look(reader)
-            datagrams.append((_packets() - packets) / max(1, int(reader.field("cycle")) - before))
+            pause(LOOK_S)
             rows = reader.since(seen + 1)
             seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
             rows = rows[rows["valid"]]
@@ -129,6 +150,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
         if not sum(len(rows) for rows in stamps):
             raise Problem("io got no good sample from the emulated boards; is the machine busy? (trocar logs)")
         _look(reader)
+        packets = _packets() - packets
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
         return {
@@ -137,8 +159,8 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
             "period_us_p50": float(np.percentile(np.diff(stamp), 50)) * 1e-3,
             "period_us_p99": float(np.percentile(np.diff(stamp), 99)) * 1e-3,
             "rate_hz": cycles / span * 1e9,
-            "missed_deadlines": _missed(system) - missed,
-            "packets_per_cycle": round(float(np.median(datagrams)), 1),
+            "missed_deadlines": _io(system).missed - missed,
+            "packets_per_cycle": round(packets / max(1, cycles), 1),
             "bad_reads": int(reader.field("bad_reads")),
             "cycles": cycles,
             "boards": len(reader.info["robots"]) * 2,
@@ -168,8 +190,8 @@ def _packets() -> int:
     return 0
 
 
-def _missed(system: str) -> int:
-    return next(life.missed for life in lives(system) if life.name == "IO1")
+def _io(system: str) -> Life:
+    return next(life for life in lives(system) if life.name == "IO1")
 
 
 def _cpu() -> str:
