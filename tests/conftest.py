@@ -24,6 +24,12 @@ COUNTER = itertools.count()
 PATIENCE_S = 30.0
 
 
+def pytest_configure() -> None:
+    """Ctrl-C works in what the tests start, also where we run in the background of a shell, which turns it off."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave soaks out unless `-m` speaks of them: `-m "not slow"` takes the place of the settings' `not soak`."""
     if "soak" in config.option.markexpr:
