@@ -22,15 +22,8 @@ from procs.io.port import (
     PortError,
     Quads,
 )
-from procs.io.protocols import (
-    BroadcastWrite,
-    QueryRead,
-    Reader,
-    Rows,
-    SequentialRead,
-    SequentialWrite,
-    Writer,
-)
+from procs.io.protocols import BroadcastWrite, QueryRead, Reader, SequentialRead, SequentialWrite, Writer
+from procs.io.rows import Rows
 from procs.io.transport import Transport
 from procs.io.unasked import UnaskedRead
 from procs.lib import blocks, registers, wire

@@ -8,51 +8,18 @@ are alike, their blocks lie in a datagram as rows do in `Rows.blocks`; otherwise
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procs.io.discovery import Rescan
-from procs.io.link import Link
-from procs.io.port import Quads
+from procs.io.link import TIMED_OUT, Link
+from procs.io.rows import BIG_QUAD, BOARD_MASK, DATA_AT, REPLY, TCODE_BITS, HubBlocks, Rows, Unpack, statuses, swapped
 from procs.lib import blocks, registers, wire
 
-BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
-BIG_QUAD: Final = np.dtype(">u4")
 QUERY_WAIT_NS: Final = 10_000  # for the first board, and for each further one, to reach the hub's memory
-DATA_AT: Final = wire.RESPONSE_HEADER_BYTES // 4
 
 _QUERY = struct.Struct(">IIII")
-_REPLY = struct.Struct(">xxHIxxxxH")  # label and tcode; source; length
-_TCODE_BITS: Final = 0xF0
-
-
-@dataclass(slots=True)
-class Rows:
-    """The arrays of a port, row by row the boards in ascending id, and where the boards are on the bus."""
-
-    board_ids: tuple[int, ...]
-    layouts: tuple[blocks.Layout, ...]
-    columns: blocks.Columns
-    blocks: Quads  # (n, columns.count)
-    out: Quads  # (n, columns.width + 1)
-    bad: NDArray[np.bool_]  # (n,) boards to blame for the last bad read
-    nodes: dict[int, int]  # board id to node; the hub is always in it
-    hub: int  # board id
-    query_wait_ns: int | None = None  # None: what the boards need
-
-    @property
-    def alike(self) -> bool:
-        """All boards have blocks of the same shape, and these fill whole rows."""
-        shapes = {(layout.firmware == 7, layout.motors, layout.encoders) for layout in self.layouts}
-        width = self.columns.width
-        return len(shapes) == 1 and next(iter(shapes))[1:] == (width, width)
-
-    def starts(self, quads: list[int]) -> list[int]:
-        """Where the part of every board begins when parts of so many quadlets follow each other."""
-        return [sum(quads[:row]) for row in range(len(quads))]
 
 
 class Reader(Protocol):
@@ -70,45 +37,6 @@ class Writer(Protocol):
 
     def write(self) -> bool:
         """True: `rows.out` was sent."""
-
-
-def swapped(quad: int) -> int:
-    """A quadlet as it lies in a receive buffer, in the byte order of the wire."""
-    return int.from_bytes(quad.to_bytes(4, "big"), "little")
-
-
-def statuses(rows: Rows) -> Quads:
-    """What the top byte of every status quadlet must be."""
-    ids = np.array(rows.board_ids, np.uint32)
-    motors = np.array([layout.motors for layout in rows.layouts], np.uint32)
-    return (motors << registers.STATUS_AXES_SHIFT | ids << registers.STATUS_BOARD_SHIFT).astype(np.uint32)
-
-
-class Unpack:
-    """Copies the read blocks of all boards out of a buffer, which holds them as the wire does, to `rows.blocks`."""
-
-    def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int) -> None:
-        """Blocks begin at quadlets `starts` of `raw`, each after a header of `header` quadlets."""
-        count, quads = len(rows.board_ids), [layout.read_quads for layout in rows.layouts]
-        self._alike = rows.alike and starts == sorted(starts)
-        if self._alike:
-            first, stride = starts[0] - header, header + quads[0]
-            self._source = raw[first : first + count * stride].reshape(count, stride)[:, header:].view(BIG_QUAD)
-            self._target = rows.blocks[:, : quads[0]]
-            return
-        self._raw, self._flat = raw, rows.blocks.reshape(-1)
-        self._from = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
-        self._to = np.concatenate([row * rows.columns.count + np.array(layout.columns(rows.columns.width))
-                                   for row, layout in enumerate(rows.layouts)])
-        self._quads = np.zeros(len(self._from), np.uint32)
-
-    def run(self) -> None:
-        """Swap and copy."""
-        if self._alike:
-            self._target[...] = self._source
-            return
-        self._raw.take(self._from, out=self._quads, mode="clip")
-        self._flat[self._to] = self._quads.view(BIG_QUAD)
 
 
 class Bus:
@@ -131,27 +59,9 @@ class QueryRead:
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows, self._bus = link, rows, Bus(link, rows)
-        count, first = len(rows.board_ids), rows.layouts[0]
-        self._mask_of_boards = sum(1 << board for board in rows.board_ids)
-        self._sequence = 0
-        sizes = [layout.hub_quads for layout in rows.layouts]
-        self._length = 4 * (sum(sizes) + 1)
-        self._size = self._length + wire.BLOCK_OVERHEAD_BYTES
-        heads = [DATA_AT + start for start in rows.starts(sizes)]
-        self._unpack = Unpack(rows, link.rx_quads, [head + 1 for head in heads], header=1)
-        # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
-        self._heads = np.array([(head, head + 1 + blocks.STATUS) for head in heads], np.intp)
-        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in rows.layouts],
-                               np.uint32)
-        self._masked = np.zeros((count, 2), np.uint32)
-        self._expected = np.zeros((count, 2), np.uint32)
-        self._expected[:, 1] = statuses(rows).byteswap()
-        self._sizes = np.array([layout.header(0) for layout in rows.layouts], np.uint32).byteswap()
-        self._sequence_bits = swapped(first.header(0xFFFF) ^ first.header(0))
-        self._header = first.header
-        self._last_header_at = 4 * heads[-1]
+        self._blocks, self._sequence = HubBlocks(link, rows), 0
         self._time_mask = rows.layouts[-1].time_mask
-        self._least_wait_ns = QUERY_WAIT_NS * count
+        self._least_wait_ns = QUERY_WAIT_NS * len(rows.board_ids)
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
         self._made_for = (-1, -1)
         self._reads: list[bytes] = []
@@ -170,14 +80,14 @@ class QueryRead:
             self._prepare(hub_node)
         self._sequence = sequence = self._sequence % 0xFFFF + 1
         query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
-                            sequence << 16 | self._mask_of_boards)
+                            sequence << 16 | self._blocks.mask_of_boards)
         self._sent = link.send(self._control + query + wire.crc_bytes(query))
         self._ready_ns = link.send_ns + self._wait_ns
-        np.bitwise_or(self._sizes, swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
+        self._blocks.expect(sequence)
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
-        link, now_ns = self._link, self._link.now_ns
+        link, now_ns, found, hub = self._link, self._link.now_ns, self._blocks, self._rows.hub
         if not self._asked:
             self.ask()
         self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
@@ -185,20 +95,14 @@ class QueryRead:
             pass
         tl = link.next_tl()
         if not self._sent or not link.send(self._reads[tl]):
-            return self._blame_all()
+            return found.blame_all(hub)
         size = link.receive(tl, link.cycle_timeout_ms)
-        if size != self._size:
-            return self._blame_all(silent=size == 0)
-        label, source, length = _REPLY.unpack_from(link.rx)
-        node = source >> 16 & 0x3F
-        if label & _TCODE_BITS != wire.BLOCK_RESPONSE << 4 or node != self._hub_node or length != self._length:
-            link.counters.stray += 1
-            return self._blame_all()
-        link.rx_quads.take(self._heads, out=self._masked, mode="clip")
-        np.bitwise_and(self._masked, self._check, self._masked)
-        if self._masked.tobytes() != self._expected.tobytes():
-            return self._blame_some()
-        self._unpack.run()
+        if found.source(size) != self._hub_node:
+            link.counters.stray += size > 0
+            return found.blame_all(hub, silent=size == TIMED_OUT)
+        if not found.are_there():
+            return found.blame()
+        found.take()
         if self._rows.query_wait_ns is None:
             self._adapt_wait()
         return True
@@ -207,33 +111,15 @@ class QueryRead:
         """Read requests with every label, for this generation and hub."""
         generation = self._link.generation
         self._control = bytes((0, generation))
-        self._reads = [wire.block_read(hub_node, registers.HUB, self._length, tl, generation)
+        self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
                        for tl in range(wire.TL_COUNT)]
         self._made_for = (generation, hub_node)
 
     def _adapt_wait(self) -> None:
         """Next time, wait as long as the last board took this time, when that is longer than the rule."""
-        at = self._last_header_at
+        at = self._blocks.last_header_at
         ticks = int.from_bytes(self._link.rx[at : at + 4], "big") & self._time_mask
         self._wait_ns = max(self._least_wait_ns, ticks * 1_000_000_000 // registers.CLOCK_HZ)
-
-    def _blame_all(self, *, silent: bool = False) -> bool:
-        rows, counters = self._rows, self._link.counters
-        rows.bad[...] = True
-        counters.board_bad_reads += 1
-        if silent and rows.hub in rows.board_ids:
-            counters.board_timeouts[rows.board_ids.index(rows.hub)] += 1
-        return False
-
-    def _blame_some(self) -> bool:
-        """Note which blocks were not the wanted ones: wrong board, or the answer to another query."""
-        counters, wrong = self._link.counters, self._masked != self._expected
-        np.any(wrong, axis=1, out=self._rows.bad)
-        counters.board_bad_reads += self._rows.bad
-        counters.board_sequence_errors += wrong[:, 0]
-        if wrong[:, 0].any():
-            counters.sequence_errors += 1
-        return False
 
 
 class SequentialRead:
@@ -278,8 +164,8 @@ class SequentialRead:
         if size != 4 * quads + wire.BLOCK_OVERHEAD_BYTES:
             link.counters.board_timeouts[row] += size == 0
             return False
-        label, source, length = _REPLY.unpack_from(link.rx)
-        if label & _TCODE_BITS != wire.BLOCK_RESPONSE << 4 or source >> 16 & 0x3F != node or length != 4 * quads:
+        label, source, length = REPLY.unpack_from(link.rx)
+        if label & TCODE_BITS != wire.BLOCK_RESPONSE << 4 or source >> 16 & 0x3F != node or length != 4 * quads:
             link.counters.stray += 1
             return False
         at = self._starts[row]

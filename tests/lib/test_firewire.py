@@ -73,7 +73,9 @@ def test_responses_survive_the_bytes(event: Response) -> None:
 
 @given(st.binary(max_size=64))
 def test_other_bytes_are_no_event_or_one(data: bytes) -> None:
-    firewire.decode_event(data)
+    event = firewire.decode_event(data)
+    assert not isinstance(event, Response) or event.data == data[firewire.RESPONSE_DATA_AT :][: len(event.data)]
+    assert event is None or len(event.encode()) >= firewire.RESPONSE_DATA_AT
 
 
 def test_short_reads_have_their_data_twice_as_the_kernel_sends_them() -> None:
