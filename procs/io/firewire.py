@@ -326,10 +326,12 @@ class FirewireTransport:
             return
         tl, node, tcode = event.closure >> 16, event.closure >> 8 & 0xFF, event.closure & 0xFF
         data, trailer = event.data, _TRAILER.pack(0, self._generation & 0xFF)
+        if len(data) != 4 if tcode == wire.QUADLET_READ else len(data) > wire.MAX_DATA:
+            return  # no answer to what we asked
         head = wire.HOST_ID << 16 | tl << 10 | (tcode + 2) << 4  # a response's code is its request's plus 2
         source = (0xFFC0 | node) << 16
         if tcode == wire.QUADLET_READ:
-            self._replies.append(_REPLY.pack(head, source, 0, int.from_bytes(data[:4], "big")) + bytes(4) + trailer)
+            self._replies.append(_REPLY.pack(head, source, 0, int.from_bytes(data, "big")) + bytes(4) + trailer)
         else:
             self._replies.append(b"".join((_REPLY.pack(head, source, 0, len(data) << 16), bytes(4), data, bytes(4),
                                            trailer)))

@@ -11,6 +11,7 @@ import errno
 import os
 import socket
 import struct
+from collections.abc import Callable
 
 from procs.io.firewire import FirewireTransport
 from procs.lib import firewire, wire
@@ -33,6 +34,7 @@ class FakeFirewire(Bench):
         self.forbidden: set[str] = set()
         self.broadcasts: list[tuple[int, int]] = []  # node, offset
         self.touched: set[str] = set()  # devices that a request was sent to
+        self.spoil: Callable[[bytes], bytes] = lambda data: data  # what nodes answer to reads
         self._clients: dict[int, tuple[str, socket.socket]] = {}  # by descriptor
         self._gone: set[int] = set()
         self._label = 0
@@ -180,5 +182,5 @@ class FakeFirewire(Bench):
             found = wire.decode_response(reply)
             if isinstance(found, wire.Response):
                 whose, client = self._waiting.get(found.tl, (closure ^ 1 << 16, end))
-                self._tell(client, firewire.Response(whose, firewire.COMPLETE, found.data).encode())
+                self._tell(client, firewire.Response(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
         return None

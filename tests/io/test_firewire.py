@@ -41,6 +41,20 @@ def test_a_user_who_may_not_open_the_devices_is_told():
         fake.port().open()
 
 
+@pytest.mark.parametrize("length", [0, 2, 8, 4068])
+def test_answers_of_another_length_than_was_asked_for_are_none(length):
+    with FakeFirewire() as fake, fake.port() as port:
+        port.discover()
+        assert eventually_reads(port)
+        fake.spoil = lambda data: (data + bytes(length))[:length]
+        with pytest.raises(PortError, match="is not answered"):
+            port.read_quadlet(fake.ids[0], registers.STATUS)
+        before = port.blocks.copy()
+        assert not port.read_all() and (port.blocks == before).all()
+        fake.spoil = lambda data: data
+        assert eventually_reads(port)
+
+
 def test_a_machine_without_firewire_is_told():
     class Nothing(FakeFirewire):
         def devices(self):
