@@ -42,7 +42,7 @@ class Gravity:
     def __init__(self, links: Chain, joints: int, up: Array, camera_mass: float | None = None) -> None:
         """`links` have masses; `joints` are those of the arm. `camera_mass` [kg] is that of an ECM's endoscope.
 
-        ValueError for a chain that belongs to no arm of so many joints.
+        ValueError where the links are neither the joints themselves nor those of an Si arm.
         """
         count = len(links.links)
         if count == joints:
