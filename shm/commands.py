@@ -42,7 +42,6 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("use_setpoint_v", "on", "robot", "use the velocity feed of set-points", moves=False),
         Command("set_gains", "axis (-1: all), a value for each", "robot, keys of the PID file, @who or nothing",
                 "change gains of its joint controller from this cycle on"),
-        Command("torque_mode", "{n}", "robot", "per actuator: 1 passes efforts through, 0 follows positions"),
         Command("brake_release", "", "robot", "let the brakes go; the joint controller must hold the arm"),
         Command("brake_engage", "", "robot", "let the brakes hold", moves=False),
         Command("set_output", "on", "output name", "pin of a digital output high or low; a one-shot turns by itself",

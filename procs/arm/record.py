@@ -115,6 +115,7 @@ class SetpointRecord:
     def __init__(self, field: Fields) -> None:
         """`field` gives the arrays of the arm's set-point record."""
         self._mode, self._has_velocity, self._count = field("mode"), field("has_velocity"), field("count")
+        self._in_effort = field("in_effort")
         self._bias_generation, self._pid_generation = field("bias_generation"), field("pid_generation")
         self._rows = stacked([field("position")[: JAW + 1], field("velocity")[: JAW + 1]])
         self._effort = field("effort")[: JAW + 1]
@@ -133,11 +134,11 @@ class SetpointRecord:
         self._bias_generation[...] = driving.bias
         self._pid_generation[...] = driving.pid
         coupling = joints.coupling
+        self._mode[...] = 1
+        self._in_effort[...] = motion.mode is Mode.EFFORT
         if motion.mode is Mode.EFFORT:
-            self._mode[...] = 2
             coupling.actuator_effort(motion.effort, self._effort)
             return
-        self._mode[...] = 1
         self._has_velocity[...] = motion.has_velocity
         wanted = motion.rows.tobytes()
         if wanted != self._done or coupling is not self._coupling:  # an arm that holds needs this once

@@ -74,7 +74,7 @@ class Commands:
             "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
             "tracking_check": self._tracking_check, "pot_check": self._pot_check,
-            "use_setpoint_v": self._use_velocity, "torque_mode": self._torque_mode, "clear_fault": self._clear_fault,
+            "use_setpoint_v": self._use_velocity, "clear_fault": self._clear_fault,
             "set_output": self._set_output, "set_pwm": self._set_pwm,
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
             "set_gains": self._set_gains, "trigger_read": self._trigger_read,
@@ -229,16 +229,6 @@ class Commands:
 
     def _use_velocity(self, robot: int, command: Command) -> None:
         self._follow.use_velocity(robot, _switch(command))
-        command.done()
-
-    def _torque_mode(self, robot: int, command: Command) -> None:
-        axes = self._robots.slices[robot]
-        count = axes.stop - axes.start
-        if len(command.values) != count:
-            raise Refused(f"{len(command.values)} values; allowed: {count}")
-        if not self._follow.controlled(robot):
-            raise Refused("it has no joint controller")
-        self._follow.torque_mode(robot, command.values != 0.0)
         command.done()
 
     def _set_gains(self, robot: int, command: Command) -> None:

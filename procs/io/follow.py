@@ -1,8 +1,9 @@
 """Set-points of the arms: taken when fresh and meant for us, held when not.
 
 A set-point counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of
-the joint controller. Without a fresh one the last accepted position is held, with its feed-forward (gravity) and
-without its velocity; where efforts were passed through, the joint controller takes over at the measured position.
+the joint controller. It says of every actuator whether its effort is applied or its position followed; what it says
+beside that is not looked at. Without a fresh one the last accepted position is held, with its feed-forward (gravity)
+and without its velocity; where efforts were applied, the joint controller takes over at the measured position.
 """
 
 from __future__ import annotations
@@ -22,9 +23,7 @@ from procs.lib import faults
 from procs.lib.document import Io
 from procs.lib.pid import Pid
 
-REST: Final = 0  # modes of a set-point
-POSITIONS: Final = 1
-EFFORTS: Final = 2
+DRIVE: Final = 1  # mode of a set-point that asks for something
 
 
 class SetpointSource(Protocol):
@@ -33,6 +32,7 @@ class SetpointSource(Protocol):
     mode: NDArray[Any]
     has_velocity: NDArray[Any]
     count: NDArray[Any]
+    in_effort: Flags
     bias_generation: NDArray[Any]
     pid_generation: NDArray[Any]
     position: Floats
@@ -58,8 +58,9 @@ class Follower:
     source: SetpointSource
     stamp_ns: int = 0
     fresh_ns: int = 0  # stamp of the last fresh set-point, or when the controller was enabled
-    mode: int = REST
+    resting: bool = True  # nothing is asked for
     velocity: bool = False
+    in_effort: bytes = b""  # as the newest set-point had it; empty: none of the actuators
     own: bool = True  # the present set-point is ours (enable, take-over): limits do not move it
     lost: bool = False
     off: bool = False
@@ -81,7 +82,6 @@ class Follow:
         self._finite: NDArray[np.bool_] = np.ones((4, n), dtype=bool)
         pid.requested_effort, pid.feed_forward = self._incoming[2], self._incoming[3]
         self._low, self._high = np.full(n, -np.inf), np.full(n, np.inf)
-        self._torque: Flags = np.zeros(n, dtype=bool)
         self._dirty = False
         self._followers = []
         for row, source in zip(io.pids, sources, strict=True):
@@ -105,9 +105,9 @@ class Follow:
         axes = follower.axes
         self._pid.enable(axes, on, self._samples.position)
         self._incoming[:, axes] = 0.0
-        self._torque[axes] = False
-        self._stay(follower)
-        follower.mode, follower.velocity, follower.fresh_ns = REST, False, now_ns
+        self._stay(follower, np.ones(axes.stop - axes.start, dtype=bool))
+        follower.resting, follower.velocity, follower.fresh_ns = True, False, now_ns
+        follower.in_effort = b""
         follower.lost = follower.off = False
         record.pid_enabled[robot] = on
         record.holding[robot] = False
@@ -122,15 +122,10 @@ class Follow:
         self._record.limits_enforced[robot] = on
         follower = self._of_robot.get(robot)
         if follower is not None:
+            self._incoming[0, axes] = self._pid.setpoint_position[axes]
             follower.own = True
             self._limit(follower)
         return ""
-
-    def torque_mode(self, robot: int, mask: Flags) -> None:
-        """Pass the efforts of some actuators through, also while the others follow positions."""
-        follower = self._of_robot[robot]
-        self._torque[follower.axes] = mask
-        follower.mode = REST  # applied with the next set-point
 
     def use_velocity(self, robot: int, on: bool) -> None:
         """Use the velocity feed of set-points."""
@@ -151,7 +146,7 @@ class Follow:
                 continue
             if -self._timeout_ns <= age_ns <= self._timeout_ns and stamp_ns:
                 follower.fresh_ns = stamp_ns
-                if stamp_ns != follower.stamp_ns or follower.mode == REST:
+                if stamp_ns != follower.stamp_ns or follower.resting:
                     follower.stamp_ns = stamp_ns
                     self._take(follower)
             else:
@@ -165,28 +160,40 @@ class Follow:
         if record.holding[robot]:
             record.holding[robot] = follower.lost = follower.off = False
             self._reports.status(f"set-points of {follower.arm} are back", self._robots.names[robot])
-        mode, count = source.mode.item(), axes.stop - axes.start
+        count = axes.stop - axes.start
         meant = (source.bias_generation.item() == record.bias_generation[robot]
                  and source.pid_generation.item() == record.pid_generation[robot])
-        if mode not in (POSITIONS, EFFORTS) or not meant or source.count.item() != count:
+        if source.mode.item() != DRIVE or not meant or source.count.item() != count:
             self._rest(follower)
             return
+        follower.resting = False
         incoming = self._incoming
         incoming[0, axes] = source.position[:count]
-        incoming[2, axes] = source.effort[:count]
         incoming[3, axes] = source.feed_forward[:count]
         velocity = bool(source.has_velocity.item() and record.velocity_used[robot])
         if velocity:
             incoming[1, axes] = source.velocity[:count]
         if velocity != follower.velocity:
             self._carry_velocity(follower, velocity)
-        if mode != follower.mode:
-            follower.mode = mode
-            self._pid.use_effort(axes, True if mode == EFFORTS else self._torque[axes])
+        in_effort = source.in_effort[:count].tobytes()
+        if in_effort != (follower.in_effort or bytes(count)):
+            follower.in_effort = in_effort if any(in_effort) else b""
+            self._pid.use_effort(axes, np.frombuffer(in_effort, np.uint8) != 0)
+            incoming[2, axes] = 0.0
+            self._limit(follower)
+        if follower.in_effort:
+            self._pass_efforts(source, axes, count)
         if follower.own:
             follower.own = False
             self._limit(follower)
         self._dirty = True
+
+    def _pass_efforts(self, source: SetpointSource, axes: slice, count: int) -> None:
+        """Of actuators in effort mode the effort counts; the position is the measured one."""
+        incoming, in_effort = self._incoming, self._pid.effort_mode[axes]
+        np.copyto(incoming[0, axes], self._samples.position[axes], where=in_effort)
+        np.copyto(incoming[1, axes], 0.0, where=in_effort)
+        np.copyto(incoming[2, axes], source.effort[:count], where=in_effort)
 
     def _stale(self, follower: Follower, now_ns: int) -> None:
         """No fresh set-point: hold; say so once, and again when the arm stays away."""
@@ -208,11 +215,13 @@ class Follow:
         """Nothing is asked for: no velocity, and no effort without a position to hold."""
         if follower.velocity:
             self._carry_velocity(follower, False)
-        follower.mode = REST
-        if self._pid.effort_mode[follower.axes].any():
+        follower.resting = True
+        if follower.in_effort:
+            follower.in_effort = b""
+            in_effort = self._pid.effort_mode[follower.axes].copy()
             self._incoming[2, follower.axes] = 0.0
             self._pid.use_effort(follower.axes, False)
-            self._stay(follower)
+            self._stay(follower, in_effort)
 
     def _carry_velocity(self, follower: Follower, on: bool) -> None:
         follower.velocity = on
@@ -220,18 +229,18 @@ class Follow:
             self._incoming[1, follower.axes] = 0.0
         self._pid.carry_velocity(follower.axes, on)
 
-    def _stay(self, follower: Follower) -> None:
-        """Hold the measured position."""
-        self._incoming[0, follower.axes] = self._samples.position[follower.axes]
+    def _stay(self, follower: Follower, which: Flags) -> None:
+        """Hold these actuators at their measured positions, the others where they are held already."""
+        axes = follower.axes
+        self._incoming[0, axes] = np.where(which, self._samples.position[axes], self._pid.setpoint_position[axes])
         follower.own = self._dirty = True
         self._limit(follower)
 
     def _limit(self, follower: Follower) -> None:
         """Limits of one robot; a set-point of our own that lies outside them stays where it is."""
         axes, robots = follower.axes, self._robots
-        enforced = self._record.limits_enforced[follower.robot]
-        low = robots.lower[axes] if enforced else np.full(axes.stop - axes.start, -np.inf)
-        high = robots.upper[axes] if enforced else np.full(axes.stop - axes.start, np.inf)
+        free = self._pid.effort_mode[axes] | (not self._record.limits_enforced[follower.robot])
+        low, high = np.where(free, -np.inf, robots.lower[axes]), np.where(free, np.inf, robots.upper[axes])
         if follower.own:
             low, high = np.minimum(low, self._incoming[0, axes]), np.maximum(high, self._incoming[0, axes])
         self._low[axes], self._high[axes] = low, high

@@ -27,6 +27,7 @@ class RingSource:
     def __init__(self, ring: RingReader) -> None:
         self._ring, self.newest = ring, ring.newest
         self.mode, self.has_velocity, self.count = (ring.field(n) for n in ("mode", "has_velocity", "count"))
+        self.in_effort = ring.field("in_effort")
         self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
         self.position, self.velocity = ring.field("position"), ring.field("velocity")
         self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")

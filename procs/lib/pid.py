@@ -170,6 +170,8 @@ class Pid:
         excess = self._dead_band(e)
         np.less_equal(excess, self._allowed, self._ok)
         tripped = None if b"\0" not in self._ok.tobytes() else self._tripped(at_limit)
+        if self._any_effort:
+            np.copyto(e, self._zero, where=self.effort_mode)
         ve = self._velocity_error(velocity)
         np.multiply(self._kp, e, u)
         np.multiply(self._kd, ve, ve)
@@ -270,10 +272,10 @@ class Pid:
             np.copyto(f, self._zero, where=self._off)
             np.copyto(self.position_error, self._zero, where=self._off)
             np.copyto(self.setpoint_position, position, where=self._off)
-            self._rest()
+            self._rest(self._off)
         if self._any_effort:
-            np.copyto(self.position_error, self._zero, where=self.effort_mode)
             np.copyto(self.setpoint_position, position, where=self.effort_mode)
+            self._rest(self.effort_mode)
         np.isfinite(f, self._ok)
         if b"\0" in self._ok.tobytes():
             bad = ~self._ok
@@ -281,11 +283,11 @@ class Pid:
             for each in (self.integral, self.disturbance, self._observer_input, self._observer_state, self._filtered):
                 each[bad] = 0.0
 
-    def _rest(self) -> None:
-        """Nothing winds up while an actuator is off."""
-        for each in (self.integral, self.disturbance, self._observer_input, self._observer_state):
-            if self._integrates or self._observes:
-                np.copyto(each, self._zero, where=self._off)
+    def _rest(self, where: Flags) -> None:
+        """Nothing winds up while an actuator is off or in effort mode."""
+        if self._integrates or self._observes:
+            for each in (self.integral, self.disturbance, self._observer_input, self._observer_state):
+                np.copyto(each, self._zero, where=where)
 
     def _tripped(self, at_limit: Flags) -> Flags | None:
         """Actuators beyond their tolerance; an error that is not a number is no excuse at a limit."""

@@ -200,13 +200,14 @@ class FakeIo:
             self.setpoint[...] = self.position
             return
         tags = all(int(setpoint[tag].item()) == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
-        mode = int(setpoint["mode"].item())
-        self.record["effort_mode"][2:] = mode == 2
-        if mode == 1 and tags:
+        drive = int(setpoint["mode"].item()) == 1 and tags
+        in_effort = drive and bool(setpoint["in_effort"][0])
+        self.record["effort_mode"][2:] = in_effort
+        if drive and not in_effort:
             before = self.setpoint.copy()
             self.setpoint[...] = setpoint["position"][:AXES]
             self.largest_step = max(self.largest_step, float(np.abs(self.setpoint - before).max()))
-        elif mode == 2:
+        elif in_effort:
             self.setpoint[...] = self.position
         if not self.stuck:
             self.position[...] = self.setpoint

@@ -31,8 +31,8 @@ class Source:
 
     def __init__(self, record: Record) -> None:
         self.stamp_ns = 0
-        for name in ("mode", "has_velocity", "count", "bias_generation", "pid_generation", "position", "velocity",
-                     "effort", "feed_forward"):
+        for name in ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position",
+                     "velocity", "effort", "feed_forward"):
             setattr(self, name, record[name])
 
     def newest(self) -> bool:

@@ -245,7 +245,7 @@ def test_efforts_go_through_the_coupling_without_tracking_check(rig: Rig) -> Non
     assert rig.send("servo_jf", effort).outcomes == ["done"]
     coupling = np.eye(7)
     coupling[3:, 3:] = rig.document.tool.actuator_to_joint
-    assert rig.setpoint["mode"] == 2
+    assert rig.setpoint["mode"] == 1 and rig.setpoint["in_effort"].all()
     assert rig.setpoint["effort"][:7] == pytest.approx(coupling.T @ (*effort, 0.0))
     rig.run(0.05)
     assert not rig.io.flag("tracking_check") and rig.state["control_mode"] == 3
@@ -253,13 +253,13 @@ def test_efforts_go_through_the_coupling_without_tracking_check(rig: Rig) -> Non
     rig.step()
     rig.send("hold")
     rig.run(0.05)
-    assert rig.io.flag("tracking_check") and rig.setpoint["mode"] == 1
+    assert rig.io.flag("tracking_check") and rig.setpoint["mode"] == 1 and not rig.setpoint["in_effort"].any()
     assert rig.io.setpoint[0] == pytest.approx(0.05)
 
 
 def test_free_applies_zero_efforts(rig: Rig) -> None:
     rig.send("free")
-    assert rig.setpoint["mode"] == 2 and not rig.setpoint["effort"].any()
+    assert rig.setpoint["mode"] == 1 and rig.setpoint["in_effort"].all() and not rig.setpoint["effort"].any()
     assert rig.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
     assert rig.setpoint["effort"].any()
 

@@ -193,7 +193,7 @@ class FakeSource:
     def __init__(self) -> None:
         self.stamp_ns = 0
         self.mode, self.count = np.array(0), np.array(7)
-        self.has_velocity = np.array(False)
+        self.has_velocity, self.in_effort = np.array(False), np.zeros(8, dtype=bool)
         self.bias_generation, self.pid_generation = np.array(0), np.array(0)
         self.position, self.velocity, self.effort, self.feed_forward = (np.zeros(8) for _ in range(4))
 

@@ -41,7 +41,7 @@ def test_current_unlike_the_request_cuts_power_on_the_11th_cycle() -> None:
 def test_a_missing_current_counts_as_well_as_one_too_many() -> None:
     stand = powered()
     stand.ask("pid_enable", 1)
-    stand.send(2, effort=1.6)  # 0.8 A
+    stand.send(1, in_effort=True, effort=1.6)  # 0.8 A
     stand.run(30)
     assert stand.codes == ["CURRENT_ERROR"]
     assert "(also axis 1, 2, 3, 4, 5, 6)" in next(e.text for e in stand.core.reports.events if e.kind == "error")
@@ -50,7 +50,7 @@ def test_a_missing_current_counts_as_well_as_one_too_many() -> None:
 def test_what_follows_its_request_is_fine() -> None:
     stand = powered()
     stand.ask("pid_enable", 1)
-    stand.send(2, effort=1.6)
+    stand.send(1, in_effort=True, effort=1.6)
     stand.run(2)
     for axis in range(7):
         stand.port.current(axis, 0.8)

@@ -36,7 +36,7 @@ def working(stand: Stand, grace_over: bool = True) -> Stand:
     stand.ask("brake_release")
     stand.ask("tracking_check", 1)
     stand.ask("pot_check", 1)
-    stand.send(2, effort=EFFORT)
+    stand.send(1, in_effort=True, effort=EFFORT)
     stand.run_s(0.3)
     stand.clock.ns += 4_000_000_000 * grace_over
     stand.run_s(0.1)
@@ -435,7 +435,7 @@ def test_another_robot_goes_on() -> None:
     stand = Stand(2)
     for name in ("PSM1", "PSM2"):
         stand.control(name)
-    stand.send(2, arm=1, effort=EFFORT)
+    stand.send(1, in_effort=True, arm=1, effort=EFFORT)
     stand.run(2)
     hot(stand)
     stand.run(10)
@@ -448,11 +448,11 @@ BAD_NUMBERS = (np.nan, np.inf, -np.inf)
 
 
 @pytest.mark.parametrize("value", BAD_NUMBERS)
-@pytest.mark.parametrize(("mode", "name"), [(1, "position"), (1, "velocity"), (1, "feed_forward"), (2, "effort"),
-                                            (2, "feed_forward")])
-def test_a_set_point_that_is_no_number_never_becomes_bits(mode: int, name: str, value: float) -> None:
+@pytest.mark.parametrize(("in_effort", "name"), [(False, "position"), (False, "velocity"), (False, "feed_forward"),
+                                                 (True, "effort"), (True, "feed_forward")])
+def test_a_set_point_that_is_no_number_never_becomes_bits(in_effort: bool, name: str, value: float) -> None:
     stand = working(braked())
-    stand.send(mode, position=0.0, effort=0.0)
+    stand.send(1, in_effort=in_effort, position=0.0, effort=0.0)
     stand.run(2)
     stand.arms[0].has_velocity[...] = True
     stand.ask("use_setpoint_v", 1)
@@ -512,9 +512,9 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
 
 def test_numbers_too_large_to_compute_with_stay_within_the_motors_current() -> None:
     stand = working(braked())
-    for mode, arrays in ((1, {"position": 1e308}), (2, {"effort": -1e308, "feed_forward": -1e308})):
+    for in_effort, arrays in ((False, {"position": 1e308}), (True, {"effort": -1e308, "feed_forward": -1e308})):
         stand.ask("tracking_check", 0)
-        stand.send(mode, **arrays)
+        stand.send(1, in_effort=in_effort, **arrays)
         stand.run(5)
         assert (np.abs(stand.record.current_request[:7]) <= 1.0).all()
         assert (np.abs(stand.currents[:7] - 0x8000) <= 5243).all()

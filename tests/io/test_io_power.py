@@ -209,7 +209,7 @@ def test_a_current_beyond_the_converter_keeps_its_sign() -> None:
     stand = Stand(robots=(with_actuators(robot("PSM1", 0), maximum_current=8.0),))
     stand.control()
     for sign, most in ((1.0, 0xFFFF), (-1.0, 0)):
-        stand.send(2, effort=15.0 * sign)
+        stand.send(1, in_effort=True, effort=15.0 * sign)
         stand.run(2)
         assert (abs(stand.currents - most) <= 1).all()
 

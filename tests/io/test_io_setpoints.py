@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from procs.lib.document import Pid
 from tests.io.stand import PERIOD_NS, Stand, actuator, gains, robot
 
 TIMEOUT = 30_000_000 // PERIOD_NS
@@ -131,7 +132,7 @@ def test_an_arm_that_asks_for_nothing_is_not_silent() -> None:
 def test_efforts_are_passed_through() -> None:
     stand = Stand()
     stand.control()
-    stand.send(2, effort=0.4, feed_forward=0.1)
+    stand.send(1, in_effort=True, effort=0.4, feed_forward=0.1)
     stand.run(1)
     np.testing.assert_allclose(stand.record.setpoint_effort, 0.5)
     assert stand.record.effort_mode.all()
@@ -140,7 +141,7 @@ def test_efforts_are_passed_through() -> None:
 def test_without_an_arm_efforts_become_a_held_position() -> None:
     stand = Stand()
     stand.control()
-    stand.send(2, effort=0.4)
+    stand.send(1, in_effort=True, effort=0.4)
     for axis in range(7):
         stand.port.place(axis, 0.3)
     stand.run(2)
@@ -152,14 +153,79 @@ def test_without_an_arm_efforts_become_a_held_position() -> None:
     np.testing.assert_allclose(stand.record.setpoint_effort, 0.0, atol=1e-9)
 
 
-def test_torque_mode_mixes_efforts_and_positions() -> None:
+MIXED = np.array([True, True, True, False, False, False, False, False])
+
+
+def test_some_actuators_apply_efforts_while_the_others_follow() -> None:
     stand = Stand()
     stand.control()
-    assert stand.ask("torque_mode", 1, 0, 0, 0, 0, 0, 0).outcome == "done"
-    stand.send(1, position=0.1, effort=0.7)
+    stand.send(1, in_effort=MIXED, position=0.1, effort=0.7, feed_forward=0.05)
     stand.run(1)
-    np.testing.assert_allclose(stand.record.setpoint_effort, [0.7] + [0.1] * 6)
-    assert stand.ask("torque_mode", 1).outcome == "refused"
+    np.testing.assert_allclose(stand.record.setpoint_effort, [0.75] * 3 + [0.15] * 4)
+    np.testing.assert_allclose(stand.record.setpoint_position, [0.0] * 3 + [0.1] * 4)
+    assert (stand.record.effort_mode == MIXED[:7]).all()
+    stand.send(1, in_effort=~MIXED)
+    stand.run(1)
+    np.testing.assert_allclose(stand.record.setpoint_effort, [0.15] * 3 + [0.75] * 4)
+
+
+def test_an_actuator_back_from_effort_begins_where_the_set_point_is() -> None:
+    stand = Stand(pids=(Pid("PSM1", "PSM1", tuple(gains(i_gain=1.0, i_limit=1.0, p_gain=0.0) for _ in range(7))),))
+    stand.control()
+    stand.send(1, in_effort=True, position=-1.0)  # nobody looks at it, so nothing winds up
+    for axis in range(7):
+        stand.port.place(axis, 0.3)
+    stand.run(50)
+    np.testing.assert_allclose(stand.record.setpoint_position, 0.3, atol=1e-5)
+    stand.send(1, in_effort=False, position=0.3)
+    stand.run(1)
+    assert (stand.record.setpoint_position == 0.3).all()
+    np.testing.assert_allclose(stand.record.setpoint_effort, 0.0, atol=1e-4)
+
+
+def test_without_an_arm_only_actuators_in_effort_mode_stay_where_they_are() -> None:
+    stand = Stand()
+    stand.control()
+    stand.ask("enforce_limits", 1)
+    stand.send(1, in_effort=MIXED, position=2.0)
+    for axis in range(7):
+        stand.port.place(axis, 0.3)
+    stand.run(2)
+    stand.arms_alive = False
+    stand.run(TIMEOUT + 1)
+    assert stand.record.holding[0] and not stand.record.effort_mode.any()
+    np.testing.assert_allclose(stand.record.setpoint_position, [0.3] * 3 + [1.5] * 4, atol=1e-5)
+
+
+def test_actuators_in_effort_mode_have_no_tracking_error_and_no_limits() -> None:
+    stand = Stand()
+    for axis in range(7):
+        stand.port.place(axis, 1.6 if axis < 3 else 0.0)
+    stand.control()
+    stand.ask("enforce_limits", 1)
+    stand.ask("tracking_check", 1)
+    stand.send(1, in_effort=MIXED, position=0.1)
+    stand.run(2)
+    assert stand.codes == [] and not stand.record.at_limit.any()
+    stand.arms[0].position[4] = 0.3
+    stand.run(1)
+    assert stand.codes == ["TRACKING"]
+
+
+@pytest.mark.parametrize("row", ["position", "velocity", "effort"])
+def test_what_is_not_looked_at_may_be_anything(row: str) -> None:
+    stand = Stand()
+    stand.control()
+    stand.ask("use_setpoint_v", 1)
+    stand.arms[0].has_velocity[...] = True
+    stand.send(1, in_effort=MIXED, position=0.1, effort=0.7)
+    getattr(stand.arms[0], row)[MIXED if row != "effort" else ~MIXED] = np.nan
+    stand.run(2)
+    assert stand.codes == [] and stand.record.pid_enabled[0]
+    np.testing.assert_allclose(stand.record.setpoint_effort, [0.7] * 3 + [0.1] * 4)
+    stand.arms_alive = False
+    stand.run(TIMEOUT + 1)
+    assert stand.codes == [] and stand.record.holding[0] and np.isfinite(stand.record.setpoint_effort).all()
 
 
 def test_a_lost_arm_is_an_error_but_holds() -> None:
@@ -270,14 +336,19 @@ bad = st.sampled_from([np.nan, np.inf, -np.inf])
 ROWS = ("position", "velocity", "effort", "feed_forward")
 
 
-@given(bad, st.sampled_from(ROWS), st.integers(0, 6), st.sampled_from([1, 2]))
+LOOKED_AT = [(False, "position"), (False, "velocity"), (False, "feed_forward"),
+             (True, "effort"), (True, "feed_forward")]
+
+
+@given(bad, st.sampled_from(LOOKED_AT), st.integers(0, 6))
 @settings(max_examples=60, deadline=None)
-def test_what_is_not_a_number_never_reaches_the_motors(value: float, row: str, axis: int, mode: int) -> None:
+def test_what_is_not_a_number_never_reaches_the_motors(value: float, field: tuple[bool, str], axis: int) -> None:
+    in_effort, row = field
     stand = Stand()
     stand.control()
     stand.ask("use_setpoint_v", 1)
     stand.arms[0].has_velocity[...] = True
-    stand.send(mode, position=0.1)
+    stand.send(1, in_effort=in_effort, position=0.1)
     stand.run(1)
     getattr(stand.arms[0], row)[axis] = value
     stand.run(1)
@@ -293,14 +364,14 @@ def test_what_is_not_a_number_never_reaches_the_motors(value: float, row: str, a
     assert stand.record.pid_enabled[0]
 
 
-@given(st.lists(st.floats(-1e300, 1e300), min_size=7, max_size=7), st.sampled_from([1, 2]))
+@given(st.lists(st.floats(-1e300, 1e300), min_size=7, max_size=7), st.booleans())
 @settings(max_examples=60, deadline=None)
-def test_currents_stay_within_the_motors_limits(values: list[float], mode: int) -> None:
+def test_currents_stay_within_the_motors_limits(values: list[float], in_effort: bool) -> None:
     stand = Stand()
     stand.control()
     for row in ROWS:
         getattr(stand.arms[0], row)[:7] = values
-    stand.send(mode)
+    stand.send(1, in_effort=in_effort)
     stand.run(2)
     assert (np.abs(stand.record.current_request) <= 1.0).all()
     assert ((stand.currents >= 32768 - 5243) & (stand.currents <= 32768 + 5243)).all()

@@ -16,8 +16,8 @@ from shm.topics import SETPOINT
 from tests.io.stand import PERIOD_NS, Stand
 
 TIMEOUT = 30_000_000 // PERIOD_NS
-NAMES = ("mode", "has_velocity", "count", "bias_generation", "pid_generation", "position", "velocity", "effort",
-         "feed_forward")
+NAMES = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
+         "effort", "feed_forward")
 
 
 class Torn:

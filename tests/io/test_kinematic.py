@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.io.follow import EFFORTS, POSITIONS
+from procs.io.follow import DRIVE
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record
 from procs.lib.arm_limits import KINEMATIC_HOME, LIMITS
@@ -48,7 +48,7 @@ class Stage:
         self.run(1, command)
         return command
 
-    def send(self, mode: int = POSITIONS, **arrays) -> None:
+    def send(self, mode: int = DRIVE, **arrays) -> None:
         self.arm.mode[...] = mode
         for name, values in arrays.items():
             getattr(self.arm, name)[: len(values)] = values
@@ -127,7 +127,7 @@ def test_velocity_is_zero_when_the_newest_setpoint_is_20_ms_old(powered: Stage) 
 def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Stage) -> None:
     powered.send(position=SEVEN)
     powered.run()
-    powered.send(EFFORTS, position=np.zeros(7), effort=np.ones(7))
+    powered.send(position=np.zeros(7), effort=np.ones(7), in_effort=np.ones(7, dtype=bool))
     powered.run(5)
     assert powered.record.effort_mode.all() and tuple(powered.record.position) == SEVEN
     assert not powered.record.velocity.any()

@@ -15,7 +15,7 @@ from shm.mailbox import CLIENTS, COMMANDS_DEPTH, Mailbox, Received, create_mailb
 from shm.segment import Segment, segment_name
 from tests.shm.witness import Notes, Violation, holds
 
-COMMAND = "torque_mode"
+COMMAND = "bias_encoders"
 SIZES = 13  # longest command: more values than come with the owner's first copy
 UNDER_WAY = COMMANDS_DEPTH - 1  # of each client: all their answers fit in the reply ring
 EVERY = 25  # deaths from one look at all places to the next

@@ -35,7 +35,7 @@ sent, n, outcomes = 0, int(sys.argv[2]), 0
 while outcomes < n:
     try:
         while sent < n and sent - outcomes < 32:
-            client.send("torque_mode", (sent, 0.5 * sent, -sent), f"robot {sent}")
+            client.send("bias_encoders", (sent, 0.5 * sent, -sent), f"robot {sent}")
             sent += 1
     except MailboxFull:
         pass
@@ -73,9 +73,9 @@ def cursor(client: Client, which: str, place: int = 0) -> int:
 
 
 def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Client) -> None:
-    number = client.send("torque_mode", (1, 0.5, -2e9), "PSM1 · größer")
+    number = client.send("bias_encoders", (1, 0.5, -2e9), "PSM1 · größer")
     (got,) = box.drain()
-    assert (got.name, got.text, got.id) == ("torque_mode", "PSM1 · größer", number)
+    assert (got.name, got.text, got.id) == ("bias_encoders", "PSM1 · größer", number)
     assert got.values.dtype == np.float64 and got.values.tolist() == [1.0, 0.5, -2e9]
     assert list(box.drain()) == []
 
@@ -88,8 +88,8 @@ def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
     create_mailbox(name, "IO1", "io")
     owner, sender = Mailbox(name, "IO1", "io"), Client(name, "IO1")
     try:
-        sender.send("torque_mode", values, text)
-        sender.send("torque_mode", np.array(values), text)
+        sender.send("bias_encoders", values, text)
+        sender.send("bias_encoders", np.array(values), text)
         for got in owner.drain():
             assert got.values.tolist() == values and got.text == text
     finally:
@@ -99,10 +99,10 @@ def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
 
 
 def test_received_values_are_our_own(box: Mailbox, client: Client) -> None:
-    client.send("torque_mode", (1, 2))
+    client.send("bias_encoders", (1, 2))
     (got,) = box.drain()
     for _ in range(40):
-        client.send("torque_mode", (7, 7))
+        client.send("bias_encoders", (7, 7))
         list(box.drain())
     assert got.values.tolist() == [1.0, 2.0]
 
@@ -182,11 +182,11 @@ def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
     with pytest.raises(KeyError, match="io has no command fly; it has: power_on"):
         client.send("fly")
     with pytest.raises(ValueError, match="65 values; allowed are 64"):
-        client.send("torque_mode", [0.0] * 65)
+        client.send("bias_encoders", [0.0] * 65)
     with pytest.raises(ValueError, match="65 bytes; allowed are 64"):
         client.send("power_on", text="x" * 65)
     with pytest.raises(ValueError, match="not numbers"):
-        client.send("torque_mode", ["a"])
+        client.send("bias_encoders", ["a"])
     assert client._words[cursor(client, "sent")] == 0
 
 
