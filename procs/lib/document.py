@@ -12,6 +12,13 @@ import json
 from dataclasses import dataclass
 from typing import TypeVar
 
+from procs.lib.arm import Arm as Arm
+from procs.lib.arm import ArmInputs as ArmInputs
+from procs.lib.arm import Chain as Chain
+from procs.lib.arm import Jaw as Jaw
+from procs.lib.arm import Link as Link
+from procs.lib.arm import Matrix as Matrix
+from procs.lib.arm import Tool as Tool
 from procs.lib.decoding import decode
 from procs.lib.emulated import Bus as Bus
 from procs.lib.emulated import Controller as Controller
@@ -20,7 +27,6 @@ from procs.lib.emulated import Quirks as Quirks
 from procs.lib.emulated import SetupJoints as SetupJoints
 from procs.lib.tasks import TaskRow as TaskRow
 
-Matrix = tuple[tuple[float, ...], ...]
 T = TypeVar("T")
 
 
@@ -196,89 +202,6 @@ class Io:
     digital_outputs: tuple[DigitalOutput, ...] = ()
     calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off
     tasks: tuple[TaskRow, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Link:
-    """One Denavit-Hartenberg row with limits and, where the file has them, inertial values."""
-
-    name: str
-    joint_type: str  # revolute or prismatic
-    alpha: float
-    a: float
-    theta: float
-    d: float
-    offset: float
-    lower: float
-    upper: float
-    effort_max: float
-    mass: float = 0.0
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    passive: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Chain:
-    """A kinematic file: convention "standard" or "modified", rows from base to tip."""
-
-    convention: str
-    links: tuple[Link, ...]
-    base: Matrix | None = None  # base-offset, 4×4
-    actuator_to_joint: Matrix | None = None
-    source: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Jaw:
-    """Range and effort limit of an instrument's jaw."""
-
-    lower: float
-    upper: float
-    effort_max: float
-
-
-@dataclass(frozen=True, slots=True)
-class Tool:
-    """An instrument: rows appended to the arm's chain, its tip transform and the 4×4 actuator coupling."""
-
-    name: str
-    links: tuple[Link, ...]
-    jaw: Jaw
-    tip: Matrix
-    actuator_to_joint: Matrix
-    engage_lower: tuple[float, ...]
-    engage_upper: tuple[float, ...]
-    snake: bool = False
-    source: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Arm:
-    """One `arms[]` entry with the files it names."""
-
-    name: str
-    type: str  # PSM, ECM, MTM, ...
-    generation: str  # Classic or Si
-    serial: str
-    io: str  # instance name of the io process that runs its robot
-    robot: str  # its robot's name in that io
-    simulation: str  # NONE or KINEMATIC
-    period_s: float
-    chain: Chain
-    links: Chain | None = None  # of an Si arm as they really are, with masses (kinematic_gc)
-    tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
-    tool: Tool | None = None
-    tools: tuple[Tool, ...] = ()  # what MANUAL and AUTOMATIC detection choose from
-    homing_zero_position: bool = False
-    mounting_pitch: float | None = None
-    re_home: bool = True
-    skip_gravity_compensation: bool = False
-    base_frame: Matrix | None = None
-    reference_frame: str = ""
-    use_setpoint_v: bool = True
-    calibration_mode: bool = False
-    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)

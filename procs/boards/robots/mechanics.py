@@ -104,6 +104,11 @@ def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | N
     return _like(Mechanism(robot.name, tuple(axes), _mounting(arm.mounting_pitch or 0.0), tip_axis, tip), like)
 
 
+def parallelogram(arm: Arm) -> Chain | None:
+    """The links of an arm as they really are, where they are more than its kinematics know."""
+    return arm.links if arm.links is not None and len(arm.links.links) > len(arm.chain.links) else None
+
+
 def description(arm: Arm | None, actuators: int) -> ArmInertia | None:
     """The table's row for an arm whose robot has so many actuators; None when its axes have to be loose."""
     row = arm_inertia(arm.type, arm.generation, len(arm.chain.links)) if arm is not None else None

@@ -17,7 +17,16 @@ from procs.boards.robots.assembly import assemble
 from procs.boards.robots.constraint import Block, Projection
 from procs.boards.robots.friction import Friction
 from procs.boards.robots.inertia import GRIPPER_INITIAL
-from procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE, Mechanism, description, has_play, is_gripper, mechanism
+from procs.boards.robots.mechanics import (
+    MARGIN,
+    MARGIN_SLIDE,
+    Mechanism,
+    description,
+    has_play,
+    is_gripper,
+    mechanism,
+    parallelogram,
+)
 from procs.boards.robots.play import SHARE, Play
 from procs.boards.robots.tips import Tips
 from procs.lib.coupling import Coupling, coupling
@@ -43,7 +52,7 @@ class Plant:
         self._robots = tuple(robot for io in system.ios for robot in io.robots)
         self._arms = {arm.robot: arm for arm in system.arms if arm.robot}
         self._by_name = {arm.name: arm for arm in system.arms}
-        self._links = {arm.name: arm.links for arm in system.arms if arm.links is not None} | dict(links or {})
+        self._links = {arm.name: chain for arm in system.arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
         self._slices = _slices(self._robots)
         self._like = _likenesses(system.emulation, self._robots)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from procs.lib.config.validate import Section
+from procs.lib.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 
@@ -38,7 +39,7 @@ class EcmFile(ArmFile):
     """An endoscope arm."""
 
     id: Literal["dvrk-ecm.schema.json"] = Field(alias="$id")
-    endoscope: str = Field(min_length=1)
+    endoscope: Literal[NAMES]  # type: ignore[valid-type]  # they are made from kinds and looks
     mounting_pitch: Pitch
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from procs.lib import document
 from procs.lib.config import convert
 from procs.lib.config.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.lib.config.base_frame import base_frame_of
+from procs.lib.config.belongings import gripper_of, inputs_of, reader_of
 from procs.lib.config.buses import BusFiles, find_bus
-from procs.lib.config.chains import load_chain, load_indexes, load_tool, tool_file
+from procs.lib.config.chains import load_chain
 from procs.lib.config.context import Context, Opened
+from procs.lib.config.instruments import inserted_tool, psm_tool
 from procs.lib.config.io_file import IoFile, RobotKeys
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO, kinematic_robot
 from procs.lib.config.pid_file import PidFile
@@ -19,6 +22,8 @@ from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import ArmKeys
 from procs.lib.config.trocar_section import TrocarSection
+from procs.lib.config.weights import measured_weight, weighing_links
+from procs.lib.master_gravity import MasterGravityParameters
 
 AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 
@@ -42,6 +47,13 @@ class LoadedArm:
     def is_kinematic(self) -> bool:
         """Played by io, without boards."""
         return self.arm.simulation == KINEMATIC
+
+    @property
+    def commanded(self) -> document.Arm:
+        """The arm as its process has it, which knows of no weight that it is not to compensate."""
+        if not self.arm.skip_gravity_compensation:
+            return self.arm
+        return dataclasses.replace(self.arm, links=None, master_gravity=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,20 +124,17 @@ class _Parts:
     arm_file: Opened[ArmFile]
     chain: document.Chain | None
     links: document.Chain | None
+    master_gravity: MasterGravityParameters | None
     robot: tuple[Opened[IoFile], int, RobotKeys] | None
     pid: Opened[PidFile] | None
+    gripper: str
 
 
 def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None:
     """Arm file, kinematics, IO files and gains; None when there is no arm file."""
-    keys, source = place.keys, place.source
-    key: Key = place.key
+    keys = place.keys
     robot = _load_robot(context, place, ACTUATORS[family])
-    if family == "MTM" and place.bus is not None and (keys.serial or keys.IO_gripper_file):
-        gripper = keys.IO_gripper_file or f"sawRobotIO1394-{place.robot_name}-gripper-{keys.serial}.json"
-        path = context.find(source, (*key, "IO_gripper_file"), (gripper,))
-        if path is not None:
-            place.bus.add(context, path)
+    gripper = _load_gripper(context, place) if family == "MTM" else ""
     opened = _open_arm_file(context, place, _FILES[family])
     generation = opened.content.generation if opened else "Classic"
     pid = None
@@ -134,7 +143,21 @@ def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None
         pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
     if opened is None:
         return None
-    return _Parts(opened, arm_chain(context, opened), real_links(context, opened, family), robot, pid)
+    content = opened.content
+    chain, links = arm_chain(context, opened), weighing_links(context, opened.source, content, family)
+    measured = measured_weight(context, opened.source, content) if isinstance(content, MtmFile) else None
+    return _Parts(opened, chain, links, measured, robot, pid, gripper)
+
+
+def _load_gripper(context: Context, place: ArmPlace) -> str:
+    """The robot of a master's gripper, whose file is always there; "" without one."""
+    keys, bus = place.keys, place.bus
+    if bus is None or not (keys.serial or keys.IO_gripper_file):
+        return ""
+    file = keys.IO_gripper_file or f"sawRobotIO1394-{place.robot_name}-gripper-{keys.serial}.json"
+    path = context.find(place.source, (*place.key, "IO_gripper_file"), (file,))
+    opened = bus.add(context, path) if path is not None else None
+    return gripper_of(opened.content if opened is not None else None, keys.name, place.robot_name)
 
 
 def _open_arm_file(context: Context, place: ArmPlace, model: type[AnyArmFile]) -> Opened[AnyArmFile] | None:
@@ -150,23 +173,9 @@ def _open_arm_file(context: Context, place: ArmPlace, model: type[AnyArmFile]) -
 
 
 def arm_chain(context: Context, opened: Opened[AnyArmFile]) -> document.Chain | None:
-    """The chain an arm file names; its other files must at least exist."""
+    """The chain an arm file names."""
     search = context.search.first(opened.source.path.parent)
     path = context.find(opened.source, ("kinematic",), (opened.content.kinematic,), search)
-    for name in ("kinematic_gc", "gravity_compensation"):
-        file = getattr(opened.content, name, "")
-        if file:
-            context.find(opened.source, (name,), (file,), search)
-    return load_chain(context, path) if path else None
-
-
-def real_links(context: Context, opened: Opened[AnyArmFile], family: str) -> document.Chain | None:
-    """The links of an Si arm as they really are: the file for its weight, or the stock one where that can be found."""
-    content, search = opened.content, context.search.first(opened.source.path.parent)
-    if content.generation != "Si" or family == "MTM":
-        return None
-    stock = f"kinematic/{family}_Si_physical.json"
-    path = search.find(content.kinematic_gc or stock)  # a file that is named and missing has been told of
     return load_chain(context, path) if path else None
 
 
@@ -234,13 +243,9 @@ def _loaded(
     context: Context, place: ArmPlace, parts: _Parts, base_frame: document.Matrix | None, options: TrocarSection
 ) -> LoadedArm | None:
     content, source, keys = parts.arm_file.content, parts.arm_file.source, place.keys
-    tool, tools, detection = None, {}, "MANUAL"
     if isinstance(content, PsmFile):
-        opened = Opened(source, content)
-        tool, detection = psm_tool(context, opened), content.tool_detection
-        inserted = _inserted_tool(context, place, opened, options)
-        tools = {item.name: item for item in (tool, inserted) if item is not None}
-        _check_psm(context, opened, parts.chain)
+        _check_psm(context, Opened(source, content), parts.chain)
+    own = _own_values(context, place, parts, options)
     starts = _can_start(context, place, parts)
     driven = _driven(context, place, parts, drives=bool(starts))
     if starts is None or parts.chain is None or driven is None:
@@ -257,10 +262,8 @@ def _loaded(
         period_s=keys.period,
         chain=parts.chain,
         links=parts.links,
-        tool_detection=detection,
-        tool=tool,
-        tools=tuple(tools.values()),
-        homing_zero_position=bool(content.homing_zero_position),
+        homing_zero_position=_homes_to_zero(content),
+        inputs=inputs_of(place.bus, keys.name, place.robot_name),
         mounting_pitch=content.mounting_pitch,
         re_home=content.re_home,
         skip_gravity_compensation=content.skip_gravity_compensation,
@@ -269,8 +272,35 @@ def _loaded(
         use_setpoint_v=options.arm.use_setpoint_v,
         calibration_mode=options.calibration_mode,
         source=str(source.path),
+        **own,
     )
     return LoadedArm(arm, robot, pid, starts, keys.PID_period)
+
+
+def _homes_to_zero(content: ArmFile) -> bool:
+    """As the file says; without a word masters go to zero, others stay where they are."""
+    said = content.homing_zero_position
+    return isinstance(content, MtmFile) if said is None else said
+
+
+def _own_values(context: Context, place: ArmPlace, parts: _Parts, options: TrocarSection) -> dict[str, Any]:
+    """Fields of `document.Arm` that only arms of this kind have."""
+    content, name = parts.arm_file.content, place.keys.name
+    if isinstance(content, PsmFile):
+        opened = Opened(parts.arm_file.source, content)
+        tool, inserted = psm_tool(context, opened), inserted_tool(context, place.source, name, opened, options)
+        tools = {item.name: item for item in (tool, inserted) if item is not None}
+        robot = parts.robot[2] if parts.robot is not None else None
+        return {"tool_detection": content.tool_detection, "tool": tool, "tools": tuple(tools.values()),
+                "cannula_depth": content.cannula_depth or 0.0,
+                "instrument_reader": reader_of(place.bus, name, place.robot_name, robot)}
+    if isinstance(content, EcmFile):
+        return {"endoscope": content.endoscope}
+    if isinstance(content, MtmFile):
+        return {"master_gravity": parts.master_gravity, "platform_gain": content.platform_gain,
+                "gripper": parts.gripper, "gripper_debounce_s": content.gripper_events_debounce,
+                "gripper_zero": content.gripper_events_zero}
+    return {}
 
 
 def _driven(
@@ -338,42 +368,6 @@ def _check_drivable(context: Context, found: tuple[Opened[IoFile], int, RobotKey
         if actuator.drive.effort_to_current.scale == 0.0:
             where = (*key, "drive", "effort_to_current", "scale")
             context.error(opened.source, where, "must not be 0 for an arm that moves", "A per N·m or N")
-
-
-def psm_tool(context: Context, opened: Opened[PsmFile]) -> document.Tool | None:
-    """The tool an arm file names, required when detection is FIXED."""
-    source, content = opened.source, opened.content
-    if not content.tool:
-        if content.tool_detection == "FIXED":
-            context.error(source, ("tool",), "this key is required with tool_detection FIXED", "NAME:MODEL")
-        return None
-    return _named_tool(context, opened, source, ("tool",), content.tool)
-
-
-def _inserted_tool(
-    context: Context, place: ArmPlace, opened: Opened[PsmFile], options: TrocarSection
-) -> document.Tool | None:
-    """The instrument that emulated boards find in this arm at start."""
-    name = options.emulation.instruments.get(place.keys.name)
-    if name is None:
-        return None
-    key = ("trocar", "emulation", "instruments", place.keys.name)
-    return _named_tool(context, opened, place.source, key, name)
-
-
-def _named_tool(
-    context: Context, opened: Opened[PsmFile], asked_by: Source, key: Key, name: str
-) -> document.Tool | None:
-    """The tool NAME:MODEL, from the indexes that hold for this arm."""
-    source, content = opened.source, opened.content
-    search = context.search.first(source.path.parent)
-    custom = None
-    if content.custom_tool_index:
-        names = (content.custom_tool_index, f"tool/{content.custom_tool_index}")
-        custom = context.find(source, ("custom_tool_index",), names, search)
-    indexes = load_indexes(context, search, custom)
-    path = tool_file(context, asked_by, key, name, indexes, search)
-    return load_tool(context, path, name) if path else None
 
 
 def _load_other_files(context: Context, place: ArmPlace) -> None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
-from procs.lib.config.arms import arm_chain, check_pid, psm_tool
+from procs.lib.config.arms import arm_chain, check_pid
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.chains import check_chain, check_tool
 from procs.lib.config.context import Context
+from procs.lib.config.instruments import psm_tool
 from procs.lib.config.io_checks import check_bus
 from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
 from procs.lib.config.load import PROJECT_CONFIGS, load_system
@@ -19,6 +20,7 @@ from procs.lib.config.problem import WARNING, Problem
 from procs.lib.config.search import search_path
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import IoKeys
+from procs.lib.config.weights import measured_weight, weighing_links
 
 SYSTEM = "system"
 UNKNOWN = "unknown"
@@ -105,6 +107,7 @@ def _check_psm(context: Context, path: Path) -> None:
     opened = context.open(PsmFile, path)
     if opened is not None:
         arm_chain(context, opened)
+        weighing_links(context, opened.source, opened.content, "PSM")
         psm_tool(context, opened)
 
 
@@ -112,12 +115,14 @@ def _check_ecm(context: Context, path: Path) -> None:
     opened = context.open(EcmFile, path)
     if opened is not None:
         arm_chain(context, opened)
+        weighing_links(context, opened.source, opened.content, "ECM")
 
 
 def _check_mtm(context: Context, path: Path) -> None:
     opened = context.open(MtmFile, path)
     if opened is not None:
         arm_chain(context, opened)
+        measured_weight(context, opened.source, opened.content)
 
 
 def _check_kinematic(context: Context, path: Path) -> None:

@@ -226,9 +226,10 @@ def _assemble(
         context.notes.append(f"in-cycle tasks need boards: none runs for {', '.join(r.name for r in played[0].robots)}")
     if emulation:
         every = tuple(_io(bus, real, ports, options) for bus in used)
-        if every != ios or played:
-            emulation = dataclasses.replace(emulation, ios=every, arms=tuple(loaded.arm for loaded in real))
-    arm_rows = tuple(loaded.arm for loaded in started)
+        bodies = tuple(loaded.arm for loaded in real)
+        if every != ios or played or any(arm != loaded.commanded for arm, loaded in zip(bodies, real, strict=True)):
+            emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
+    arm_rows = tuple(loaded.commanded for loaded in started)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
     processes = build_processes(context, source, ios, arm_rows, emulation, options)
     return document.System(

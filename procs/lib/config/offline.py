@@ -8,15 +8,16 @@ from pathlib import Path
 
 from procs.lib import document
 from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
-from procs.lib.config.arms import arm_chain, psm_tool, real_links
+from procs.lib.config.arms import arm_chain
 from procs.lib.config.chains import load_chain, load_tool
 from procs.lib.config.context import Context, Opened
-from procs.lib.config.gravity_file import load_master_gravity
+from procs.lib.config.instruments import psm_tool
 from procs.lib.config.kinds import kind_of
 from procs.lib.config.load import PROJECT_CONFIGS
 from procs.lib.config.problem import ERROR, Problem
 from procs.lib.config.search import search_path
-from procs.lib.endoscopes import NAMES, Endoscope, endoscope
+from procs.lib.config.weights import measured_weight, weighing_links
+from procs.lib.endoscopes import Endoscope, endoscope
 from procs.lib.master_gravity import MasterGravityParameters
 
 MODELS: dict[str, type[PsmFile] | type[EcmFile] | type[MtmFile]] = {"psm": PsmFile, "ecm": EcmFile, "mtm": MtmFile}
@@ -79,16 +80,9 @@ def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> Offlin
         return None
     if isinstance(content, PsmFile):
         tool = psm_tool(context, Opened(opened.source, content))
-        return OfflineArm("PSM", chain, tool, None, real_links(context, opened, "PSM"), None, pitch)
+        return OfflineArm("PSM", chain, tool, None, weighing_links(context, opened.source, content, "PSM"), None, pitch)
     if isinstance(content, EcmFile):
-        if content.endoscope not in NAMES:
-            context.error(opened.source, ("endoscope",), "no such endoscope", ", ".join(NAMES))
-            return None
-        named = context.search.first(path.parent).find(content.kinematic_gc) if content.kinematic_gc else None
-        weights = real_links(context, opened, "ECM") or (load_chain(context, named) if named is not None else chain)
+        weights = weighing_links(context, opened.source, content, "ECM") or chain
         return OfflineArm("ECM", chain, None, endoscope(content.endoscope), weights, None, pitch)
-    parameters = None
-    if content.gravity_compensation:
-        where = context.search.first(opened.source.path.parent).find(content.gravity_compensation)
-        parameters = load_master_gravity(context, where) if where is not None else None
+    parameters = measured_weight(context, opened.source, content)
     return OfflineArm("MTM", chain, None, None, None, parameters, pitch)

@@ -1,0 +1,46 @@
+"""What gravity compensation of an arm goes by: links with masses, or what was measured on a master."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.lib import document
+from procs.lib.config.arm_file import ArmFile, MtmFile
+from procs.lib.config.chains import load_chain
+from procs.lib.config.context import Context
+from procs.lib.config.gravity_file import load_master_gravity
+from procs.lib.config.source import Source
+from procs.lib.master_gravity import MasterGravityParameters
+
+STOCK: Final = {
+    ("PSM", "Si"): "kinematic/PSM_Si_physical.json",
+    ("ECM", "Si"): "kinematic/ECM_Si_physical.json",
+    ("ECM", "Classic"): "kinematic/ECM.json",
+}
+"""Without `kinematic_gc`; a PSM Classic is counter-balanced."""
+LINKS: Final = {"PSM": (7,), "ECM": (6, 4)}
+
+
+def weighing_links(context: Context, source: Source, content: ArmFile, family: str) -> document.Chain | None:
+    """The links of a PSM or ECM with their masses; None: it needs none, or with errors."""
+    search = context.search.first(source.path.parent)
+    name = content.kinematic_gc or STOCK.get((family, content.generation), "")
+    if not name or family not in LINKS:
+        return None
+    named = bool(content.kinematic_gc)
+    path = context.find(source, ("kinematic_gc",), (name,), search) if named else search.find(name)
+    chain = load_chain(context, path) if path is not None else None
+    if chain is None or len(chain.links) in LINKS[family]:
+        return chain
+    allowed = f"{' or '.join(map(str, LINKS[family]))} rows for gravity compensation of this arm"
+    context.error(source, ("kinematic_gc",), f"chain of {len(chain.links)} rows", allowed)
+    return None
+
+
+def measured_weight(context: Context, source: Source, content: MtmFile) -> MasterGravityParameters | None:
+    """What a master's gravity-compensation file says; None: it names none, or with errors."""
+    name, search = content.gravity_compensation, context.search.first(source.path.parent)
+    if not name:
+        return None
+    path = context.find(source, ("gravity_compensation",), (name,), search)
+    return load_master_gravity(context, path) if path is not None else None
