@@ -99,7 +99,7 @@ def test_system_with_parts_that_wait_says_so() -> None:
     assert system is not None and system.emulation is not None
     assert [arm.name for arm in system.arms] == ["PSM1"]
     assert set(system.notes) >= {
-        "not started yet: MTML (MTM)",
+        "not started yet: MTML (MTM Classic)",
         "not started yet: console console1",
         "not started yet: teleop MTML_PSM1",
     }

@@ -30,7 +30,8 @@ AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 ACTUATORS = {"PSM": 7, "ECM": 4, "MTM": 7}
 _FILES: dict[str, type[ArmFile]] = {"PSM": PsmFile, "ECM": EcmFile, "MTM": MtmFile}
 _PSM_LINKS = 3  # the rest of the chain comes with the tool
-_STARTED_HARDWARE = "QLA1"
+STARTED = ("PSM Classic",)  # and generations whose process exists: "PSM Si", "ECM Classic", "ECM Si", "MTM Classic"
+STARTED_KINEMATIC = (("PSM Si", KINEMATIC),)  # what is missing are its brakes
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,21 +339,15 @@ def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain 
 def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
     """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
     keys, generation = place.keys, parts.arm_file.content.generation
-    hardware = parts.robot[2].hardware_version if parts.robot else _STARTED_HARDWARE
-    reason = ""
-    if keys.type != "PSM":
-        reason = keys.type
-    elif generation != "Classic" and keys.simulation != KINEMATIC:  # what is missing are its brakes
-        reason = f"PSM {generation}"
-    elif hardware == "HARDWARE_UNDEFINED" and parts.robot is not None:
+    kind = f"{keys.type} {generation}"
+    if kind not in STARTED and (kind, keys.simulation) not in STARTED_KINEMATIC:
+        context.notes.append(f"not started yet: {keys.name} ({kind})")
+        return False
+    if parts.robot is not None and parts.robot[2].hardware_version == "HARDWARE_UNDEFINED":
         where: Key = ("robots", parts.robot[1], "hardware_version")
         context.error(parts.robot[0].source, where, "the controllers must be stated", "QLA1, DQLA or dRA1")
         return None
-    elif hardware != _STARTED_HARDWARE:
-        reason = f"controllers {hardware}"
-    if reason:
-        context.notes.append(f"not started yet: {keys.name} ({reason})")
-    return not reason
+    return True
 
 
 def _check_drivable(context: Context, found: tuple[Opened[IoFile], int, RobotKeys]) -> None:
