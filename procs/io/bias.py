@@ -1,12 +1,15 @@
-"""Encoder bias: encoders are set from potentiometers, averaged while the arm may move.
+"""Encoder bias: encoders are set from potentiometers, averaged while the arm may move, or one by one to a given value.
 
 Every good sample adds potentiometer − encoder; the mean of that plus the present encoder is where the actuator is, also
-when it moved meanwhile. The preload is written, and believed when the encoder shows it two samples later.
+when it moved meanwhile. The preload is written, and believed when the encoder shows it two samples later. Actuators
+whose potentiometer does not tell the position (the roll of a master) are left out of a bias: their encoders go to
+mid-range, which means that nobody has set them, until they are set by themselves at a place that is known (a stop).
+
+Whatever is set, positions mean something else from then on: each time counts as a new bias generation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,14 +25,19 @@ SETTLE_SAMPLES: Final = 2
 ATTEMPTS: Final = 3
 NEAR_RAD: Final = 0.05
 NEAR_M: Final = 0.005
+BIASED: Final = "encoders biased"
+BEYOND: Final = 0.1  # of its range, how far outside its limits an encoder may be set: a stop lies beyond them
 
 
 @dataclass(slots=True)
 class Collection:
-    """One robot's bias under way."""
+    """Encoders of one robot that are being set."""
 
-    wanted: int
-    sums: Floats
+    text: str  # what has been done in the end
+    which: Flags  # actuators that get their value; of a bias, those that are left out get mid-range
+    written: Flags
+    wanted: int = 0
+    sums: Floats | float = 0.0
     taken: int = 0
     settle: int = 0  # samples to wait until the encoders are looked at; 0: still collecting
     attempts: int = 0
@@ -37,40 +45,73 @@ class Collection:
 
 
 class Bias:
-    """Biases of all robots; `preset` tells whose encoders kept a preload from before."""
+    """Biases of all robots; the record's `encoder_set` tells which encoders kept a preload from before."""
 
-    def __init__(self, robots: Robots, port: Port, samples: Samples, record: Record, reports: Reports,
-                 preset: Sequence[bool]) -> None:
+    def __init__(self, robots: Robots, port: Port, samples: Samples, record: Record, reports: Reports) -> None:
         self._robots, self._port, self._samples, self._record = robots, port, samples, record
         self._reports = reports
-        self.preset = list(preset)
         self._running: dict[int, Collection] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
-        self._usable: Flags = robots.has_encoder & robots.has_pot
+        for robot in range(len(robots.names)):
+            record.biased[robot] = self._preset(robot)
 
-    def objection(self, robot: int, samples: int) -> str:
+    def _preset(self, robot: int) -> bool:
+        """Every encoder of the robot is set, and it has some."""
+        axes = self._robots.slices[robot]
+        there = self._robots.has_encoder[axes]
+        return bool(there.any() and self._record.encoder_set[axes][there].all())
+
+    def objection(self, robot: int, samples: int, left_out: Flags) -> str:
         """Why the robot can never be biased so, or ""."""
-        if samples < 0 and self.preset[robot]:
+        if samples < 0 and self._preset(robot):
             return ""
-        axes = self._robots.slices[robot]
-        if not (self._usable[axes] == self._robots.has_encoder[axes]).all():
+        axes, robots = self._robots.slices[robot], self._robots
+        which = robots.has_encoder[axes] & ~left_out
+        if not robots.has_pot[axes][which].all():
             return "some of its encoders have no potentiometer"
-        return "" if self._usable[axes].any() else "it has no encoders"
+        return "" if which.any() else "it has no encoders, or none that are not left out"
 
-    def begin(self, robot: int, samples: int) -> None:
+    def begin(self, robot: int, samples: int, left_out: Flags) -> None:
         """Start with |samples| potentiometer samples; negative accepts preset encoders."""
-        if samples < 0 and self.preset[robot]:
-            self._finish(robot)
+        axes, record = self._robots.slices[robot], self._record
+        there = self._robots.has_encoder[axes]
+        if samples < 0 and self._preset(robot):
+            self._finish(robot, Collection(BIASED, there, there))
             return
+        self._running[robot] = Collection(BIASED, there & ~left_out, there, abs(samples),
+                                          np.zeros(axes.stop - axes.start))
+        record.biasing[robot] = True
+        record.biased[robot] = False
+
+    def set_objection(self, robot: int, axis: int, position: float) -> str:
+        """Why an encoder cannot be set so, or ""."""
+        place, robots = self._robots.slices[robot].start + axis, self._robots
+        if not robots.has_encoder[place]:
+            return f"axis {axis} has no encoder"
+        low, high = float(robots.lower[place]), float(robots.upper[place])
+        room = BEYOND * (high - low)
+        if low < high and not low - room <= position <= high + room:
+            return f"{position:g} is outside the position limits of axis {axis}, {low:g} to {high:g}"
+        try:
+            conversion.preload_bits(np.array([position]), robots.position_scale[[place]],
+                                    robots.position_offset[[place]])
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def set_one(self, robot: int, axis: int, position: float) -> None:
+        """Make one encoder read `position`, rad or m."""
         axes = self._robots.slices[robot]
-        self._running[robot] = Collection(abs(samples), np.zeros(axes.stop - axes.start))
+        which = np.arange(axes.stop - axes.start) == axis
+        self._running[robot] = job = Collection(f"encoder of axis {axis} set to {position:g}", which, which,
+                                                     goal=np.where(which, position, 0.0))
         self._record.biasing[robot] = True
-        self._record.biased[robot] = False
+        self._set(robot, job)
 
     def stop(self, robot: int) -> None:
         """Give up; what was there before is not trusted any more."""
         if self._running.pop(robot, None) is not None:
-            self._record.biasing[robot] = False
+            self._record.biasing[robot] = self._record.biased[robot] = False
 
     def step(self) -> None:
         """One good sample."""
@@ -84,16 +125,16 @@ class Bias:
             job.sums += self._samples.pot_error[axes]
             job.taken += 1
             if job.taken >= job.wanted:
-                job.goal = job.sums / job.taken + self._samples.position[axes]
+                mean = job.sums / job.taken + self._samples.position[axes]
+                job.goal = np.where(job.which, mean, self._robots.position_offset[axes])
                 self._set(robot, job)
             return
         job.settle -= 1
         if job.settle > 0:
             return
-        usable = self._usable[axes]
-        error = np.abs(self._samples.position[axes] - job.goal)[usable]
-        if np.all(error <= self._near[axes][usable]):
-            self._finish(robot)
+        error = np.abs(self._samples.position[axes] - job.goal)[job.written]
+        if np.all(error <= self._near[axes][job.written]):
+            self._finish(robot, job)
         elif job.attempts < ATTEMPTS:
             self._set(robot, job)
         else:
@@ -102,22 +143,21 @@ class Bias:
     def _set(self, robot: int, job: Collection) -> None:
         """Write the preloads; a lost datagram is noticed by the look that follows."""
         job.attempts, job.settle = job.attempts + 1, SETTLE_SAMPLES
-        self.preset[robot] = False  # until they are seen to have taken it
+        self._record.encoder_set[self._robots.slices[robot]][job.written] = False  # until they show it
         assert job.goal is not None
         try:
-            self.preload(robot, job.goal)
+            self.preload(robot, job.goal, job.written)
         except (ValueError, PortError) as error:
             self._reports.status(f"bias: {error}", self._robots.names[robot])
             if isinstance(error, ValueError):
                 self._fail(robot, job)
 
-    def preload(self, robot: int, position: Floats) -> None:
-        """Make the robot's encoders read `position`; ValueError where that is not possible, nothing is written then."""
+    def preload(self, robot: int, position: Floats, which: Flags) -> None:
+        """Make these encoders read `position`; ValueError where that is not possible, nothing is written then."""
         axes, robots = self._robots.slices[robot], self._robots
-        usable = robots.has_encoder[axes]
-        bits = conversion.preload_bits(position[usable], robots.position_scale[axes][usable],
-                                       robots.position_offset[axes][usable])
-        places = np.arange(axes.start, axes.stop)[usable]
+        bits = conversion.preload_bits(position[which], robots.position_scale[axes][which],
+                                       robots.position_offset[axes][which])
+        places = np.arange(axes.start, axes.stop)[which]
         for axis, value in zip(places.tolist(), bits.tolist(), strict=True):
             board = robots.board_ids[int(robots.board_row[axis])]
             address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
@@ -128,26 +168,28 @@ class Bias:
         """The encoders mean nothing any more (overflow): mid-range, not biased."""
         self.stop(robot)
         self._record.biased[robot] = False
-        self.preset[robot] = False
         axes = self._robots.slices[robot]
+        self._record.encoder_set[axes] = False
         try:
-            self.preload(robot, self._robots.position_offset[axes])
+            self.preload(robot, self._robots.position_offset[axes], self._robots.has_encoder[axes])
         except (ValueError, PortError) as error:
             self._reports.status(f"encoders could not be set to mid-range: {error}", self._robots.names[robot])
 
-    def _finish(self, robot: int) -> None:
+    def _finish(self, robot: int, job: Collection) -> None:
         self._running.pop(robot, None)
         record = self._record
-        record.biasing[robot], record.biased[robot] = False, True
+        record.encoder_set[self._robots.slices[robot]][job.which] = True
+        record.biasing[robot] = False
         record.bias_generation[robot] += 1
-        self.preset[robot] = True
-        self._reports.status("encoders biased", self._robots.names[robot])
+        if job.wanted or self._preset(robot):
+            record.biased[robot] = True
+        self._reports.status(job.text, self._robots.names[robot])
 
     def _fail(self, robot: int, job: Collection) -> None:
         self.stop(robot)
         axes = self._robots.slices[robot]
         assert job.goal is not None
-        error = np.where(self._usable[axes], np.abs(self._samples.position[axes] - job.goal), 0.0)
+        error = np.where(job.written, np.abs(self._samples.position[axes] - job.goal), 0.0)
         axis = int(np.argmax(np.where(np.isfinite(error), error, np.inf)))
         self._reports.trip(faults.BIAS_FAILED, robot, axis, float(self._samples.position[axes][axis]),
                            float(job.goal[axis]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from procs.io.brakes import Brakes
 from procs.io.devices import Bias, DigitalOutputs, Gains, Instruments, Power, Safety
 from procs.io.follow import Follow
-from procs.io.record import Record
+from procs.io.record import Flags, Record
 from procs.io.robots import Robots
 from procs.lib import faults
 from procs.lib.faults import fault_of
@@ -68,10 +68,11 @@ class Commands:
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._powering: list[tuple[int, Command]] = []
-        self._biasing: list[tuple[int, Command]] = []
+        self._biasing: list[tuple[int, Flags, Command]] = []  # robot, what shows that it has been done
         self._now_ns = 0
         self._table: dict[str, Callable[[int, Command], None]] = {
             "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
+            "set_encoder": self._set_encoder,
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
             "tracking_check": self._tracking_check, "pot_check": self._pot_check,
             "use_setpoint_v": self._use_velocity, "clear_fault": self._clear_fault,
@@ -105,10 +106,11 @@ class Commands:
             else:
                 continue
             self._powering.remove((robot, command))
-        for robot, command in list(self._biasing):
+        for waiting in list(self._biasing) if self._biasing else ():
+            robot, shown, command = waiting
             if not record.biasing[robot]:
-                self._biasing.remove((robot, command))
-                if record.biased[robot]:
+                self._biasing.remove(waiting)
+                if shown.all():
                     command.done()
                 else:
                     command.fail(self._why(robot, "the bias was given up"))
@@ -151,22 +153,50 @@ class Commands:
         command.done()
 
     def _bias_encoders(self, robot: int, command: Command) -> None:
-        record = self._record
         samples = command.values[0] if len(command.values) else 0.0
         if not 1.0 <= abs(samples) <= MOST_SAMPLES:
             raise Refused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
-        reason = self._bias.objection(robot, int(samples))
+        axes = self._robots.slices[robot]
+        left_out = np.zeros(axes.stop - axes.start, dtype=bool)
+        for value in command.values[1:]:
+            left_out[self._axis(robot, float(value))] = True
+        reason = self._bias.objection(robot, int(samples), left_out)
         if reason:
             raise Refused(reason)
+        self._need_rest(robot)
+        self._bias.begin(robot, int(samples), left_out)
+        command.accept()
+        self._biasing.append((robot, self._record.biased[robot : robot + 1], command))
+
+    def _set_encoder(self, robot: int, command: Command) -> None:
+        if len(command.values) != 2 or not np.isfinite(command.values).all():
+            raise Refused("two values are needed: axis, and position in rad or m")
+        axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
+        reason = self._bias.set_objection(robot, axis, position)
+        if reason:
+            raise Refused(reason)
+        self._need_rest(robot)
+        self._bias.set_one(robot, axis, position)
+        command.accept()
+        place = self._robots.slices[robot].start + axis
+        self._biasing.append((robot, self._record.encoder_set[place : place + 1], command))
+
+    def _axis(self, robot: int, value: float) -> int:
+        axes = self._robots.slices[robot]
+        count = axes.stop - axes.start
+        if not (0.0 <= value < count and value.is_integer()):
+            raise Refused(f"axis {value:g}; allowed: 0 to {count - 1}")
+        return int(value)
+
+    def _need_rest(self, robot: int) -> None:
+        """Encoders are only set where nobody acts on them, and where they are seen."""
+        record = self._record
         if record.pid_enabled[robot]:
             raise Refused("the joint controller is on; switch it off first")
         if record.biasing[robot]:
             raise Refused("a bias is under way")
         if not record.valid:
             raise Refused("there is no good sample of the controllers")
-        self._bias.begin(robot, int(samples))
-        command.accept()
-        self._biasing.append((robot, command))
 
     def _brake_release(self, robot: int, command: Command) -> None:
         self._need_brakes(robot)
@@ -195,6 +225,8 @@ class Commands:
                                (record.biased, "its encoders are not biased")):
                 if not flag[robot]:
                     raise Refused(what)
+            if record.biasing[robot]:
+                raise Refused("a bias is under way")
             if record.fault[robot]:
                 raise Refused(self._why(robot, "a fault is latched"))
             if not record.valid:

@@ -24,7 +24,7 @@ from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.power import Power
 from procs.io.reactions import Reactions
-from procs.io.record import Field, Record
+from procs.io.record import Field, Flags, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
@@ -43,9 +43,9 @@ class RobotIo:
     """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
 
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
-                 sources: Sequence[SetpointSource], preset: Sequence[bool] | None = None, *,
+                 sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None) -> None:
-        """`sources` in the order of `io.pids`; `preset` says per robot whether its encoders kept a preload.
+        """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `gains` and `instruments` give the fields of these records; None: nobody looks at them.
         """
@@ -55,8 +55,7 @@ class RobotIo:
         if robots.board_ids != tuple(port.board_ids):
             raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
         record.restart()
-        preset = list(preset or [False] * len(robots.names))
-        record.biased[...] = preset
+        record.encoder_set[...] = preset if preset is not None else False
         self.samples = samples = Samples(robots, port, record)
         self._brakes = Brakes(robots, record)
         self._outputs = Outputs(robots, port, record, self._brakes)
@@ -66,7 +65,7 @@ class RobotIo:
         self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
         self.gains = Gains(robots, samples, self.pid, self.reports, gains)
         self._safety = Safety(robots, samples, record, self.reports)
-        self._bias = Bias(robots, port, samples, record, self.reports, preset)
+        self._bias = Bias(robots, port, samples, record, self.reports)
         self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self._digital_outputs = DigitalOutputs(robots, port, record)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from procs.io.instruments import Asker
-from procs.io.record import Floats
+from procs.io.record import Flags, Floats
 
 
 class Measured(Protocol):
@@ -32,13 +32,19 @@ class Power(Protocol):
 
 
 class Bias(Protocol):
-    """Encoders that are set from potentiometers."""
+    """Encoders that are set from potentiometers, or one by one. `left_out` (actuators of the robot,): not these."""
 
-    def objection(self, robot: int, samples: int) -> str:
+    def objection(self, robot: int, samples: int, left_out: Flags) -> str:
         """Why the robot can never be biased so, or ""."""
 
-    def begin(self, robot: int, samples: int) -> None:
+    def begin(self, robot: int, samples: int, left_out: Flags) -> None:
         """Start with |samples| potentiometer samples."""
+
+    def set_objection(self, robot: int, axis: int, position: float) -> str:
+        """Why an encoder cannot be set so, or ""."""
+
+    def set_one(self, robot: int, axis: int, position: float) -> None:
+        """Make one encoder read `position`."""
 
     def stop(self, robot: int) -> None:
         """Give up."""

@@ -66,11 +66,18 @@ class PlayedPower:
 class ExactPositions:
     """In the place of the encoder bias: nothing is measured, so nothing is to be set right."""
 
-    def objection(self, robot: int, samples: int) -> str:
+    def objection(self, robot: int, samples: int, left_out: Flags) -> str:
         """Why not."""
         return "it is KINEMATIC: its positions are exact, and there are no encoders to set"
 
-    def begin(self, robot: int, samples: int) -> None:
+    def begin(self, robot: int, samples: int, left_out: Flags) -> None:
+        """Never called."""
+
+    def set_objection(self, robot: int, axis: int, position: float) -> str:
+        """Why not."""
+        return self.objection(robot, 0, np.zeros(0, dtype=bool))
+
+    def set_one(self, robot: int, axis: int, position: float) -> None:
         """Never called."""
 
     def stop(self, robot: int) -> None:
@@ -209,7 +216,7 @@ def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:
 
 def _show_what_is_not_there(record: Record) -> None:
     """Nothing is made up: what nobody measures is NaN."""
-    record.simulated[...] = record.biased[...] = True
+    record.simulated[...] = record.biased[...] = record.encoder_set[...] = True
     for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
                   record.pot_voltage, record.current, record.current_request, record.temperature, record.board_period):
         field[...] = np.nan

@@ -51,6 +51,7 @@ class Record:
         self.amp_on: Flags = field("amp_on")
         self.effort_mode: Flags = field("effort_mode")
         self.at_limit: Flags = field("at_limit")
+        self.encoder_set: Flags = field("encoder_set")
         self.power_wanted: Flags = field("power_wanted")
         self.powered: Flags = field("powered")
         self.amps_on: Flags = field("amps_on")

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from procs.io.port import ALL_BOARDS, BoardInfo, Port, PortError
+from procs.io.record import Flags
 from procs.io.robots import Robots
 from procs.lib import conversion, registers
 from shm.clock import pause
@@ -20,8 +21,8 @@ FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory
 FLASH_WORDS: Final = 16
 
 
-def prepare(robots: Robots, port: Port) -> list[bool]:
-    """Open the port and make every board safe; returns per robot whether all its encoders are preset.
+def prepare(robots: Robots, port: Port) -> Flags:
+    """Open the port and make every board safe; returns of every actuator whether its encoder is preset.
 
     PortError names the board that is missing, of the wrong hardware or of an unknown firmware.
     """
@@ -31,7 +32,7 @@ def prepare(robots: Robots, port: Port) -> list[bool]:
     port.write_quadlet(ALL_BOARDS, registers.WATCHDOG, registers.watchdog_counts(robots.io.watchdog_s))
     for robot in range(len(robots.names)):
         _prepare_si(robots, port, robot)
-    return [_preset(robots, port, robot) for robot in range(len(robots.names))]
+    return _preset(robots, port)
 
 
 def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
@@ -85,15 +86,11 @@ def arm_serial(port: Port, board: int) -> str:
     return bytes(data).split(b"\0")[0].decode("ascii", "replace")
 
 
-def _preset(robots: Robots, port: Port, robot: int) -> bool:
-    """All encoders of the robot were set by somebody: none is at mid-range, where they wake up."""
-    axes = robots.slices[robot]
-    places = [a for a in range(axes.start, axes.stop) if robots.has_encoder[a]]
-    if not places:
-        return False
-    for axis in places:
+def _preset(robots: Robots, port: Port) -> Flags:
+    """Encoders (axes,) that were set by somebody: they are not at mid-range, where they wake up."""
+    preset = robots.has_encoder.copy()
+    for axis in np.flatnonzero(robots.has_encoder).tolist():
         address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
         preload = port.read_quadlet(robots.board_ids[int(robots.board_row[axis])], address)
-        if preload & conversion.ENCODER_MASK == conversion.ENCODER_MIDRANGE:
-            return False
-    return True
+        preset[axis] = preload & conversion.ENCODER_MASK != conversion.ENCODER_MIDRANGE
+    return preset

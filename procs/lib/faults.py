@@ -79,7 +79,7 @@ ARM_LOST_POWER_OFF: Final = Fault(
     17, "ARM_LOST_POWER_OFF", ERROR, POWER_OFF, "the arm's process stayed away; power was switched off",
     "restart the arm, power on and home")
 BIAS_FAILED: Final = Fault(
-    18, "BIAS_FAILED", ERROR, NOTHING, "the encoders did not take their values from the potentiometers",
+    18, "BIAS_FAILED", ERROR, NOTHING, "an encoder did not take the value it was set to",
     "try again; if it returns, look at the potentiometers' values")
 POT_MISSING: Final = Fault(
     20, "POT_MISSING", ERROR, CUT, "a potentiometer reads where its table has no position; relays were opened",

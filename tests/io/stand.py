@@ -238,7 +238,7 @@ class Stand:
         self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs),
                                      sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
-        self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, [preset] * len(self.io.robots))
+        self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, np.full(axes, preset))
         self.arms_alive = True
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:

@@ -95,10 +95,70 @@ def test_encoders_that_take_nothing_fail_the_bias() -> None:
     assert not stand.record.biased[0]
 
 
+def test_an_axis_that_is_left_out_is_set_by_itself() -> None:
+    stand = Stand(preset=False)
+    record = stand.record
+    for axis in range(7):
+        stand.port.pot(axis, 0.5)
+    stand.ask("bias_encoders", 10, 6)
+    stand.run(20)
+    generation = int(record.bias_generation[0])
+    assert record.biased[0] and record.encoder_set.tolist() == [True] * 6 + [False]
+    assert record.position[6] == 0.0 and record.encoder_bits[6] == 0, "nobody has set it"
+    command = stand.ask("set_encoder", 6, -1.6)
+    assert command.outcome == "accepted" and record.biasing[0]
+    stand.run(5)
+    assert command.outcome == "done" and record.encoder_set.all() and record.biased[0] and not record.biasing[0]
+    assert record.bias_generation[0] == generation + 1, "positions mean something else now: what was homed is not"
+    assert record.position[6] == pytest.approx(-1.6, abs=1e-4)
+    np.testing.assert_allclose(record.position[:6], 0.5, atol=1e-4)
+
+
+def test_encoders_of_which_one_was_left_out_are_not_taken_for_preset() -> None:
+    stand = Stand(preset=False)
+    stand.ask("bias_encoders", 10, 6)
+    stand.run(20)
+    assert stand.ask("bias_encoders", -10, 6).outcome == "accepted", "not done at once"
+
+
+@pytest.mark.parametrize(("values", "reason"), [
+    ((6,), "two values"), ((7, 0.0), "axis 7; allowed: 0 to 6"), ((0.5, 0.0), "axis 0.5"), ((-1, 0.0), "axis -1"),
+    ((6, np.nan), "two values"), ((6, -480.0), "-480 is outside the position limits of axis 6, -1.5 to 1.5"),
+    ((6, np.inf), "two values"),
+])
+def test_an_encoder_is_not_set_to_what_makes_no_sense(values: tuple[float, ...], reason: str) -> None:
+    stand = Stand()
+    command = stand.ask("set_encoder", *values)
+    assert command.outcome == "refused" and reason in command.answers[0][1]
+    assert stand.record.encoder_set.all() and stand.port.quadlets == []
+
+
+def test_an_encoder_is_not_set_under_the_joint_controller() -> None:
+    stand = Stand()
+    stand.control()
+    assert "joint controller is on" in stand.ask("set_encoder", 6, 0.1).answers[0][1]
+    stand.ask("pid_enable", 0)
+    setting = stand.ask("set_encoder", 6, 0.1)
+    assert "under way" in stand.ask("pid_enable", 1).answers[0][1]
+    stand.run(5)
+    assert setting.outcome == "done" and stand.ask("pid_enable", 1).outcome == "done"
+
+
+def test_an_encoder_that_takes_nothing_leaves_nothing_to_trust() -> None:
+    stand = Stand()
+    stand.port.lost_writes = 1000
+    command = stand.ask("set_encoder", 6, 1.0)
+    stand.run(20)
+    assert command.outcome == "failed" and stand.codes == ["BIAS_FAILED"]
+    assert not stand.record.biased[0] and not stand.record.encoder_set[6]
+
+
 def test_bias_is_refused_where_it_makes_no_sense() -> None:
     stand = Stand()
     assert stand.ask("bias_encoders", 0).outcome == "refused"
     assert stand.ask("bias_encoders", np.nan).outcome == "refused"
+    assert "axis 7; allowed: 0 to 6" in stand.ask("bias_encoders", 10, 7).answers[0][1]
+    assert "none that are not left out" in stand.ask("bias_encoders", 10, *range(7)).answers[0][1]
     stand.control()
     assert "joint controller" in stand.ask("bias_encoders", 100).answers[0][1]
     stand.ask("pid_enable", 0)
@@ -122,7 +182,7 @@ def test_start_sets_watchdogs_and_reads_preloads() -> None:
     for board in (2, 3):
         for axis in range(4):
             port.registers[board, registers.axis_register(axis, registers.ENCODER_PRELOAD)] = 0x800123
-    assert prepare(robots, port) == [False, True]
+    assert prepare(robots, port).tolist() == [False] * 7 + [True] * 7
     assert (0x3F, registers.WATCHDOG, 5760) in port.quadlets
     assert port.quadlets[0] == (0x3F, registers.STATUS, 0x00080F00)
 

@@ -96,11 +96,11 @@ def test_a_file_for_another_si_arm_is_refused_before_anything_is_powered() -> No
 
 def test_preloaded_encoders_of_an_si_arm_survive_a_restart_of_io() -> None:
     rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    assert rig.preset == [False]
+    assert not rig.preset.any()
     rig.bring_up("PSM1")
     rig.run(0.1)
     before = rig.record.encoder_bits.copy()
-    assert prepare(rig.robots, rig.port) == [True]
+    assert prepare(rig.robots, rig.port).all()
     rig.port.read_all()
     after = rig.port.blocks[0, rig.port.columns.position][:7].astype(np.int64) - 0x800000
     assert np.abs(after - before).max() < 50
