@@ -202,6 +202,9 @@ class Commands:
         self._need_brakes(robot)
         if not self._record.amps_on[robot]:
             raise Refused("its amplifiers are not on")
+        held = self._record.pid_enabled[robot] or not self._follow.controlled(robot)
+        if not (held or self._robots.io.calibration_mode):
+            raise Refused("its joint controller is off, and nothing else would hold it; switch that on first")
         self._brakes.release(robot)
         command.done()
 
@@ -233,12 +236,17 @@ class Commands:
                 raise Refused("there is no good sample of the controllers")
             self._follow.enable(robot, True, self._now_ns)
         elif not on and record.pid_enabled[robot]:
-            self._follow.enable(robot, False, self._now_ns)
+            self._let_off(robot)
         command.done()
 
     def _servo_zero(self, robot: int, command: Command) -> None:
-        self._follow.enable(robot, False, self._now_ns)
+        self._let_off(robot)
         command.done()
+
+    def _let_off(self, robot: int) -> None:
+        """Joint controller off; brakes hold what it no longer holds."""
+        self._follow.enable(robot, False, self._now_ns)
+        self._brakes.engage(robot)
 
     def _enforce_limits(self, robot: int, command: Command) -> None:
         reason = self._follow.enforce_limits(robot, _switch(command))

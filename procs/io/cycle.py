@@ -28,6 +28,7 @@ from procs.io.record import Field, Flags, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
+from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
 from procs.lib import faults
@@ -70,6 +71,7 @@ class RobotIo:
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self._digital_outputs = DigitalOutputs(robots, port, record)
         self.instruments = Instruments(robots, port, self.reports, instruments)
+        self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                   self._brakes, self._digital_outputs, self.gains, self.instruments)
@@ -112,6 +114,7 @@ class RobotIo:
             self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
             if good:
                 self._control(now_ns)
+            self._setup_brakes.step()
             finite = self._outputs.encode(self.pid.effort)
             self._port.write_all()
             self._outputs.written()
@@ -216,6 +219,7 @@ class RobotIo:
             self._outputs.encode(nothing)
             self._port.write_all()
             self._outputs.written()
+        self._setup_brakes.farewell()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)

@@ -1,7 +1,7 @@
 """Digital outputs of the boards: levels, one-shots and PWM.
 
 A register holds the pins' levels upside down (1 is a low pin); whoever asks here means pins. A write names the outputs
-it is about, so two in one cycle do not undo each other.
+it is about, so two in one cycle do not undo each other. A dRA1 does not show its output: what was written last counts.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.port import Port
-from procs.io.record import Record
+from procs.io.record import Flags, Record
 from procs.io.robots import Robots
 from procs.lib import blocks, registers
 from procs.lib.document import DigitalOutput
@@ -35,6 +35,8 @@ class DigitalOutputs:
         self._index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
                                dtype=np.intp)
         self._bit = np.array([_shown(o.bit_id) for o in self._outputs], dtype=np.uint32)
+        self._unseen: Flags = np.array([port.hardware[row[o.board_id]] == "dRA1" for o in self._outputs], dtype=bool)
+        self._written: Flags = np.zeros(len(self._outputs), dtype=bool)
         self._words: NDArray[np.uint32] = np.zeros(len(self._outputs), dtype=np.uint32)
         self.names = tuple(o.name for o in self._outputs)
         for output in self._outputs:
@@ -47,6 +49,7 @@ class DigitalOutputs:
         if output.is_pwm:
             self._configure(output, 0, 0)
         self._write(output, high)
+        self._written[place] = high
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A share of the time high, 0 to 1, at the file's frequency. Returns why not, or ""."""
@@ -71,6 +74,7 @@ class DigitalOutputs:
             self._flat.take(self._index, out=self._words, mode="clip")
             np.bitwise_and(self._words, self._bit, self._words)
             np.equal(self._words, 0, self._record.output)
+            np.copyto(self._record.output, self._written, where=self._unseen)
 
     def _configure(self, output: DigitalOutput, high: int, low: int) -> None:
         """Ticks that a pin stays high and low; 0: until it is written."""

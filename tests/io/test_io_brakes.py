@@ -21,7 +21,7 @@ def stand() -> Stand:
     first, second = brake(3, TIMES[0]), Brake(2, 0, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 0.3, 0.4,
                                               TIMES[1], 0.1, 0.02)
     made = Stand(robots=(robot("PSM1", 0, brakes=(first, second)),), period_s=1 / 1024)
-    made.power()
+    made.control()
     return made
 
 
@@ -35,6 +35,21 @@ def test_brakes_hold_until_they_are_released_and_their_amplifiers_are_the_robots
     assert currents(stand) == [0.02, 0.02]
     assert stand.record.amps_on[0] and stand.record.amp_on.tolist() == [True] * 9
     assert not stand.record.brakes_released[0]
+
+
+def test_brakes_are_let_go_only_while_the_joint_controller_holds(stand: Stand) -> None:
+    stand.ask("brake_release")
+    stand.run(600)
+    assert stand.record.brakes_released[0]
+    for name, *values in (("pid_enable", 0), ("servo_zero",)):
+        stand.ask("pid_enable", 1)
+        stand.ask("brake_release")
+        stand.run(600)
+        assert stand.record.brakes_released[0]
+        stand.ask(name, *values)
+        assert currents(stand) == [0.02, 0.02] and not stand.record.brakes_released[0]
+    refusal = stand.ask("brake_release")
+    assert refusal.outcome == "refused" and "joint controller is off" in refusal.answers[0][1]
 
 
 def test_release_current_lasts_its_time_for_each_brake_then_the_smaller_one_keeps_them_off(stand: Stand) -> None:
@@ -64,15 +79,17 @@ def test_engaging_takes_effect_at_once_and_a_release_begins_anew(stand: Stand) -
 
 
 def test_a_fault_engages_the_brakes_and_power_does_not_release_them_again(stand: Stand) -> None:
-    stand.ask("pid_enable", 1)
     stand.ask("brake_release")
     stand.run(600)
     stand.ask("tracking_check", 1)
     stand.port.place(0, 1.0)  # far from where it holds
     stand.run()
     assert stand.codes == ["TRACKING"] and currents(stand) == [0.02, 0.02]
+    stand.ask("clear_fault")
+    assert stand.ask("pid_enable", 1).outcome == "done"
     stand.ask("brake_release")
     stand.run(600)
+    assert stand.record.brakes_released[0]
     stand.ask("power_off")
     stand.power()
     stand.run(10)

@@ -69,7 +69,7 @@ def test_one_good_cycle_forgives_a_difference() -> None:
 def test_a_brake_is_compared_too_and_told_after_the_actuators() -> None:
     brake = Brake(1, 3, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 1.5, 1.2, 0.5, 0.9, 0.0)
     stand = Stand(robots=(robot("PSM1", 0, brakes=(brake,)),), current_error_a=AMOUNT_A, current_error_s=LAST_S)
-    stand.power()
+    stand.control()
     stand.ask("brake_release")
     stand.run(12)
     (event,) = [e for e in stand.core.reports.events if e.kind == "error"]
