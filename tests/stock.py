@@ -64,6 +64,8 @@ def tool(name: str) -> Tool:
         engage_upper=tuple(engage["upper"]),
         snake=bool(content.get("snake-like", False)),
         source=name,
+        names=(name.rpartition("_")[0],),
+        model=name.rpartition("_")[2],
     )
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
-
 from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.boards.robots.plant import Plant
+from procs.lib.catalogue import CANDIDATES, find, taken_apart
 from procs.lib.document import Arm, System, Tool
 from procs.lib.instrument import NAME_AT, NAME_END
 
-_NAME = re.compile(r"(.+?)[_:](\d{5,})(?:[_[](\d+)]?)?")  # name, model and, where it was asked for, version
-VERSION = 1  # where none was asked for
+VERSION = 1  # where neither the name nor the index says one
 
 
 class Instruments:
@@ -22,15 +20,16 @@ class Instruments:
         """The instruments that `plant` holds already are seen at once."""
         self._system, self._world, self._incidents, self._plant = system, world, incidents, plant
         for arm in system.arms:
-            if held := plant.instrument(arm.name):
-                self._show(arm, held)
+            held = find(plant.instrument(arm.name), _tools(arm)).entry
+            if held is not None:
+                self._show(arm, held, held.name)
 
     def insert(self, arm_name: str, name: str) -> None:
         """Put an instrument (NAME:MODEL) on an arm, with its adapter; KeyError names what there is."""
         arm = self._system.arm(arm_name)
         tool = _known(arm, name)
         self._plant.insert_tool(arm.name, tool)
-        self._show(arm, tool.name)
+        self._show(arm, tool, name)
 
     def remove(self, arm_name: str) -> None:
         """Take the instrument off an arm; the adapter stays."""
@@ -40,9 +39,9 @@ class Instruments:
             memory.remove(now)
         self._switch(f"{arm.name}_tool", False)
 
-    def _show(self, arm: Arm, name: str) -> None:
+    def _show(self, arm: Arm, tool: Tool, asked: str) -> None:
         for reader, now in self._readers(arm):
-            reader.insert(_memory(name), now)
+            reader.insert(_memory(tool, asked), now)
         for part in ("adapter", "tool"):
             self._switch(f"{arm.name}_{part}", True)
 
@@ -61,17 +60,25 @@ class Instruments:
         return [(bus.boards[local].dallas, bus.now) for bus, local in found]
 
 
+def _tools(arm: Arm) -> tuple[Tool, ...]:
+    return arm.tools or ((arm.tool,) if arm.tool is not None else ())
+
+
 def _known(arm: Arm, name: str) -> Tool:
-    tools: dict[str, Tool] = {tool.name: tool for tool in (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))}
-    spelled = {key.replace(":", "_"): tool for key, tool in tools.items()}  # files have either between name and model
-    if name.replace(":", "_") not in spelled:
-        raise KeyError(f"{name or 'no name'}: not known to {arm.name}; there are {', '.join(tools) or 'none'}")
-    return spelled[name.replace(":", "_")]
+    tools = _tools(arm)
+    found = find(name, tools)
+    if found.entry is None:
+        there = ", ".join(found.candidates or tuple(tool.name for tool in tools)[:CANDIDATES]) or "none"
+        raise KeyError(f"{name or 'no name'}: not known to {arm.name} ({found.reason}); there are {there}")
+    return found.entry
 
 
-def _memory(name: str) -> bytes:
-    """What the chip of an instrument says, by the name that the document has for it."""
-    match = _NAME.fullmatch(name)
-    kind, model, version = match.groups() if match else (name, "0", None)
-    text = kind.encode("ascii", "replace").decode()[: NAME_END - NAME_AT]
-    return instrument_memory(text, int(model) & 0xFF_FFFF, int(version or VERSION) & 0xFF)
+def _memory(tool: Tool, asked: str) -> bytes:
+    """What the chip of an instrument says, which was asked for by this name."""
+    version = tool.version_min if tool.version_min is not None else tool.version_max
+    wanted = taken_apart(asked)
+    if wanted is not None and wanted.low is not None:
+        version = wanted.low
+    text = (tool.names[0] if tool.names else tool.name).encode("ascii", "replace").decode()[: NAME_END - NAME_AT]
+    model = int(tool.model) if tool.model.isdecimal() else 0
+    return instrument_memory(text, model & 0xFF_FFFF, (VERSION if version is None else version) & 0xFF)

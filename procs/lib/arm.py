@@ -62,6 +62,12 @@ class Tool:
     engage_upper: tuple[float, ...]
     snake: bool = False
     source: str = ""
+    names: tuple[str, ...] = ()  # what it is known by: see `procs.lib.catalogue`
+    model: str = ""
+    generation: str = ""  # of the instrument: Classic or S
+    description: str = ""
+    version_min: int | None = None
+    version_max: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +97,7 @@ class Arm:
     links: Chain | None = None  # with masses, for gravity compensation (kinematic_gc); None: there is none
     tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
     tool: Tool | None = None
-    tools: tuple[Tool, ...] = ()  # what MANUAL and AUTOMATIC detection choose from
+    tools: tuple[Tool, ...] = ()  # all of the tool indexes, which MANUAL and AUTOMATIC detection choose from
     homing_zero_position: bool = False
     cannula_depth: float = 0.0  # PSM, m; 0: that of its instrument
     inputs: ArmInputs = ArmInputs()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
 from typing import Any, TypeVar
@@ -11,13 +12,23 @@ T = TypeVar("T")
 
 
 def decode(kind: type[T], value: object) -> T:
-    """`value` as the dataclass `kind`; where it does not fit, whatever error Python finds for it."""
+    """`value` as the dataclass `kind`; where it does not fit, whatever error Python finds for it.
+
+    What is such a dataclass already, anywhere inside, stays as it is.
+    """
     return typing.cast(T, _decode(kind, value))
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 def _decode(kind: Any, value: Any) -> Any:
     if dataclasses.is_dataclass(kind):
-        hints = typing.get_type_hints(kind)
+        if type(value) is kind:
+            return value
+        hints = _hints(typing.cast(Any, kind))
         return kind(**{key: _decode(hints[key], item) for key, item in value.items()})  # type: ignore[operator]  # a dataclass type is callable
     origin = typing.get_origin(kind)
     arguments = typing.get_args(kind)

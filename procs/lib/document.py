@@ -278,13 +278,31 @@ def _named(rows: tuple[T, ...], name: str) -> T:
 
 
 def to_json(system: System) -> bytes:
-    """The document as UTF-8 JSON."""
-    return json.dumps(dataclasses.asdict(system), allow_nan=False, separators=(",", ":")).encode()
+    """The document as UTF-8 JSON; instruments are in it once, however many arms know them."""
+    rows = system.arms + (system.emulation.arms if system.emulation is not None else ())
+    places: dict[Tool, int] = {}
+    known = [[places.setdefault(tool, len(places)) for tool in arm.tools] for arm in rows]
+    bare = dataclasses.replace(system, arms=_with_tools(system.arms, ()))
+    if bare.emulation is not None:
+        bare = dataclasses.replace(
+            bare, emulation=dataclasses.replace(bare.emulation, arms=_with_tools(bare.emulation.arms, ())))
+    content = dataclasses.asdict(bare)
+    content["instruments"], content["known"] = [dataclasses.asdict(tool) for tool in places], known
+    return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
+
+
+def _with_tools(arms: tuple[Arm, ...], tools: tuple[Tool, ...]) -> tuple[Arm, ...]:
+    return tuple(dataclasses.replace(arm, tools=tools) for arm in arms)
 
 
 def from_json(data: bytes) -> System:
     """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
     try:
-        return decode(System, json.loads(data))
-    except (ValueError, TypeError, KeyError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
+        content = json.loads(data)
+        tools = [decode(Tool, tool) for tool in content.pop("instruments")]
+        arms = content["arms"] + (content["emulation"]["arms"] if content["emulation"] else [])
+        for arm, known in zip(arms, content.pop("known"), strict=True):
+            arm["tools"] = [tools[place] for place in known]
+        return decode(System, content)
+    except (ValueError, TypeError, LookupError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None

@@ -15,7 +15,7 @@ from procs.lib.document import Arm, Chain, DigitalInput, InstrumentReader, Jaw, 
 from procs.lib.instrument import MODEL_AT, NAME_AT, VERSION_AT
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
-LND, HOOK = "LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK_420183_12"  # as files spell them, either way
+LND, HOOK = "LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK:420183[11..]"
 NODE, ADAPTER, TOOL = 1, 7, 10  # of board 3
 
 
@@ -43,7 +43,9 @@ def _system(reader: str) -> System:
                      for name, bit, pressed in (("adapter", ADAPTER, False), ("tool", TOOL, True)))
     io = dataclasses.replace(first, digital_inputs=first.digital_inputs + switches, instrument_readers=(
         InstrumentReader("PSM2_dallas", 9), InstrumentReader(reader, 3)))
-    tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), ()) for name in (LND, HOOK))
+    tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), (), names=(kind,), model=model, version_min=least)
+                  for name, kind, model, least in (
+                      (LND, "LARGE_NEEDLE_DRIVER", "400006", None), (HOOK, "PERMANENT_CAUTERY_HOOK", "420183", 11)))
     arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools)
     return dataclasses.replace(system, ios=(io, second), arms=(arm,))
 
@@ -92,19 +94,21 @@ def test_an_instrument_is_read_until_it_is_taken_off(reader: str, spelled: str) 
     assert _switches(world, 3000) == (1, 1)  # the adapter stays
 
 
-@pytest.mark.parametrize("held", [HOOK, "PERMANENT_CAUTERY_HOOK:420183[12]"])
-def test_what_is_held_at_the_start_is_seen(held: str) -> None:
-    world, _, _ = _world(held)
+@pytest.mark.parametrize(("asked", "version"), [("", 11), ("PERMANENT_CAUTERY_HOOK:420183[12]", 12)])
+def test_what_is_held_is_seen_with_its_version(asked: str, version: int) -> None:
+    world, instruments, _ = _world("" if asked else HOOK)
+    if asked:
+        instruments.insert("PSM1", asked)
     memory = _read(world, 1)
     assert memory is not None
-    assert (memory[NAME_AT - 0x80 :][:23], memory[VERSION_AT - 0x80]) == (b"PERMANENT_CAUTERY_HOOK\0", 12)
+    assert (memory[NAME_AT - 0x80 :][:23], memory[VERSION_AT - 0x80]) == (b"PERMANENT_CAUTERY_HOOK\0", version)
     assert int.from_bytes(memory[MODEL_AT - 0x80 :][:4], "big") == 420183
     assert _switches(world, 1000) == (1, 0)
 
 
 def test_unknown_instruments_and_arms_are_refused() -> None:
     world, instruments, plant = _world()
-    with pytest.raises(KeyError, match=f"NEEDLE:1: not known to PSM1; there are {LND}"):
+    with pytest.raises(KeyError, match=f"NEEDLE:1: not known to PSM1 .no instrument of model 1.*there are {LND}"):
         instruments.insert("PSM1", "NEEDLE:1")
     for act in (instruments.remove, lambda arm: instruments.insert(arm, LND)):
         with pytest.raises(KeyError, match=r"PSM7.*PSM1"):

@@ -14,7 +14,7 @@ from procs.lib.config.belongings import gripper_of, inputs_of, reader_of
 from procs.lib.config.buses import BusFiles, find_bus
 from procs.lib.config.chains import load_chain
 from procs.lib.config.context import Context, Opened
-from procs.lib.config.instruments import inserted_tool, psm_tool
+from procs.lib.config.instruments import psm_tools
 from procs.lib.config.io_file import IoFile, RobotKeys
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO, kinematic_robot
 from procs.lib.config.pid_file import PidFile
@@ -288,11 +288,9 @@ def _own_values(context: Context, place: ArmPlace, parts: _Parts, options: Troca
     """Fields of `document.Arm` that only arms of this kind have."""
     content, name = parts.arm_file.content, place.keys.name
     if isinstance(content, PsmFile):
-        opened = Opened(parts.arm_file.source, content)
-        tool, inserted = psm_tool(context, opened), inserted_tool(context, place.source, name, opened, options)
-        tools = {item.name: item for item in (tool, inserted) if item is not None}
+        tools = psm_tools(context, place.source, name, Opened(parts.arm_file.source, content), options)
         robot = parts.robot[2] if parts.robot is not None else None
-        return {"tool_detection": content.tool_detection, "tool": tool, "tools": tuple(tools.values()),
+        return {"tool_detection": content.tool_detection, "tool": tools.fixed, "tools": tools.all,
                 "cannula_depth": content.cannula_depth or 0.0,
                 "instrument_reader": reader_of(place.bus, name, place.robot_name, robot)}
     if isinstance(content, EcmFile):

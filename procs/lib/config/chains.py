@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
 from pathlib import Path
 
 from procs.lib import document
 from procs.lib.config import convert
 from procs.lib.config.context import Context, Opened
-from procs.lib.config.kinematic_file import DhKeys, InstrumentKeys, KinematicFile, ToolFile, ToolIndexFile
+from procs.lib.config.kinematic_file import DhKeys, KinematicFile, ToolFile
 from procs.lib.config.matrices import check_invertible, check_rigid
 from procs.lib.config.problem import Key
-from procs.lib.config.search import SearchPath
 from procs.lib.config.source import Source
 
 ENGAGED_AXES = 4  # a tool is turned by the last four actuators
-
-
-@dataclass(frozen=True, slots=True)
-class Index:
-    """One tool index and the folder its files lie in."""
-
-    source: Source
-    instruments: tuple[InstrumentKeys, ...]
 
 
 def load_chain(context: Context, path: Path) -> document.Chain | None:
@@ -55,11 +46,13 @@ def check_chain(context: Context, opened: Opened[KinematicFile]) -> bool:
 
 
 def load_tool(context: Context, path: Path, name: str) -> document.Tool | None:
-    """A tool file; None with errors."""
-    opened = context.open(ToolFile, path)
-    if opened is None or not check_tool(context, opened):
-        return None
-    return convert.tool(opened.content, name, str(path))
+    """A tool file, read once; None with errors."""
+    if path not in context.tools:
+        opened = context.open(ToolFile, path)
+        fine = opened is not None and check_tool(context, opened)
+        context.tools[path] = convert.tool(opened.content, name, str(path)) if opened is not None and fine else None
+    found = context.tools[path]
+    return dataclasses.replace(found, name=name) if found is not None else None
 
 
 def check_tool(context: Context, opened: Opened[ToolFile]) -> bool:
@@ -78,50 +71,6 @@ def check_tool(context: Context, opened: Opened[ToolFile]) -> bool:
             context.error(source, ("tool_engage_position", name), f"{count} numbers", f"{ENGAGED_AXES} numbers")
             fine = False
     return fine
-
-
-def load_indexes(context: Context, search: SearchPath, custom: Path | None) -> tuple[Index, ...]:
-    """The custom index of an arm (if any), then every `tool/index` on the search path."""
-    paths = search.find_all("tool/index.json")
-    indexes = []
-    for path in ((custom,) if custom else ()) + paths:
-        opened = context.open(ToolIndexFile, path)
-        if opened is not None:
-            indexes.append(Index(opened.source, opened.content.instruments))
-    return tuple(indexes)
-
-
-def tool_file(
-    context: Context, asked_by: Source, key: Key, name: str, indexes: tuple[Index, ...], search: SearchPath
-) -> Path | None:
-    """The file of the tool called NAME:MODEL or NAME:MODEL:VERSION; None with an error at `key`."""
-    wanted, _, rest = name.partition(":")
-    model, _, version = rest.partition(":")
-    for index in indexes:
-        entries = [i for i in index.instruments if i.model == model and (not wanted or wanted in i.names)]
-        entries = [i for i in entries if _version_fits(i, version)]
-        if len(entries) > 1:
-            context.error(asked_by, key, "several versions of this tool exist", "NAME:MODEL:VERSION")
-            return None
-        if entries:
-            beside = index.source.path.parent
-            file = entries[0].file
-            return context.find(asked_by, key, (file, f"tool/{file}"), search.first(beside))
-    known = sorted({f"{i.names[0]}:{i.model}" for index in indexes for i in index.instruments})
-    allowed = ", ".join(known) if known else "NAME:MODEL of a tool/index.json or index.yaml on the search path"
-    context.error(asked_by, key, "no tool of this name in any index", allowed)
-    return None
-
-
-def _version_fits(entry: InstrumentKeys, version: str) -> bool:
-    if not version:
-        return True
-    if not version.isdigit():
-        return False
-    number = int(version)
-    lowest = entry.version_min if entry.version_min is not None else number
-    highest = entry.version_max if entry.version_max is not None else number
-    return lowest <= number <= highest
 
 
 def _convention(keys: DhKeys) -> str:

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 
 from pydantic import BaseModel
 
+from procs.lib import document
 from procs.lib.config.problem import WARNING, Key, Problem
 from procs.lib.config.search import SearchPath
 from procs.lib.config.source import Source, read_source
@@ -32,6 +33,7 @@ class Context:
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # what a calibration is to mend is a warning
+    tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # files read already
 
     def error(self, source: Source, key: Key, text: str, allowed: str = "") -> None:
         """An error at a place of a file."""
@@ -52,6 +54,7 @@ class Context:
         source = self.read(path)
         if source is None:
             return None
+        source = source.renamed(getattr(model, "OLD_KEYS", {}))
         content, problems = validate(model, source)
         self.problems += problems
         return Opened(source, content) if content is not None else None

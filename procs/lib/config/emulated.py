@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from ipaddress import IPv4Address
 
 from procs.lib import document
+from procs.lib.catalogue import find
 from procs.lib.config.arms import LoadedArm
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
@@ -202,12 +203,14 @@ def _instruments(
 ) -> tuple[tuple[str, str], ...]:
     instruments = {item.arm.name: item.arm.tool.name for item in arms if item.arm.tool is not None}
     names = [item.arm.name for item in arms]
+    tools = {item.arm.name: item.arm.tools for item in arms}
     for arm, tool in options.instruments.items():
         if arm not in names:
             key = (*EMULATION, "instruments", arm)
             allowed = f"one of {', '.join(names)}" if names else "nothing"
             context.error(source, key, "no arm of this name is emulated", allowed)
-        instruments[arm] = tool
+        found = find(tool, tools.get(arm, ())).entry
+        instruments[arm] = found.name if found is not None else tool  # otherwise it has been told of
     return tuple(sorted(instruments.items()))
 
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
 from procs.lib.config.arms import arm_chain, check_pid
 from procs.lib.config.buses import BusFiles
-from procs.lib.config.chains import check_chain, check_tool
+from procs.lib.config.chains import check_chain, check_tool, load_tool
 from procs.lib.config.context import Context
-from procs.lib.config.instruments import psm_tool
+from procs.lib.config.instruments import check_index, file_of, psm_tool
 from procs.lib.config.io_checks import check_bus
 from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
 from procs.lib.config.load import PROJECT_CONFIGS, load_system
 from procs.lib.config.pid_file import PidFile
-from procs.lib.config.problem import WARNING, Problem
+from procs.lib.config.problem import WARNING, Key, Problem
 from procs.lib.config.search import search_path
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import IoKeys
@@ -58,7 +58,7 @@ def check_file(path: Path, *, search: Sequence[Path] = (), configs: Path = PROJE
         return Checked(path, kind, (*problems, _unknown(source)))
     context = Context(search_path((Path.cwd(), path.parent, *search, configs)))
     _CHECKS[kind](context, path)
-    return Checked(path, kind, tuple(dict.fromkeys(context.problems)))
+    return Checked(path, kind, tuple(dict.fromkeys(context.problems)), tuple(dict.fromkeys(context.notes)))
 
 
 def kind_of(source: Source) -> str:
@@ -138,7 +138,17 @@ def _check_tool(context: Context, path: Path) -> None:
 
 
 def _check_index(context: Context, path: Path) -> None:
-    context.open(ToolIndexFile, path)
+    opened = context.open(ToolIndexFile, path)
+    if opened is None:
+        return
+    check_index(context, opened)
+    for number, row in enumerate(opened.content.instruments):
+        found = file_of(context, path, row.file)
+        if found is None:
+            where: Key = ("instruments", number, "file")
+            context.warning(opened.source, where, "no such file: it cannot be chosen", "a tool file")
+        else:
+            load_tool(context, found, row.file)
 
 
 _CHECKS: dict[str, Callable[[Context, Path], None]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -85,6 +85,12 @@ class EngageKeys(Section):
 class ToolFile(Section):
     """An instrument."""
 
+    OLD_KEYS: ClassVar[dict[str, str]] = {  # of files from before dVRK 2.4
+        "tooltip-offset": "tooltip_offset",
+        "tool-engage-position": "tool_engage_position",
+        "snake_like": "snake-like",
+    }
+
     DH: DhKeys
     jaw: JawKeys
     tooltip_offset: MatrixRows
@@ -96,13 +102,13 @@ class ToolFile(Section):
 class InstrumentKeys(Section):
     """One entry of the index."""
 
-    model: str = Field(min_length=1)
-    names: Rows[str] = Field(min_length=1)
+    model: str = Field(pattern=r"^[^:\[\]]+$", description="a text without : [ ]")
+    names: Rows[Annotated[str, Field(pattern=r"^[^:\[\]]+$", description="a text without : [ ]")]] = Field(min_length=1)
     description: str = ""
     generation: str = ""
     file: str = Field(min_length=1)
-    version_min: int | None = None
-    version_max: int | None = None
+    version_min: int | None = Field(default=None, ge=0)
+    version_max: int | None = Field(default=None, ge=0)
 
 
 class ToolIndexFile(Section):

@@ -33,6 +33,15 @@ class Source:
         """Whether `key` is written in the file."""
         return self._find(key) is not _MISSING
 
+    def renamed(self, names: Mapping[str, str]) -> Source:
+        """With other names for keys of the document itself, where these are not written as well."""
+        here = {old: new for old, new in names.items() if old in self.data and new not in self.data}
+        if not here:
+            return self
+        data = {here.get(key, key): value for key, value in self.data.items()}
+        lines = {(here.get(str(key[0]), key[0]), *key[1:]) if key else key: line for key, line in self.lines.items()}
+        return Source(self.path, data, lines, self.overrides)
+
     def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> Problem:
         """A finding at `key`, placed at the nearest line known."""
         found = self._find(key)

@@ -1,0 +1,148 @@
+"""Looking up an instrument by name: NAME:MODEL, :MODEL, either with a version, among those of the tool indexes.
+
+Versions are what the memory of an instrument says (`NAME:MODEL[12]`) or what an entry of an index is good for
+(`NAME:MODEL[12..]`, `[..11]`, `[..]` for any). A model with several entries cannot be chosen without one.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, Generic, Protocol, TypeVar
+
+LONGEST: Final = 100  # characters of a name that are looked at
+CANDIDATES: Final = 6  # told at most
+_NAME = re.compile(r"(?P<name>[^:\[\]]*):(?P<model>[^:\[\]]+)(?::?\[(?P<range>[^\[\]]*)\]|:(?P<version>\d+))?")
+_UNDERSCORE = re.compile(r"(?P<name>.+)_(?P<model>\d{5,})(?P<rest>(?:_|:|\[).*)?")
+_RANGE = re.compile(r"(?P<low>\d{1,9})?(?P<dots>\.\.)?(?P<high>\d{1,9})?")
+
+
+class Entry(Protocol):
+    """What an instrument is known by; versions are inclusive, None where there is no limit."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names it goes by, the usual one first."""
+
+    @property
+    def model(self) -> str:
+        """Its number, as text."""
+
+    @property
+    def version_min(self) -> int | None:
+        """The first version it is good for."""
+
+    @property
+    def version_max(self) -> int | None:
+        """The last one."""
+
+
+E = TypeVar("E", bound=Entry)
+
+
+@dataclass(frozen=True, slots=True)
+class Found(Generic[E]):
+    """`entry`, or None with the `reason`; `candidates` are what may have been meant, `note` how it was understood."""
+
+    entry: E | None
+    reason: str = ""
+    candidates: tuple[str, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A name taken apart; without a version both are None."""
+
+    name: str
+    model: str
+    low: int | None = None
+    high: int | None = None
+    note: str = ""
+
+    @property
+    def version(self) -> str:
+        """As it is written."""
+        if self.low is None and self.high is None:
+            return ""
+        return f"[{_ends(self.low, self.high) if self.low != self.high else self.low}]"
+
+
+def full_name(entry: Entry) -> str:
+    """NAME:MODEL, with the versions an entry is limited to: LARGE_NEEDLE_DRIVER:420006[12..]."""
+    limited = entry.version_min is not None or entry.version_max is not None
+    versions = f"[{_ends(entry.version_min, entry.version_max)}]" if limited else ""
+    return f"{''.join(entry.names[:1])}:{entry.model}{versions}"
+
+
+def _ends(low: int | None, high: int | None) -> str:
+    return f"{'' if low is None else low}..{'' if high is None else high}"
+
+
+def taken_apart(text: str) -> Asked | None:
+    """What a name asks for; None when it is none."""
+    text = text.strip()[:LONGEST]
+    note = ""
+    loose = _UNDERSCORE.fullmatch(text) if ":" not in text.split("[")[0] else None
+    if loose is not None:  # an arm file of the dVRK has it that way
+        rest = (loose["rest"] or "").lstrip("_")
+        text = f"{loose['name']}:{loose['model']}" + (f":{rest}" if rest and rest[0] not in ":[" else rest)
+        note = f"taken as {text}"
+    match = _NAME.fullmatch(text)
+    if match is None:
+        return None
+    low = high = None
+    if match["version"]:
+        low = high = int(match["version"][:9])
+    elif match["range"] is not None:
+        ends = _RANGE.fullmatch(match["range"].strip())
+        if ends is None or not match["range"].strip() or (ends["high"] and not ends["dots"]):
+            return None
+        low = int(ends["low"]) if ends["low"] else None
+        high = int(ends["high"]) if ends["high"] else (None if ends["dots"] else low)
+    return Asked(match["name"].strip().upper(), match["model"].strip(), low, high, note)
+
+
+def find(text: str, entries: Sequence[E]) -> Found[E]:
+    """The one entry that `text` names; never raises."""
+    asked = taken_apart(text)
+    if asked is None:
+        return Found(None, "not a name of an instrument: NAME:MODEL or NAME:MODEL[VERSION]", _like(text, entries))
+    models = [entry for entry in entries if entry.model == asked.model]
+    named = [entry for entry in models if not asked.name or asked.name in (name.upper() for name in entry.names)]
+    if not models:
+        return Found(None, f"no instrument of model {asked.model} is known", _like(text, entries), asked.note)
+    if not named:
+        return Found(None, f"model {asked.model} is not called {asked.name}", _names(models), asked.note)
+    fitting = [entry for entry in named if _fits(entry, asked)]
+    if not fitting:
+        return Found(None, f"no entry is good for version {asked.version}", _names(named), asked.note)
+    if len(fitting) == 1:
+        return Found(fitting[0], note=asked.note)
+    if len({entry.names[:1] for entry in fitting}) > 1:
+        return Found(None, f"several instruments are of model {asked.model}", _names(fitting), asked.note)
+    return Found(None, "several versions of this instrument exist: say which", _names(fitting), asked.note)
+
+
+def _fits(entry: Entry, asked: Asked) -> bool:
+    lowest = entry.version_min if entry.version_min is not None else 0
+    return all(lowest <= version and (entry.version_max is None or version <= entry.version_max)
+               for version in (asked.low, asked.high) if version is not None)
+
+
+def _names(entries: Iterable[Entry]) -> tuple[str, ...]:
+    return tuple(full_name(entry) for entry in entries)[:CANDIDATES]
+
+
+def _like(text: str, entries: Sequence[Entry]) -> tuple[str, ...]:
+    """What may have been meant; all there is where that is little."""
+    if len(entries) <= CANDIDATES:
+        return _names(entries)
+    wanted = re.sub(r"\[.*|[:_]\d+.*", "", text[:LONGEST]).upper()
+    known = [(f"{name}:{entry.model}", full_name(entry)) for entry in entries for name in entry.names]
+    hits = [full for spelled, full in known if wanted and spelled.startswith(f"{wanted}:")]
+    close = difflib.get_close_matches(text[:LONGEST].upper(), [spelled for spelled, _ in known], n=3, cutoff=0.6)
+    hits += [full for spelled, full in known if spelled in close]
+    return tuple(dict.fromkeys(hits))[:CANDIDATES]
