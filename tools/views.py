@@ -159,6 +159,9 @@ class Source:
         if kind == "cv":
             twist = self.part("twist")
             return {"linear": value(twist[:3]), "angular": value(twist[3:])}
+        if kind == "cf":
+            wrench = self.part("wrench")
+            return {"force": value(wrench[:3]), "torque": value(wrench[3:])}
         return {part: value(self.part(part)) for part, _ in self.entry.view.fields} if self.entry.view else {}
 
     def close(self) -> None:

@@ -5,71 +5,141 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.readings import Fields
+from procs.arm.joints import Joints
+from procs.arm.readings import Fields, Readings
 from procs.lib.kinematics import Kinematics
-from procs.lib.poses import pose_from_matrix
+from procs.lib.poses import inverse, pose_from_matrix
 
 Array = NDArray[np.float64]
 
+DAMPING = 1e-12  # of wrenches where the Jacobian is singular: no number but a finite one is right there
+
 
 class Cartesian:
-    """The Cartesian part of an arm's record. `base` is the pose of the arm's base in the reference frame."""
+    """The Cartesian part of an arm's record. `base` is the pose of the arm's base in the reference frame.
 
-    def __init__(self, field: Fields) -> None:
+    `tip` and `rotation` are the measured tip's pose (4, 4) and axes (3, 3), in the arm's base and in the reference
+    frame, `twist` (6,) its own in the reference frame; `jacobian` (6, count) is the body Jacobian, `spatial` that at
+    the base's origin. They hold while `valid`, and are this cycle's.
+    """
+
+    def __init__(self, field: Fields, io: Readings) -> None:
         """`field` gives the arrays of the arm's own record."""
+        self._io = io
         self._measured, self._setpoint = field("measured_cp"), field("setpoint_cp")
         self._local_measured, self._local_setpoint = field("local_measured_cp"), field("local_setpoint_cp")
-        self._twist, self._jacobian = field("measured_cv"), field("jacobian")
+        self.twist, self._setpoint_twist = field("measured_cv"), field("setpoint_cv")
+        self._jacobian, self._spatial = field("jacobian"), field("spatial_jacobian")
+        self._body_wrench, self._spatial_wrench = field("body_measured_cf"), field("spatial_measured_cf")
         self._base_pose, self._base_valid = field("base_frame"), field("reference_valid")
         self._valid = field("cartesian_valid")
-        self._is_base_known = True
+        self.valid = False
+        self.base_known = True
         self._is_identity = True
-        self._base = np.eye(4)
-        self._tip = np.eye(4)
-        self._body_twist = np.zeros(6)
-        self._body_rows, self._twist_rows = self._body_twist.reshape(2, 3), self._twist.reshape(2, 3)
-        self._tip_rotation = self._tip[:3, :3]
-        self._shown: Array | None = None
+        self.base, self._to_base = np.eye(4), np.eye(4)
+        self.tip, self._reference_tip = np.eye(4), np.eye(4)
+        self.rotation: Array = self.tip[:3, :3]
+        self.absolute = False
+        """Wrenches of the body are in the axes of the reference frame, not the tip's."""
+        self._body_twist = field("local_measured_cv")
+        self._body_rows, self.twist_rows = self._body_twist.reshape(2, 3), self.twist.reshape(2, 3)
+        self._setpoint_body, self._setpoint_rows = np.zeros(6), self._setpoint_twist.reshape(2, 3)
+        self._wrench = np.zeros(6)
+        self._wrench_rows, self._body_wrench_rows = self._wrench.reshape(2, 3), self._body_wrench.reshape(2, 3)
+        self._spatial_rows = self._spatial_wrench.reshape(2, 3)
         self._setpoint_done = b""
+
+    def use(self, joints: Joints) -> None:
+        """Another joint space; `Readings` must have it already."""
+        n, io, kinematics = joints.count, self._io, joints.kinematics
+        self._kinematics = kinematics
+        self._jacobian[...] = self._spatial[...] = 0.0
+        self._shown, self.spatial = self._jacobian[:, :n], self._spatial[:, :n]
+        self._position, self._velocity, self._setpoint_position = io.position[:n], io.velocity[:n], io.setpoint[:n]
+        self._setpoint_motion = io.rows[3:5, :n]
+        self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
+        if kinematics is not None:
+            self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the set-point for a moment, see update
+        self._damping = DAMPING * np.eye(min(n, 6))
+        self.clear()
 
     def set_base(self, base: Array | None) -> None:
         """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""
-        self._is_base_known = base is not None
+        self.base_known = base is not None
         self._base_valid[...] = False  # until the next update
         self._setpoint_done = b""
         if base is not None:
-            self._base[...] = base
+            self.base[...] = base
+            self._to_base = inverse(base)
             self._is_identity = bool(np.array_equal(base, np.eye(4)))
-            pose_from_matrix(self._base, self._base_pose)
+            pose_from_matrix(self.base, self._base_pose)
+
+    def to_local(self, pose: Array) -> Array:
+        """A pose (4, 4) of the reference frame, in the arm's base."""
+        return pose if self._is_identity else self._to_base @ pose
+
+    def to_reference(self, pose: Array) -> Array:
+        """A pose (4, 4) of the arm's base, in the reference frame."""
+        return pose if self._is_identity else self.base @ pose
 
     def clear(self) -> None:
-        """Nothing Cartesian is valid; the chain may be another one next time."""
-        self._shown = None
+        """Nothing Cartesian is valid."""
+        self.valid = False
         self._valid[...] = False
         self._base_valid[...] = False
+        self._setpoint_done = b""
 
-    def update(self, kinematics: Kinematics, position: Array, velocity: Array, setpoint: Array) -> None:
-        """Fill the record from measured joint position and velocity and the set-point, (n,) each."""
+    def update(self) -> None:
+        """Fill the record from this cycle's readings, if they are valid and there is a tip."""
+        kinematics = self._kinematics
+        if kinematics is None or not self._io.valid:
+            if self.valid:
+                self.clear()
+            return
+        self.valid = True
         self._valid[...] = True
-        self._base_valid[...] = self._is_base_known
-        if self._shown is None:
-            self._shown = self._jacobian[:, : kinematics.n]
-            self._setpoint_done = b""
-        wanted = setpoint.tobytes()
+        self._base_valid[...] = self.base_known
+        wanted = self._setpoint_motion.tobytes()
         if wanted != self._setpoint_done:  # an arm that holds needs this once
             self._setpoint_done = wanted
-            self._fill(kinematics.fk(setpoint), self._local_setpoint, self._setpoint)
-        kinematics.update(position)
+            self._show_setpoint(kinematics)
+        kinematics.update(self._position)
         self._shown[...] = kinematics.body
+        self.spatial[...] = kinematics.joint_jacobian
         self._fill(kinematics.tip, self._local_measured, self._measured)
-        np.matmul(kinematics.body, velocity, out=self._body_twist)
-        rotation = kinematics.tip[:3, :3] if self._is_identity else self._tip_rotation
-        np.matmul(self._body_rows, rotation.T, out=self._twist_rows)
+        self.rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
+        np.matmul(kinematics.body, self._velocity, out=self._body_twist)
+        np.matmul(self._body_rows, self.rotation.T, out=self.twist_rows)
+        self._show_wrench(kinematics)
+
+    def _show_setpoint(self, kinematics: Kinematics) -> None:
+        kinematics.update(self._setpoint_position)
+        self._fill(kinematics.tip, self._local_setpoint, self._setpoint)
+        rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
+        np.matmul(kinematics.body, self._setpoint_velocity, out=self._setpoint_body)
+        np.matmul(self._setpoint_body.reshape(2, 3), rotation.T, out=self._setpoint_rows)
+
+    def _show_wrench(self, kinematics: Kinematics) -> None:
+        """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
+        body, effort = kinematics.body, self._effort
+        if len(effort) < 6:
+            self._wrench[...] = body @ np.linalg.solve(body.T @ body + self._damping, effort)
+        else:
+            self._wrench[...] = np.linalg.solve(body @ body.T + self._damping, body @ effort)
+        local = kinematics.tip[:3, :3]
+        if self.absolute:
+            np.matmul(self._wrench_rows, self.rotation.T, out=self._body_wrench_rows)
+        else:
+            self._body_wrench[...] = self._wrench
+        np.matmul(self._wrench_rows, local.T, out=self._spatial_rows)
+        x, y, z = kinematics.tip[:3, 3].tolist()
+        a, b, c, *_ = self._spatial_wrench.tolist()
+        self._spatial_wrench[3:] += (y * c - z * b, z * a - x * c, x * b - y * a)
 
     def _fill(self, local: Array, local_out: Array, out: Array) -> None:
         pose_from_matrix(local, local_out)
         if self._is_identity:
             out[...] = local_out
         else:
-            np.matmul(self._base, local, out=self._tip)
-            pose_from_matrix(self._tip, out)
+            np.matmul(self.base, local, out=self._reference_tip)
+            pose_from_matrix(self._reference_tip, out)

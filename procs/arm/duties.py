@@ -58,7 +58,8 @@ class Switch:
 
     __slots__ = ("_flag", "_next_ns", "_off", "_on", "_wishes", "refusal", "wanted")
 
-    def __init__(self, wishes: Wishes, flag: NDArray[Any], on: Order, off: Order) -> None:
+    def __init__(self, wishes: Wishes, flag: NDArray[Any] | None, on: Order, off: Order) -> None:
+        """`flag` of io's record shows it; None: the robot has no such thing, every wish is fulfilled."""
         self._wishes = wishes
         self._flag, self._on, self._off = flag, on, off
         self.wanted: bool | None = None
@@ -76,11 +77,11 @@ class Switch:
     @property
     def settled(self) -> bool:
         """io's record shows what is wanted."""
-        return self.wanted is None or bool(self._flag.item()) is self.wanted
+        return self.wanted is None or self._flag is None or bool(self._flag.item()) is self.wanted
 
     def due(self, now_ns: int) -> Order | None:
         """The command to send now, if any."""
-        if self.wanted is None or bool(self._flag.item()) is self.wanted or now_ns < self._next_ns:
+        if self.wanted is None or self.settled or now_ns < self._next_ns:
             return None
         self._next_ns = now_ns + RETRY_NS
         return self._on if self.wanted else self._off
@@ -100,7 +101,8 @@ class Switch:
 class Duties:
     """All switches of one robot, and the encoder bias, which is an order and not a level."""
 
-    def __init__(self, io: Readings, sender: Sender, robot: str, warn: Callable[[str], None]) -> None:
+    def __init__(self, io: Readings, sender: Sender, robot: str, warn: Callable[[str], None], *,
+                 has_brakes: bool) -> None:
         """`warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
         self._wishes = wishes = Wishes()
@@ -112,13 +114,25 @@ class Duties:
         self.velocity = _switch(wishes, io.velocity_used, "use_setpoint_v")
         self.pots = _switch(wishes, io.pot_check, "pot_check")
         self.no_fault = Switch(wishes, io.fault, ("clear_fault", ()), ("clear_fault", ()))
-        self._switches = (self.pid, self.power, self.limits, self.tracking, self.velocity, self.pots, self.no_fault)
+        brakes = io.brakes_released if has_brakes else None
+        self.brakes = Switch(wishes, brakes, ("brake_release", ()), ("brake_engage", ()))
+        self._switches = (self.brakes, self.pid, self.power, self.limits, self.tracking, self.velocity, self.pots,
+                          self.no_fault)
         self._asked: dict[int, Switch] = {}
+        self._ended: dict[int, Answer] = {}
         self._samples = 0.0
         self._bias_next_ns = self._bias_id = 0
         self._bias_before = 0
         self._again = False
         self.bias_refusal = ""
+
+    def order(self, name: str, values: Sequence[float]) -> int:
+        """Send a command that is no level; returns its id, 0 when there was no room. See `outcome`."""
+        return self._sender.send(name, values, self._robot)
+
+    def outcome(self, number: int) -> Answer | None:
+        """How an `order` ended; None: not yet."""
+        return self._ended.pop(number, None)
 
     def want_no_fault(self, wish: bool) -> None:
         """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
@@ -139,6 +153,12 @@ class Duties:
     def forget_bias(self) -> None:
         """Nobody waits for a bias any more."""
         self._samples = 0.0
+
+    @property
+    def refusals(self) -> str:
+        """What io said to the requests that failed."""
+        switches = (self.power, self.pid, self.brakes, self.limits, self.no_fault)
+        return "; ".join(filter(None, (*(switch.refusal for switch in switches), self.bias_refusal)))
 
     @property
     def bias_done(self) -> bool:
@@ -188,6 +208,10 @@ class Duties:
         if answer.outcome == "accepted":
             return
         switch = self._asked.pop(answer.id, None)
+        if switch is None and answer.id != self._bias_id:
+            if len(self._ended) >= MEMORY:
+                self._ended.clear()
+            self._ended[answer.id] = answer
         if answer.outcome == "done":
             return
         if answer.id == self._bias_id:

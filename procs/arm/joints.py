@@ -1,49 +1,80 @@
-"""The joint space of a PSM: what its axes are called and may do, with an instrument or without one.
+"""The joint space of an arm: what its axes are called and may do, with what it carries or without.
 
-Without an instrument there are seven joints (three of the arm, four bare discs), no coupling, no tip and no jaw. With
-one there are its six kinematic joints and the jaw, which comes last in every vector here: (7,) float64, rad and m.
+A joint vector (size,) holds the kinematic joints and then the jaw, where there is one; rad, m. It is mapped to and
+from the actuators' by matrices, so that nothing else needs to know how an instrument couples its discs. A PSM without
+an instrument has seven joints (three of the arm, four bare discs), no tip and no jaw. A snake-like instrument has
+eight, of which the last two bend as the two before them: five and eight share an actuator's motion, so do six and
+seven.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_limits import KINEMATIC_HOME
-from procs.lib.coupling import Coupling, coupling
+from procs.lib.arm_limits import KINEMATIC_HOME, LIMITS
+from procs.lib.coupling import coupling
 from procs.lib.document import Arm, Tool
+from procs.lib.endoscopes import NONE, endoscope
+from procs.lib.inverse.arms import inverse_of
+from procs.lib.inverse.solver import Inverse
 from procs.lib.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 
-AXES = 7
-BARE_NAMES = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
-DISC_RANGE = math.radians(172.0)
-ARM_JOINTS = 3  # joints of the arm itself, the ones an instrument does not change
+AXES: Final = {"PSM": 7, "ECM": 4, "MTM": 7}
+"""Actuators that move an arm."""
+ARM_JOINTS: Final = {"PSM": 3, "ECM": 4, "MTM": 7}
+"""Joints of the arm itself, the ones an instrument does not change."""
+BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
+DISC_RANGE: Final = math.radians(172.0)
+SNAKE_JOINTS: Final = 8
+SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each bending by half of it
 
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """`count` joints are published as the arm's; with an instrument the last of the seven is the jaw."""
+    """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
+
+    `v_max`, `a_max` are those of moves at ratio 1. Positions and velocities map alike; efforts go with the transposed
+    matrices the other way round, so that power is the same on both sides.
+    """
 
     tool: str
     names: tuple[str, ...]
     count: int
     lower: Array
     upper: Array
-    coupling: Coupling
+    v_max: Array
+    a_max: Array
+    to_joint: Array
+    to_actuator: Array
     kinematics: Kinematics | None
+    inverse: Inverse | None
+    one_to_one: int
+    """So many joints are actuators themselves; the others are coupled."""
+
+    @property
+    def size(self) -> int:
+        """Of a joint vector."""
+        return len(self.lower)
+
+    @property
+    def axes(self) -> int:
+        """Actuators."""
+        return len(self.to_actuator)
 
     @property
     def has_jaw(self) -> bool:
-        """An instrument with a jaw is on."""
-        return self.count < AXES
+        """An instrument with a jaw is on; its angle is the last of a joint vector."""
+        return self.count < self.size
 
     def clip(self, values: Array) -> NDArray[np.bool_]:
-        """Bring `values` (7,) into the limits, in place; returns which ones were outside."""
+        """Bring `values` (size,) into the limits, in place; returns which ones were outside."""
         outside: NDArray[np.bool_] = (values < self.lower) | (values > self.upper)
         if outside.any():
             np.clip(values, self.lower, self.upper, out=values)
@@ -53,42 +84,71 @@ class Joints:
         """What a person calls an axis."""
         return self.names[axis] if axis < self.count else "jaw"
 
+    def named(self, which: NDArray[np.bool_]) -> str:
+        """The names of the joints of a mask (size,)."""
+        return ", ".join(self.name(int(i)) for i in which.nonzero()[0])
 
-def joints(arm: Arm, tool: Tool | None) -> Joints:
-    """The joint space of `arm` with `tool`; ValueError when this version cannot drive it."""
-    if tool is None:
-        if len(arm.chain.links) < ARM_JOINTS:
-            has = f"{arm.chain.source} has {len(arm.chain.links)} joints"
-            raise ValueError(f"{arm.name}: {has}; a PSM has {ARM_JOINTS}")
-        discs = AXES - ARM_JOINTS
-        lower = np.array([link.lower for link in arm.chain.links[:ARM_JOINTS]] + [-DISC_RANGE] * discs)
-        upper = np.array([link.upper for link in arm.chain.links[:ARM_JOINTS]] + [DISC_RANGE] * discs)
-        return Joints("", BARE_NAMES, AXES, lower, upper, Coupling(np.eye(AXES)), None)
-    if tool.snake:
-        raise ValueError(f"{arm.name}: snake-like instruments ({tool.name}) are not available in this version")
+
+def joints(arm: Arm, tool: Tool | None = None) -> Joints:
+    """The joint space of `arm` with an instrument, or without; ValueError when it cannot be driven."""
+    if arm.type == "PSM":
+        return _bare(arm) if tool is None else _with_tool(arm, tool)
+    tip = endoscope(arm.endoscope or NONE).tip if arm.type == "ECM" else None
+    kinematics = Kinematics(arm.chain, tip=tip)
+    axes = AXES[arm.type]
+    if kinematics.n != axes:
+        raise ValueError(f"{arm.name}: {arm.chain.source} has {kinematics.n} joints; an {arm.type} has {axes}")
+    limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain)
+    return Joints("", kinematics.names, axes, kinematics.lower, kinematics.upper, np.array(limits.velocity),
+                  np.array(limits.acceleration), map_.actuator_to_joint, map_.joint_to_actuator, kinematics,
+                  inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0)
+
+
+def _bare(arm: Arm) -> Joints:
+    own, axes = ARM_JOINTS[arm.type], AXES[arm.type]
+    links = arm.chain.links
+    if len(links) < own:
+        raise ValueError(f"{arm.name}: {arm.chain.source} has {len(links)} joints; a PSM has {own}")
+    lower = np.array([link.lower for link in links[:own]] + [-DISC_RANGE] * (axes - own))
+    upper = np.array([link.upper for link in links[:own]] + [DISC_RANGE] * (axes - own))
+    limits = LIMITS[arm.type]
+    return Joints("", BARE_NAMES, axes, lower, upper, np.array(limits.velocity), np.array(limits.acceleration),
+                  np.eye(axes), np.eye(axes), None, None, axes)
+
+
+def _with_tool(arm: Arm, tool: Tool) -> Joints:
     kinematics = Kinematics(arm.chain, tool)
-    if kinematics.n != AXES - 1:
-        raise ValueError(f"{arm.name}: with {tool.name} there are {kinematics.n} joints; {AXES - 1} were expected")
-    return Joints(
-        tool.name,
-        kinematics.names,
-        kinematics.n,
-        np.append(kinematics.lower, tool.jaw.lower),
-        np.append(kinematics.upper, tool.jaw.upper),
-        coupling(AXES, arm.chain, tool),
-        kinematics,
-    )
+    n, axes = kinematics.n, AXES[arm.type]
+    expected = SNAKE_JOINTS if tool.snake else axes - 1
+    if n != expected:
+        raise ValueError(f"{arm.name}: with {tool.name} there are {n} joints; {expected} were expected")
+    limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain, tool)
+    spread, gather = np.eye(axes), np.eye(axes)
+    v_max, a_max = np.array(limits.velocity), np.array(limits.acceleration)
+    if tool.snake:
+        spread, gather = _snake(axes)
+        v_max, a_max = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in (v_max, a_max))
+    return Joints(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
+                  np.append(kinematics.upper, tool.jaw.upper), v_max, a_max,
+                  np.matmul(spread, map_.actuator_to_joint),
+                  np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
+                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type])
 
 
-def homing_goal(arm: Arm, setpoint: Array, has_jaw: bool) -> Array:
-    """Where homing takes the joints (7,): nowhere, to zero where the arm's file asks; a KINEMATIC arm is inserted."""
-    if arm.simulation != "NONE":
-        return np.array(KINEMATIC_HOME[arm.type])
-    return np.zeros(AXES) if arm.homing_zero_position and not has_jaw else setpoint.copy()
+def _snake(axes: int) -> tuple[Array, Array]:
+    """Coordinates to joints (9, 7): each joint of a pair has half; joints to coordinates (7, 9): their sum."""
+    size = SNAKE_JOINTS + 1
+    spread, gather = np.zeros((size, axes)), np.zeros((axes, size))
+    for coordinate, joint in ((0, 0), (1, 1), (2, 2), (3, 3), (axes - 1, size - 1)):
+        spread[joint, coordinate] = gather[coordinate, joint] = 1.0
+    for coordinate, pair in zip((4, 5), SNAKE_PAIRS, strict=True):
+        for joint in pair:
+            spread[joint, coordinate], gather[coordinate, joint] = 0.5, 1.0
+    return spread, gather
 
 
-def find_tool(arm: Arm, name: str) -> Tool | None:
-    """The instrument called `name` (NAME:MODEL or as its file is called) among those this arm knows."""
-    wanted = name.replace(":", "_").upper()
-    known = arm.tools + ((arm.tool,) if arm.tool is not None else ())
-    return next((tool for tool in known if wanted and tool.name.replace(":", "_").upper() == wanted), None)
+def kinematic_home(arm: Arm, joints: Joints) -> Array:
+    """Where a KINEMATIC arm homes to (size,): inserted, so that it can move its tip from there on."""
+    own, goal = ARM_JOINTS[arm.type], np.zeros(joints.size)
+    goal[:own] = KINEMATIC_HOME[arm.type][:own]
+    return goal

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import runtime
+from procs.arm.arm import Arm as AnyArm
+from procs.arm.arm import Surroundings
+from procs.arm.ecm import Ecm
 from procs.arm.joints import AXES
-from procs.arm.psm import PsmArm
-from procs.arm.readings import Readings
+from procs.arm.mtm import Mtm
+from procs.arm.psm import Psm
 from procs.lib.document import Arm, Io
 from procs.lib.faults import fault_of
 from shm.client import Client, MailboxFull, Reply
@@ -19,6 +22,7 @@ from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
 RECENT_NS = 200_000_000
+TYPES: dict[str, type[AnyArm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}
 
 
 class IoMailbox:
@@ -91,8 +95,9 @@ def place_in(io: Io, arm: Arm) -> tuple[int, int]:
     first = 0
     for number, robot in enumerate(io.robots):
         if robot.name == arm.robot:
-            if len(robot.actuators) != AXES:
-                raise ValueError(f"{arm.name}: {arm.robot} has {len(robot.actuators)} actuators; a PSM has {AXES}")
+            axes = AXES[arm.type]
+            if len(robot.actuators) != axes:
+                raise ValueError(f"{arm.name}: {arm.robot} has {len(robot.actuators)} actuators; a {arm.type}: {axes}")
             return number, first
         first += len(robot.actuators)
     raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}")
@@ -102,20 +107,22 @@ def main() -> None:
     """Run one arm until asked to stop; its robot is then held by io."""
     with runtime.process("arm") as me:
         arm = me.document.arm(me.name)
-        if arm.type != "PSM":
-            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available in this version; PSM is")
+        if arm.type not in TYPES:
+            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(TYPES)} are")
+        robot_io = me.document.io(arm.io)
         io, setpoint, state = LastGood(me.reads(arm.io, "state")), me.writes("setpoint"), me.writes("state")
-        readings = Readings(io.field, *place_in(me.document.io(arm.io), arm))
-        faults = fault_text(io, me.reads(arm.io, "events"), arm.robot)
-        orders = IoMailbox(me.commands(arm.io))
-        psm = PsmArm(arm, readings, orders, state.field, setpoint.field, me.events, faults)
+        number, first_axis = place_in(robot_io, arm)
+        driven = TYPES[arm.type](arm, Surroundings(
+            io.field, number, first_axis, {row.name: i for i, row in enumerate(robot_io.digital_inputs)},
+            bool(robot_io.robots[number].brakes), IoMailbox(me.commands(arm.io)), state.field, setpoint.field,
+            me.events, fault_text(io, me.reads(arm.io, "events"), arm.robot)))
         mailbox = me.mailbox()
         written = io.field("write_ns")
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         me.ready()
         while me.tick():
             io.take()
-            psm.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain(me.wall_ns))
+            driven.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain(me.wall_ns))
             setpoint.publish(me.now_ns)
             state.publish(me.now_ns)
             me.follow(int(written), BEHIND_IO_NS)

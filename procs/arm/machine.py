@@ -15,13 +15,12 @@ from procs.arm.states import (
     DESIRES,
     PUBLISHED,
     RESUMES,
+    UP,
     Event,
     State,
     follow,
     refusal,
 )
-
-UP = frozenset((State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED))
 
 
 class Request(Protocol):
@@ -71,6 +70,9 @@ class Reports(Protocol):
 
     def goal_reached(self, reached: bool) -> None:
         """A move has ended."""
+
+    def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
+        """An event of its own name."""
 
 
 class Machine:

@@ -1,7 +1,7 @@
 """Where the joints are to go: the goal that is followed, the trajectory of a move, efforts instead of positions.
 
-Vectors are (7,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of the arm and one
-of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
+Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of the arm and
+one of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import AXES
+from procs.arm.joints import Joints
 from procs.lib.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -28,24 +28,42 @@ class Mode(IntEnum):
     EFFORT = 3
 
 
+class Space(IntEnum):
+    """Control spaces, as published: what the goals in force were given in."""
+
+    NONE = 0
+    JOINT = 1
+    CARTESIAN = 2
+
+
 class Motion:
     """The set-point generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
 
-    def __init__(self, v_max: Array, a_max: Array) -> None:
-        """Highest velocity and acceleration of moves at ratio 1, (7,)."""
-        self._v_max, self._a_max = np.array(v_max), np.array(a_max)
+    def __init__(self, joints: Joints) -> None:
         self.ratio_v = self.ratio_a = 1.0
-        self.mode = Mode.NONE
-        self.rows = np.zeros((2, AXES))
-        self.goal, self.velocity = self.rows
-        self.effort = np.zeros(AXES)
-        self.has_velocity = False
+        self.mode, self.space = Mode.NONE, Space.NONE
         self.moving = False
-        self.target = np.zeros(AXES)
-        self._trajectory = Trajectory(AXES)
-        self._start_ns = 0
-        self._duration_ns = 0
+        self.has_velocity = False
+        self._start_ns = self._duration_ns = 0
         self._served_ns = -STREAM_NS
+        self._drifting = False
+        self._stepped_ns = 0
+        self.use(joints)
+
+    def use(self, joints: Joints) -> None:
+        """Another joint space, from the next `hold` on: other arrays, nothing is under way."""
+        n = joints.size
+        self._v_max, self._a_max = joints.v_max, joints.a_max
+        self.rows = np.zeros((2, n))
+        self.goal, self.velocity = self.rows
+        self.effort, self.target = np.zeros(n), np.zeros(n)
+        self.feed = np.zeros(n)
+        """Efforts added while positions are followed."""
+        self._lower, self._upper = joints.lower, joints.upper
+        self.in_effort = np.zeros(n, dtype=np.bool_)
+        """Joints that efforts are applied to; the others follow their goal, in EFFORT mode too."""
+        self._trajectory = Trajectory(n)
+        self._enter(Mode.NONE)
 
     @property
     def ratio(self) -> float:
@@ -62,6 +80,8 @@ class Motion:
         self.goal[...] = position
         self.target[...] = position
         self._served_ns = -STREAM_NS
+        if mode is Mode.NONE:
+            self.space = Space.NONE
         return self._enter(mode)
 
     def servo(self, position: Array, velocity: Array | None, now_ns: int) -> bool:
@@ -75,6 +95,17 @@ class Motion:
         self._served_ns = now_ns
         return ended
 
+    def drift(self, velocity: Array, now_ns: int) -> bool:
+        """Go at a velocity from here on, until a stream of such commands ends or a limit comes; ended a move?"""
+        ended = self.moving
+        if self.mode is not Mode.POSITION or not self._drifting:
+            ended = self._enter(Mode.POSITION)
+            self._stepped_ns = now_ns
+        self.velocity[...] = velocity
+        self._drifting = self.has_velocity = True
+        self._served_ns = now_ns
+        return ended
+
     def adjust(self, position: Array, now_ns: int) -> bool:
         """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
         if self.mode is not Mode.POSITION:
@@ -83,10 +114,14 @@ class Motion:
         self.target[...] = position
         return False
 
-    def push(self, effort: Array) -> bool:
-        """Apply `effort` instead of following positions; returns whether this ended a move."""
+    def push(self, effort: Array, which: NDArray[np.bool_] | None = None) -> bool:
+        """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay.
+
+        Returns whether this ended a move.
+        """
         ended = self._enter(Mode.EFFORT)
         self.effort[...] = effort
+        self.in_effort[...] = True if which is None else which
         return ended
 
     def move(self, target: Array, measured_velocity: Array, now_ns: int) -> str:
@@ -106,6 +141,8 @@ class Motion:
         if not reason:
             self.target[...] = target
             self.mode = Mode.TRAJECTORY
+            self.in_effort[...] = False
+            self._drifting = False
             self.moving = True
         return reason
 
@@ -132,10 +169,22 @@ class Motion:
         """Advance to `now_ns`; returns whether a move has reached its end."""
         if self.moving:
             return self._advance(now_ns)
+        if self._drifting:
+            self._drift(now_ns)
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
-            self.has_velocity = False
+            self.has_velocity = self._drifting = False
             self.velocity[...] = 0.0
         return False
+
+    def _drift(self, now_ns: int) -> None:
+        goal = self.goal
+        goal += self.velocity * ((now_ns - self._stepped_ns) * 1e-9)
+        self._stepped_ns = now_ns
+        outside = ((goal < self._lower) & (self.velocity < 0.0)) | ((goal > self._upper) & (self.velocity > 0.0))
+        if outside.any():
+            np.copyto(goal, np.clip(goal, self._lower, self._upper), where=outside)
+            self.velocity[outside] = 0.0
+        self.target[...] = goal
 
     def pending_since(self, now_ns: int) -> bool:
         """A servo goal was given in this very cycle."""
@@ -158,6 +207,9 @@ class Motion:
         self.has_velocity = False
         self.velocity[...] = 0.0
         self.effort[...] = 0.0
+        self.in_effort[...] = False
+        self.feed[...] = 0.0
+        self._drifting = False
         return ended
 
     def _evaluate(self, now_ns: int) -> None:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import AXES, Joints
+from procs.arm.joints import Joints
 from procs.arm.stack import stacked
 from procs.lib.faults import ARM_LOST, ERROR, FAULTS
 
 Fields = Callable[[str], NDArray[Any]]
+Array = NDArray[np.float64]
 
 ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
 HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
@@ -20,16 +21,16 @@ SILENT_NS = 30_000_000  # io writes 1500 records a second; none for this long me
 
 
 class Readings:
-    """Views on one robot in io's record, resolved once; `update` converts to joint space into (7,) arrays.
+    """Views on one robot in io's record, resolved once; `update` converts to joint space, see `Joints`.
 
     `fresh`: io is alive; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`: joint
     values mean something (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0: none;
-    that io missed this very process is none once we are back. `rows` (6, 7): all joint values in the order of ROWS.
+    that io missed this very process is none once we are back. `rows` (6, size): all joint values in the order of ROWS.
     """
 
-    def __init__(self, field: Fields, robot: int, first_axis: int) -> None:
+    def __init__(self, field: Fields, robot: int, first_axis: int, joints: Joints) -> None:
         """`field` gives the record's arrays, `robot` is the place among io's robots, `first_axis` its first axis."""
-        axes = slice(first_axis, first_axis + AXES)
+        axes = slice(first_axis, first_axis + joints.axes)
 
         def axis(name: str) -> NDArray[Any]:
             return field(name)[axes]
@@ -40,26 +41,35 @@ class Readings:
         self.stamp_ns = 0
         self.epoch = 0
         self.fresh = False
+        self.input = field("input")
         self.age_ns = field("age_ns")
-        self.at_limit = axis("at_limit")
+        self.at_limit, self.in_effort = axis("at_limit"), axis("effort_mode")
         self.power_wanted, self.powered, self.amps_on = flag("power_wanted"), flag("powered"), flag("amps_on")
         self.biased, self.biasing, self.bias_generation = flag("biased"), flag("biasing"), flag("bias_generation")
         self.pid_enabled, self.pid_generation = flag("pid_enabled"), flag("pid_generation")
         self.limits_enforced, self.tracking_check = flag("limits_enforced"), flag("tracking_check")
         self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
+        self.brakes_released = flag("brakes_released")
         self.fault, self.holding = flag("fault"), flag("holding")
-        # (2, 3, 7): position, velocity, effort, measured and then as set-point
-        self._actuator = stacked([axis(name) for name in ROWS]).reshape(2, 3, AXES)
-        self.rows = np.zeros((6, AXES))
-        self.position, self.velocity, self.effort = self.rows[:3]
-        self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
-        joint = self.rows.reshape(2, 3, AXES)
-        self._motions, self._joint_motions = self._actuator[:, :2], joint[:, :2]
-        self._efforts, self._joint_efforts = self._actuator[:, 2], joint[:, 2]
+        # (2, 3, axes): position, velocity, effort, measured and then as set-point
+        self._actuator = stacked([axis(name) for name in ROWS]).reshape(2, 3, joints.axes)
         self.has_power = self.valid = False
         self.problem = 0
+        self.use(joints)
 
-    def update(self, now_ns: int, stamp_ns: int, epoch: int, joints: Joints) -> None:
+    def use(self, joints: Joints) -> None:
+        """Another joint space: other arrays from now on, filled with what was read last."""
+        self.rows = np.zeros((6, joints.size))
+        self.position, self.velocity, self.effort = self.rows[:3]
+        self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
+        both = self.rows.reshape(2, 3, joints.size)
+        self._motions, self._joint_motions = self._actuator[:, :2], both[:, :2]
+        self._efforts, self._joint_efforts = self._actuator[:, 2], both[:, 2]
+        # row vectors: (A · x)ᵀ = xᵀ · Aᵀ; joint efforts are the actuators' by the transpose of joint → actuator
+        self._motion_map, self._effort_map = joints.to_joint.T, joints.to_actuator
+        self._convert()
+
+    def update(self, now_ns: int, stamp_ns: int, epoch: int) -> None:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
         self.fresh = stamp_ns > 0 and -SILENT_NS <= now_ns - stamp_ns <= SILENT_NS
@@ -69,6 +79,8 @@ class Readings:
         self.valid = bool(
             self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= SILENT_NS
         )
-        # row vectors: (A · x)ᵀ = xᵀ · Aᵀ, and the effort map is A⁻ᵀ, whose transpose is A⁻¹
-        np.matmul(self._motions, joints.coupling.actuator_to_joint.T, out=self._joint_motions)
-        np.matmul(self._efforts, joints.coupling.joint_to_actuator, out=self._joint_efforts)
+        self._convert()
+
+    def _convert(self) -> None:
+        np.matmul(self._motions, self._motion_map, out=self._joint_motions)
+        np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from procs.arm.readings import Readings
-from procs.arm.states import State
+from procs.arm.states import UP, State
 from procs.lib.faults import AMPLIFIER, POWER_TIMEOUT
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
-MUST_HAVE_POWER = frozenset(
-    (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED, State.PAUSED)
-)
+MUST_HAVE_POWER = frozenset((*UP, State.PAUSED))
 
 
 @dataclass(frozen=True, slots=True)

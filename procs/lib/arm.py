@@ -115,4 +115,5 @@ class Arm:
     reference_frame: str = ""
     use_setpoint_v: bool = True
     calibration_mode: bool = False
+    client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never
     source: str = ""

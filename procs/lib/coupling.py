@@ -28,7 +28,7 @@ class Coupling:
             raise ValueError("a coupling must be invertible")
         self.n = matrix.shape[0]
         self.actuator_to_joint = matrix
-        self.joint_to_actuator = np.linalg.inv(matrix)
+        self.joint_to_actuator = np.linalg.inv(matrix).astype(np.float64)
         self.actuator_to_joint_effort = np.ascontiguousarray(self.joint_to_actuator.T)
         self.joint_to_actuator_effort = np.ascontiguousarray(matrix.T)
         self.is_identity = bool(np.array_equal(matrix, np.eye(self.n)))

@@ -43,7 +43,8 @@ class Kinematics:
         # pinocchio computes into its own memory; these are views of it, taken once
         self._end_rotation = self._data.oMf[self._end].rotation
         self._end_position = self._data.oMf[self._end].translation
-        self._joint_jacobian = self._data.J
+        self.joint_jacobian: Array = self._data.J
+        """Spatial Jacobian (6, n) of the last `update`."""
         self.tip = np.eye(4)
         self._tip_rotation = self.tip[:3, :3]
         self._tip_position = self.tip[:3, 3]
@@ -97,7 +98,7 @@ class Kinematics:
     def spatial_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the spatial twist, at the base's origin in base axes; the array `spatial`."""
         pinocchio.computeJointJacobians(self._model, self._data, q)
-        self.spatial[...] = self._joint_jacobian
+        self.spatial[...] = self.joint_jacobian
         return self.spatial
 
 

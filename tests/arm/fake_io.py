@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from procs.arm.psm import PsmArm
-from procs.arm.readings import Readings
+from procs.arm.arm import Surroundings
+from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from shm.client import Reply
 from shm.layout import schema_of
@@ -238,6 +238,9 @@ class FakeReports:
     def goal_reached(self, reached: bool) -> None:
         self.events.append(("goal_reached", reached))
 
+    def emit(self, event: str, text: str = "", *, value: float = 0.0) -> None:
+        self.events.append((event, text, value))
+
     def of(self, *kinds: str) -> list[tuple[Any, ...]]:
         return [e for e in self.events if e[0] in kinds]
 
@@ -286,8 +289,9 @@ class Rig:
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""
         self.reports = FakeReports()
-        self.arm = PsmArm(self.document, Readings(self.io.record.field, 1, 2), self.io, self.state.field,
-                          self.setpoint.field, self.reports, lambda code: f"fault number {code}")
+        self.arm = Psm(self.document, Surroundings(
+            self.io.record.field, 1, 2, {"clutch": 0}, False, self.io, self.state.field, self.setpoint.field,
+            self.reports, lambda code: f"fault number {code}"))
 
     def step(self, *requests: FakeRequest) -> None:
         """One cycle of io, then one of the arm."""

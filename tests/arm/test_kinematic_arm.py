@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.psm import PsmArm
-from procs.arm.readings import Readings
+from procs.arm.arm import Surroundings
+from procs.arm.psm import Psm
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
 from procs.lib.config import PROJECT_CONFIGS, load_system
@@ -79,8 +79,8 @@ class Pair:
 
     def start_arm(self) -> None:
         self.reports = FakeReports()
-        self.arm: PsmArm | None = PsmArm(self.system.arm("PSM1"), Readings(self.memory.field, 0, 0), self,
-                                         self.state.field, self.setpoint.field, self.reports, lambda code: str(code))
+        self.arm: Psm | None = Psm(self.system.arm("PSM1"), Surroundings(
+            self.memory.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, self.reports, str))
 
     def send(self, name: str, values: Any, text: str) -> int:
         self.number += 1

@@ -22,6 +22,11 @@ from procs.arm.states import (
 from tests.arm.fake_io import Rig
 
 POWERED = (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED)
+# of some arms only
+OWN = (State.MANUAL, State.ENGAGING_ADAPTER, State.ENGAGING_TOOL, State.FINDING_ROLL, State.SETTING_ROLL)
+
+LEAVE = {Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED, Event.UNHOME: State.ENABLED,
+         Event.PROBLEM: State.FAULT}
 
 # The table once more, as a person reads the specification: rows are states, columns the events that change them.
 EXPECTED = {
@@ -31,12 +36,16 @@ EXPECTED = {
                     Event.PROBLEM: State.FAULT},
     State.CALIBRATING: {Event.BIASED: State.BIASED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
                         Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
-    State.BIASED: {Event.ONWARD: State.HOMING, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
-                   Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
+    State.BIASED: {Event.ONWARD: State.HOMING, Event.ROLL: State.FINDING_ROLL, **LEAVE},
     State.HOMING: {Event.ARRIVED: State.HOMED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
                    Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
-    State.HOMED: {Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED, Event.UNHOME: State.ENABLED,
-                  Event.PROBLEM: State.FAULT},
+    State.HOMED: {Event.PRESSED: State.MANUAL, Event.ADAPTER: State.ENGAGING_ADAPTER, Event.TOOL: State.ENGAGING_TOOL,
+                  **LEAVE},
+    State.MANUAL: {Event.RELEASED: State.HOMED, **LEAVE},
+    State.ENGAGING_ADAPTER: {Event.ENGAGED: State.HOMED, **LEAVE},
+    State.ENGAGING_TOOL: {Event.ENGAGED: State.HOMED, **LEAVE},
+    State.FINDING_ROLL: {Event.STOPPED: State.SETTING_ROLL, **LEAVE},
+    State.SETTING_ROLL: {Event.SET: State.HOMING, **LEAVE},
     State.PAUSED: {Event.RESUME: State.ENABLED, Event.DISABLE: State.DISABLED, Event.PROBLEM: State.FAULT},
     State.FAULT: {Event.DISABLE: State.DISABLED, Event.ENABLE: State.DISABLED},
 }
@@ -51,7 +60,7 @@ def test_every_state_is_published_and_every_word_is_known() -> None:
     assert set(PUBLISHED) == set(State) and set(PUBLISHED.values()) == set(ACCEPTED)
     assert {word for words in ACCEPTED.values() for word in words} == set(COMMANDS)
     assert set(DESIRES) == set(COMMANDS) - {Event.RESUME}
-    assert set(RESUMES) == set(POWERED) and set(RESUMES.values()) <= set(POWERED) - BUSY
+    assert set(RESUMES) == {*POWERED, *OWN} and set(RESUMES.values()) <= set(POWERED) - BUSY
     assert BUSY.isdisjoint(BEYOND)
 
 
@@ -95,7 +104,10 @@ def where_to(state: str, word: str) -> str:
     return AFTER.get((state, word), state)
 
 
-@pytest.mark.parametrize(("state", "word"), list(itertools.product((str(s) for s in State), (*COMMANDS, "fly", ""))))
+COMMON = [str(state) for state in State if state not in OWN]
+
+
+@pytest.mark.parametrize(("state", "word"), list(itertools.product(COMMON, (*COMMANDS, "fly", ""))))
 def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word: str) -> None:
     rig = Rig()
     rig.reach(state)

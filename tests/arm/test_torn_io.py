@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
-from procs.arm.psm import PsmArm
-from procs.arm.readings import SILENT_NS, Readings
+from procs.arm.psm import Psm
+from procs.arm.readings import SILENT_NS
 from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
@@ -39,8 +40,9 @@ class TornRig(Rig):
             view[name][2:] = value
         self.io.record = view
         super().start_arm()
-        self.arm = PsmArm(self.document, Readings(self.seen.field, 1, 2), self.io, self.state.field,
-                          self.setpoint.field, self.reports, lambda code: f"fault number {code}")
+        self.arm = Psm(self.document, Surroundings(
+            self.seen.field, 1, 2, {}, False, self.io, self.state.field, self.setpoint.field, self.reports,
+            lambda code: f"fault number {code}"))
 
     def step(self, *requests: Any) -> None:
         self.now_ns += self.period_ns
@@ -91,7 +93,7 @@ def test_a_torn_record_now_and_then_changes_nothing(rig: TornRig) -> None:
     assert rig.arm.state == "HOMED" and rig.reports.of("error") == []
     assert rig.reader.torn >= 20
     np.testing.assert_array_equal(rig.setpoint["position"], before)
-    np.testing.assert_allclose(rig.state["position"][:6], rig.arm._io.position[:6])
+    np.testing.assert_allclose(rig.state["position"][:6], rig.arm.io.position[:6])
 
 
 @pytest.mark.parametrize("busy", [False, True])
@@ -109,7 +111,7 @@ def test_torn_records_are_an_io_that_is_silent(rig: TornRig, busy: bool) -> None
     assert [row[1] for row in rig.reports.of("error")] == ["io-silent"]
     assert not rig.state["valid"] and not rig.state["position"].any()
     assert np.abs(rig.setpoint["position"] - good).max() < 0.05  # it never asked for anything garbage said
-    assert np.abs(rig.arm._io.rows).max() < 10.0
+    assert np.abs(rig.arm.io.rows).max() < 10.0
     rig.torn = False
     rig.run(0.1)
     rig.state_command("enable")
@@ -119,8 +121,8 @@ def test_torn_records_are_an_io_that_is_silent(rig: TornRig, busy: bool) -> None
 def test_the_effort_mode_falls_back_to_a_real_position(rig: TornRig) -> None:
     rig.homed()
     rig.send("servo_jf", (0.0,) * 6)
-    here = rig.arm._io.setpoint.copy()
+    here = rig.arm.io.setpoint.copy()
     rig.torn = True
     rig.run(SILENT_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
     assert rig.arm.state == "FAULT"
-    np.testing.assert_allclose(rig.arm._motion.goal[:6], here[:6], atol=0.01)
+    np.testing.assert_allclose(rig.arm.control.motion.goal[:6], here[:6], atol=0.01)

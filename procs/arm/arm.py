@@ -1,0 +1,268 @@
+"""An arm, stepped once a cycle: io's record and commands in, set-points, state record, events and io commands out.
+
+What all arms have is here; a PSM, ECM or MTM adds what is its own by the methods under "what an arm may have of its
+own". It has no clock and no shared memory: time is the `now_ns` argument, records are arrays given to it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.cartesian import Cartesian
+from procs.arm.cartesian_commands import CartesianCommands
+from procs.arm.commands import Commands, Row, Table
+from procs.arm.control import Control
+from procs.arm.duties import Duties, Sender
+from procs.arm.joint_commands import JointCommands
+from procs.arm.joints import AXES, Joints, joints, kinematic_home
+from procs.arm.machine import Machine, Reports, Request
+from procs.arm.motion import Mode
+from procs.arm.readings import Fields, Readings
+from procs.arm.record import ArmRecord, SetpointRecord
+from procs.arm.settings import Settings
+from procs.arm.stages.homed import Homed, Manual
+from procs.arm.stages.homing import Biased, Calibrating, Homing
+from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
+from procs.arm.stages.stage import Stage
+from procs.arm.states import AT_HOME, PUBLISHED, Event, State
+from procs.arm.supervision import UNWATCHED, Generations, trouble
+from procs.arm.takeover import Predecessor, beginning, predecessor
+from procs.lib import document
+
+Array = NDArray[np.float64]
+
+HOMING_TOLERANCE: Final = 0.0524  # rad (3°) and m alike
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What an arm needs of its process besides its document row."""
+
+    field: Fields  # of io's record
+    robot: int  # its robot's place among io's
+    first_axis: int
+    inputs: Mapping[str, int]  # places of io's digital inputs by name
+    has_brakes: bool
+    sender: Sender
+    state: Fields  # the arm's own records, still as a predecessor left them
+    setpoint: Fields
+    reports: Reports
+    fault_text: Callable[[int], str]
+
+
+class Arm:
+    """One arm. `step` each cycle, then publish both records."""
+
+    checks_tracking = True
+
+    def __init__(self, arm: document.Arm, around: Surroundings) -> None:
+        self._around = around
+        self._predecessor = predecessor(around.state)
+        first = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
+        self.io = Readings(around.field, around.robot, around.first_axis, first)
+        cartesian = Cartesian(around.state, self.io)
+        record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
+        self.machine = machine = Machine(arm.name, around.reports, self._enter, self._is_home)
+        duties = Duties(self.io, around.sender, arm.robot, self._io_refused, has_brakes=around.has_brakes)
+        self.control = control = Control(
+            arm, first, self.io, duties, machine, around.reports, cartesian, record,
+            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_text)
+        self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
+        base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
+        frame = arm.reference_frame or f"{arm.name}_base"
+        if self._predecessor is not None:
+            frame, base = self._predecessor.reference_frame, self._predecessor.base
+            control.motion.ratio_v, control.motion.ratio_a = self._predecessor.ratio_v, self._predecessor.ratio_a
+        record.show_frame(frame)
+        cartesian.set_base(base)
+        record.show_ratios(control.motion)
+        self._started = False
+        self._epoch = 0
+        self.prepare(self._predecessor)
+        own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control).table)
+        self._commands = Commands(control, (*own, {"state_command": Row(self._state_command)}, *self.tables()))
+        self._stages: dict[State, Stage] = {
+            State.DISABLED: Disabled(control),
+            State.POWERING: Powering(control),
+            State.ENABLED: Enabled(control),
+            State.CALIBRATING: Calibrating(control),
+            State.BIASED: Biased(control),
+            State.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
+            State.HOMED: Homed(control, self.look_after, self.checks_tracking),
+            State.MANUAL: Manual(control, self.is_clutched),
+            State.PAUSED: Paused(control),
+            State.FAULT: Fault(control),
+            **self.stages(),
+        }
+
+    # what an arm may have of its own
+
+    def prepare(self, before: Predecessor | None) -> None:
+        """Set up what is the arm's own; `before` is what a predecessor left."""
+
+    def stages(self) -> Mapping[State, Stage]:
+        """States that only this arm has, or does in its own way."""
+        return {}
+
+    def tables(self) -> Iterable[Table]:
+        """Commands that only this arm has."""
+        return ()
+
+    def home(self) -> Array:
+        """Where homing takes the joints (size,): nowhere, to zero where the arm's file asks; a KINEMATIC arm in."""
+        control = self.control
+        if control.is_played:
+            return kinematic_home(control.arm, control.joints)
+        return np.zeros(control.joints.size) if control.arm.homing_zero_position else self.io.setpoint.copy()
+
+    def tolerance(self) -> Array:
+        """How close to it every joint has to come (size,)."""
+        return np.full(self.control.joints.size, HOMING_TOLERANCE)
+
+    def is_ready(self) -> bool:
+        """Homed altogether: what the arm carries is engaged, too."""
+        return True
+
+    def unhome(self) -> None:
+        """Forget what homing found."""
+
+    def safe(self, at: Array) -> str:
+        """Why Cartesian control may not begin at joints (size,), "": it may."""
+        return ""
+
+    def guard(self, found: Array, seed: Array) -> None:
+        """Change joints (count,) that were found for a goal where it is not safe to go there from the seed."""
+
+    def look_after(self) -> None:
+        """Every cycle while HOMED."""
+
+    def watch(self) -> None:
+        """Every cycle, whatever the state: buttons, sensors."""
+
+    def is_clutched(self) -> bool:
+        """The clutch on the arm itself is pressed."""
+        return False
+
+    def bears_weight(self) -> bool:
+        """Gravity compensation applies now."""
+        return self.control.driving is not None
+
+    def shape_efforts(self) -> None:
+        """Change the efforts of this cycle, after those that were asked for are known."""
+
+    # the cycle
+
+    @property
+    def state(self) -> State:
+        """The internal state."""
+        return self.machine.state
+
+    @property
+    def joints(self) -> Joints:
+        """The joint space in use."""
+        return self.control.joints
+
+    def pressed(self, name: str) -> bool:
+        """A digital input of io is pressed; False where the arm has none of this name."""
+        place = self._around.inputs.get(name, -1)
+        return place >= 0 and self.io.fresh and bool(self.io.input[place])
+
+    def step(self, now_ns: int, stamp_ns: int, epoch: int, requests: Iterable[Request]) -> None:
+        """One cycle. io's newest record is stamped `stamp_ns` (0: none) by its life number `epoch`."""
+        io, machine, control = self.io, self.machine, self.control
+        motion = control.motion
+        control.now_ns = now_ns
+        io.update(now_ns, stamp_ns, epoch)
+        control.cartesian.update()
+        if not self._started and io.fresh:
+            self._start()
+        self._supervise()
+        if motion.moving and control.driving is not None and io.holding.item():
+            self._resume()
+        self.watch()
+        self._commands.run(requests)
+        self._stages[machine.state].run()
+        if motion.step(now_ns):
+            control.move_ended(True)
+        control.efforts.step(motion)
+        if motion.mode is Mode.EFFORT:
+            self.shape_efforts()
+        control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())
+        control.duties.step(now_ns)
+        machine.settle(self._is_off())
+        control.setpoint.show(motion, control.gravity.effort, io.position, control.driving)
+        self._show()
+
+    def _show(self) -> None:
+        control, machine = self.control, self.machine
+        if self._started or self._predecessor is None:  # till then its state stands, should we die as well
+            control.record.show_state((machine.state, machine.desired, self._is_home(), machine.is_busy,
+                                       control.homed_generation, control.motion.mode, control.motion.space))
+        control.record.show_motion(control.gravity.effort)
+
+    def _start(self) -> None:
+        """The first fresh record of io: take over what a predecessor left, or begin anew."""
+        self._started = True
+        io, machine, control = self.io, self.machine, self.control
+        self._epoch = io.epoch
+        begin = beginning(self._predecessor, io)
+        machine.reason = begin.reason
+        control.motion.hold(io.setpoint, Mode.NONE)
+        control.held = begin.state is State.ENABLED
+        if State.HOMED in (begin.state, begin.paused):
+            control.homed_generation = int(io.bias_generation.item())
+            control.must_bias = False
+            control.driving = Generations.now(io)
+        if begin.state is State.DISABLED:
+            machine.publish()
+        else:
+            machine.place(begin.state, begin.paused)
+
+    def _supervise(self) -> None:
+        state, io, control = self.machine.state, self.io, self.control
+        if state in UNWATCHED:
+            self._epoch = io.epoch
+            return
+        code, reason = trouble(state, io, self._epoch, control.driving, self._around.fault_text)
+        if code:
+            self.machine.fault(code, reason)
+
+    def _resume(self) -> None:
+        """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""
+        control = self.control
+        if not control.motion.resume(self.io.setpoint, control.now_ns):
+            control.move_ended(False, "io held, and it cannot go on from there")
+
+    def _enter(self, left: State) -> None:
+        """A state was entered."""
+        control, state = self.control, self.machine.state
+        control.duties.forget_bias()
+        control.duties.want_no_fault(False)
+        if PUBLISHED[state] != "ENABLED" or state is State.ENABLED:
+            mode = Mode.POSITION if state is State.PAUSED else Mode.NONE
+            reason = f": {self.machine.reason}" if state is State.FAULT else ""
+            control.stop(control.here, mode, f"the arm went {state}{reason}")
+        self._stages[state].enter()
+
+    def _is_home(self) -> bool:
+        machine = self.machine
+        homed = machine.state in AT_HOME or (machine.state is State.PAUSED and machine.paused in AT_HOME)
+        return bool(homed and self.control.homed_generation and self.io.valid and self.is_ready())
+
+    def _is_off(self) -> bool:
+        return not self.io.fresh or self.io.power_wanted.item() is False
+
+    def _io_refused(self, text: str) -> None:
+        self.control.warn("io-refused", text)
+
+    def _state_command(self, request: Request) -> None:
+        if request.text.strip() == Event.UNHOME:
+            self.control.homed_generation = 0
+            self.control.must_bias = True
+            self.unhome()
+        self.machine.command(request, "" if self.io.fresh else "io does not answer")

@@ -1,0 +1,209 @@
+"""Commands of the tip. Poses are x y z, quaternion x y z w, in the reference frame unless something else is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.commands import Ready, Row, Table
+from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.impedance import COUNT as IMPEDANCE
+from procs.arm.impedance import impedance_of
+from procs.arm.machine import Request
+from procs.arm.motion import Space
+from procs.lib.poses import matrix_from_pose, unit_quaternion
+
+Array = NDArray[np.float64]
+
+POSE: Final = 7
+TWIST: Final = 6
+QUATERNION_SLACK: Final = 0.1
+ERROR_EVERY_NS: Final = 1_000_000_000
+
+Safe = Callable[[Array], str]
+"""Why joints (size,) are no place for Cartesian control to begin, "" where they are."""
+Guard = Callable[[Array, Array], None]
+"""Changes the joints (count,) found for a goal, in place, where they would not be safe to go to from the second."""
+
+
+class CartesianCommands:
+    """servo and move in poses and increments, wrenches, impedance."""
+
+    def __init__(self, control: Control, safe: Safe, guard: Guard | None = None) -> None:
+        self._control, self._safe, self._guard = control, safe, guard
+        tip = Ready.CARTESIAN
+        self.table: Table = {
+            "servo_cp": Row(self._servo_cp, tip, (POSE, POSE + TWIST), streams=True),
+            "servo_cr": Row(self._servo_cr, tip, (POSE,), streams=True),
+            "servo_cs": Row(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
+            "move_cp": Row(self._move_cp, tip, (POSE,), moves=True),
+            "move_cr": Row(self._move_cr, tip, (POSE,), moves=True),
+            "servo_cf": Row(self._body_servo_cf, tip, (TWIST,), streams=True),
+            "body/servo_cf": Row(self._body_servo_cf, tip, (TWIST,), streams=True),
+            "spatial/servo_cf": Row(self._spatial_servo_cf, tip, (TWIST,), streams=True),
+            "servo_ci": Row(self._servo_ci, tip, (IMPEDANCE,), streams=True),
+            "body/set_cf_orientation_absolute": Row(self._set_absolute, sizes=(1,)),
+        }
+
+    def enter(self, name: str) -> None:
+        """Refused unless Cartesian control may begin, or has begun already."""
+        control = self._control
+        if control.motion.space is Space.CARTESIAN:
+            return
+        why = self._safe(control.here)
+        if why:
+            control.warn("cartesian", f"{name}: {why}", SAID_NS)
+            raise Refused(f"{name}: {why}")
+
+    # poses
+
+    def _pose(self, name: str, values: Array) -> Array:
+        """The pose (4, 4) of a command, in the arm's base."""
+        if not self._control.cartesian.base_known:
+            raise Refused(f"{name}: the arm's base frame is not known")
+        pose = values[:POSE].copy()
+        pose[3:] = unit_quaternion(values[3:POSE], QUATERNION_SLACK)
+        return self._control.cartesian.to_local(matrix_from_pose(pose))
+
+    def _relative(self, request: Request, joints: Array) -> Array:
+        """The tip at `joints`, shifted and turned about itself in axes of the reference frame; seen from the base."""
+        control = self._control
+        kinematics, cartesian = control.joints.kinematics, control.cartesian
+        if kinematics is None:
+            raise Refused(f"{request.name}: there is no instrument, so no tip")
+        if not cartesian.base_known:
+            raise Refused(f"{request.name}: the arm's base frame is not known")
+        step = request.values.copy()
+        step[3:] = unit_quaternion(request.values[3:], QUATERNION_SLACK)
+        change = matrix_from_pose(step)
+        pose = cartesian.to_reference(kinematics.fk(joints, np.eye(4))).copy()
+        pose[:3, 3] += change[:3, 3]
+        pose[:3, :3] = change[:3, :3] @ pose[:3, :3]
+        return cartesian.to_local(pose)
+
+    def _solve(self, name: str, goal: Array, seed: Array) -> Array:
+        """Joints (count,) for a goal in the arm's base, close to the seed; Refused where there are none."""
+        control = self._control
+        inverse = control.joints.inverse
+        if inverse is None:
+            raise Refused(f"{name}: there is no instrument, so no tip")
+        if not inverse.solve(goal, seed):
+            reason = f"unable to solve inverse kinematics ({inverse.reason})"
+            control.error("inverse-kinematics", f"{name}: {reason}", ERROR_EVERY_NS)
+            raise Refused(f"{name}: {reason}")
+        if self._guard is not None:
+            self._guard(inverse.q, seed)
+        return inverse.q
+
+    def _follow(self, name: str, goal: Array, velocity: Array | None = None) -> str:
+        control = self._control
+        n = control.joints.count
+        joints = control.take_goal()
+        joints[:n] = self._solve(name, goal, joints[:n])
+        return control.follow(Space.CARTESIAN, velocity)
+
+    def _servo_cp(self, request: Request) -> str:
+        self.enter(request.name)
+        goal = self._pose(request.name, request.values)
+        velocity = self._rates(request.values[POSE:]) if len(request.values) > POSE else None
+        return self._follow(request.name, goal, velocity)
+
+    def _servo_cr(self, request: Request) -> str:
+        self.enter(request.name)
+        control = self._control
+        n = control.joints.count
+        pending = control.motion.pending_since(control.now_ns)  # then on top of the goal given in this very cycle
+        base = control.here if pending else control.io.setpoint
+        return self._follow(request.name, self._relative(request, base[:n]))
+
+    def _rates(self, twist: Array) -> Array:
+        """Joint velocities (count,) for a twist (6,) of the tip in the reference frame."""
+        cartesian = self._control.cartesian
+        body = (twist.reshape(2, 3) @ cartesian.rotation).reshape(6)  # Rᵀ · v, in rows
+        return np.linalg.lstsq(cartesian.jacobian, body, rcond=1e-6)[0].astype(np.float64)
+
+    def _servo_cs(self, request: Request) -> str:
+        """Pose, twist, wrench, then which of them are meant (1 or 0 each)."""
+        values = request.values
+        pose, twist, wrench = (bool(flag) for flag in values[POSE + 2 * TWIST :])
+        self.enter(request.name)
+        if twist and not pose:
+            raise Refused(f"{request.name}: a twist needs a pose to go with")
+        force = values[POSE + TWIST : POSE + 2 * TWIST] if wrench else np.zeros(TWIST)
+        if not pose:
+            self._push_body(request.name, force, absolute=wrench)
+            return ""
+        velocity = self._rates(values[POSE : POSE + TWIST]) if twist else None
+        text = self._follow(request.name, self._pose(request.name, values), velocity)
+        control = self._control
+        if wrench:
+            body = (force.reshape(2, 3) @ control.cartesian.rotation).reshape(6)
+            control.motion.feed[: control.joints.count] = control.cartesian.jacobian.T @ body
+        return text
+
+    def _move_cp(self, request: Request) -> None:
+        self.enter(request.name)
+        self._move(request, self._pose(request.name, request.values))
+
+    def _move_cr(self, request: Request) -> None:
+        self.enter(request.name)
+        control = self._control
+        self._move(request, self._relative(request, control.take_target()[: control.joints.count]))
+
+    def _move(self, request: Request, goal: Array) -> None:
+        control = self._control
+        n = control.joints.count
+        seed = control.here[:n].copy()
+        try:
+            joints = self._solve(request.name, goal, seed)
+        except Refused:
+            control.stop(control.here, control.motion.mode, "replaced by a move that cannot be done")
+            raise
+        control.take_target()[:n] = joints
+        control.move(request, Space.CARTESIAN)
+
+    # wrenches
+
+    def _push_body(self, name: str, wrench: Array, *, absolute: bool) -> None:
+        """`absolute`: the wrench is in axes of the reference frame."""
+        control = self._control
+        if absolute and not control.cartesian.base_known:
+            raise Refused(f"{name}: the arm's base frame is not known")
+        control.efforts.body(wrench, absolute=absolute)
+        control.push(Space.CARTESIAN, control.motion.effort.copy())
+
+    def _body_servo_cf(self, request: Request) -> str:
+        self.enter(request.name)
+        self._push_body(request.name, request.values, absolute=self._control.cartesian.absolute)
+        return ""
+
+    def _spatial_servo_cf(self, request: Request) -> str:
+        self.enter(request.name)
+        control = self._control
+        control.efforts.spatial(request.values)
+        control.push(Space.CARTESIAN, control.motion.effort.copy())
+        return ""
+
+    def _servo_ci(self, request: Request) -> str:
+        self.enter(request.name)
+        control = self._control
+        if not control.cartesian.base_known:
+            raise Refused(f"{request.name}: the arm's base frame is not known")
+        control.efforts.impede(impedance_of(request.values))
+        control.cartesian.absolute = True
+        control.push(Space.CARTESIAN, control.motion.effort.copy())
+        return ""
+
+    def _set_absolute(self, request: Request) -> str:
+        self._control.cartesian.absolute = switch(request)
+        return ""
+
+
+def switch(request: Request) -> bool:
+    """On or off; Refused when it is neither."""
+    if len(request.values) != 1 or request.values[0] not in (0.0, 1.0):
+        raise Refused(f"{request.name} takes 1 (on) or 0 (off)")
+    return bool(request.values[0])

@@ -1,0 +1,60 @@
+"""Efforts that bear an arm's own weight, worked out each cycle from where the arm is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.document import Arm
+from procs.lib.endoscopes import NONE, endoscope
+from procs.lib.gravity import Gravity, up_of
+from procs.lib.master_gravity import MasterGravity
+
+Array = NDArray[np.float64]
+
+Model = Callable[[Array, Array], Array]
+"""Efforts (n,) at positions and velocities (n,) of the arm's first n joints."""
+
+
+class Weight:
+    """`used`: the compensation is on (it is where there is a model); `effort` (size,) is that of this cycle."""
+
+    def __init__(self, arm: Arm, joints: int, camera: str = "") -> None:
+        """`joints` (as many as move the links) of the arm itself; `camera` is an ECM's endoscope."""
+        self._model = _model(arm, joints, camera)
+        self._joints = joints
+        self.used = self.known
+        self.use(joints)
+
+    @property
+    def known(self) -> bool:
+        """There is a model."""
+        return self._model is not None
+
+    def use(self, size: int) -> None:
+        """Another size of joint vectors."""
+        self.effort = np.zeros(size)
+
+    def step(self, position: Array, velocity: Array, applies: bool) -> None:
+        """Work out `effort` at joint positions and velocities (size,); zero unless it `applies` now."""
+        if self._model is None:
+            return
+        n = self._joints
+        if applies and self.used:
+            self.effort[:n] = self._model(position[:n], velocity[:n])
+        else:
+            self.effort[:n] = 0.0
+
+
+def _model(arm: Arm, joints: int, camera: str) -> Model | None:
+    if arm.skip_gravity_compensation:
+        return None
+    if arm.master_gravity is not None:
+        return MasterGravity(arm.master_gravity).effort
+    if arm.links is None:
+        return None
+    mass = endoscope(camera or NONE).mass if arm.type == "ECM" else None
+    model = Gravity(arm.links, joints, up_of(arm.mounting_pitch or 0.0), mass)
+    return lambda position, _: model.effort(position)

@@ -1,0 +1,74 @@
+"""Commands in joint space, the same for all arms. Values are (count,), in the order of the arm's joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procs.arm.commands import N, Ready, Row, Table
+from procs.arm.control import Control
+from procs.arm.machine import Request
+from procs.arm.motion import Mode, Space
+
+
+class JointCommands:
+    """servo and move in positions, increments, velocities and efforts; hold and free."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        joint, one = Ready.JOINT, (N,)
+        self.table: Table = {
+            "servo_jp": Row(self._servo_jp, joint, (N, 2 * N), streams=True),
+            "servo_jr": Row(self._servo_jr, joint, one, streams=True),
+            "servo_jv": Row(self._servo_jv, joint, one, streams=True),
+            "servo_jf": Row(self._servo_jf, joint, one, streams=True),
+            "move_jp": Row(self._move_jp, joint, one, moves=True),
+            "move_jr": Row(self._move_jr, joint, one, moves=True),
+            "hold": Row(self._hold, joint),
+            "free": Row(self._free, joint),
+        }
+
+    def _servo_jp(self, request: Request) -> str:
+        control, values = self._control, request.values
+        n = control.joints.count
+        control.take_goal()[:n] = values[:n]
+        return control.follow(Space.JOINT, values[n:] if len(values) == 2 * n else None)
+
+    def _servo_jr(self, request: Request) -> str:
+        control, n = self._control, self._control.joints.count
+        goal = control.take_goal()
+        if not control.motion.pending_since(control.now_ns):  # else on top of the goal given in this very cycle
+            goal[:n] = control.io.setpoint[:n]
+        goal[:n] += request.values
+        return control.follow(Space.JOINT)
+
+    def _servo_jv(self, request: Request) -> str:
+        return self._control.drift(request.values)
+
+    def _servo_jf(self, request: Request) -> str:
+        control = self._control
+        effort = control.motion.effort.copy()  # zero, or that of the jaw as well
+        effort[: control.joints.count] = request.values
+        control.efforts.joint()
+        control.push(Space.JOINT, effort)
+        return ""
+
+    def _move_jp(self, request: Request) -> None:
+        control = self._control
+        control.take_target()[: control.joints.count] = request.values
+        control.move(request, Space.JOINT)
+
+    def _move_jr(self, request: Request) -> None:
+        control = self._control
+        control.take_target()[: control.joints.count] += request.values
+        control.move(request, Space.JOINT)
+
+    def _hold(self, _: Request) -> str:
+        control = self._control
+        control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
+        control.motion.space = Space.JOINT
+        return ""
+
+    def _free(self, _: Request) -> str:
+        self._control.efforts.joint()
+        self._control.push(Space.JOINT, np.zeros(self._control.joints.size))
+        return ""

@@ -1,0 +1,131 @@
+"""Commands that set something or only ask: ratios, base frame, gravity compensation, kinematics of joints at hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from procs.arm.cartesian_commands import switch
+from procs.arm.commands import Row, Table
+from procs.arm.control import Control, Refused
+from procs.arm.machine import Request
+from procs.lib.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
+
+CRTK_VERSION: Final = "1.1.0"
+QUATERNION_SLACK: Final = 0.1
+POSE: Final = 7
+
+
+class Settings:
+    """What needs no readiness."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        self.table: Table = {
+            "trajectory_j/set_ratio": Row(self._set_ratio),
+            "trajectory_j/set_ratio_v": Row(self._set_ratio_v),
+            "trajectory_j/set_ratio_a": Row(self._set_ratio_a),
+            "set_base_frame": Row(self._set_base_frame, sizes=(0, POSE)),
+            "use_gravity_compensation": Row(self._use_gravity_compensation, sizes=(1,)),
+            "forward_kinematics": Row(self._forward),
+            "local/forward_kinematics": Row(self._local_forward),
+            "inverse_kinematics": Row(self._inverse),
+            "actuator_to_joint_position": Row(self._actuator_to_joint),
+            "crtk_version": Row(lambda _: CRTK_VERSION),
+        }
+
+    def _ratio(self, request: Request) -> float:
+        values = request.values
+        if len(values) != 1 or not 0.0 < values[0] <= 1.0:
+            reason = f"{request.name}: ratio must be within ]0;1]"
+            self._control.warn("ratio", reason)
+            raise Refused(reason)
+        return float(values[0])
+
+    def _set_ratio(self, request: Request) -> str:
+        ratio = self._ratio(request)
+        return self._set_ratios(ratio, ratio)
+
+    def _set_ratio_v(self, request: Request) -> str:
+        return self._set_ratios(self._ratio(request), self._control.motion.ratio_a)
+
+    def _set_ratio_a(self, request: Request) -> str:
+        return self._set_ratios(self._control.motion.ratio_v, self._ratio(request))
+
+    def _set_ratios(self, v: float, a: float) -> str:
+        control = self._control
+        control.motion.set_ratio(v, a, control.now_ns)
+        control.record.show_ratios(control.motion)
+        return ""
+
+    def _set_base_frame(self, request: Request) -> str:
+        control, values = self._control, request.values
+        if request.text:
+            control.record.show_frame(request.text)
+        if len(values) == 0:
+            control.cartesian.set_base(None)
+            return "base frame unknown: only local poses are valid"
+        pose = values.copy()
+        pose[3:] = unit_quaternion(values[3:], QUATERNION_SLACK)
+        control.cartesian.set_base(matrix_from_pose(pose))
+        return ""
+
+    def _use_gravity_compensation(self, request: Request) -> str:
+        gravity, wanted = self._control.gravity, switch(request)
+        if wanted and not gravity.known:
+            reason = f"{request.name}: this arm has no gravity model"
+            self._control.warn("gravity", reason)
+            raise Refused(reason)
+        gravity.used = wanted
+        return ""
+
+    # questions; the answer is a JSON list of numbers
+
+    def _forward(self, request: Request) -> str:
+        pose = self._pose_of(request)
+        if not self._control.cartesian.base_known:
+            raise Refused(f"{request.name}: the arm's base frame is not known")
+        return _answer(pose_from_matrix(self._control.cartesian.to_reference(pose)).tolist())
+
+    def _local_forward(self, request: Request) -> str:
+        return _answer(pose_from_matrix(self._pose_of(request)).tolist())
+
+    def _pose_of(self, request: Request) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        """The pose (4, 4) after so many joints as there are values; of the tip when they are all given."""
+        kinematics, values = self._control.joints.kinematics, request.values
+        if kinematics is None:
+            raise Refused(f"{request.name}: there is no instrument, so no tip")
+        if not 0 < len(values) <= kinematics.n:
+            raise Refused(f"{request.name}: too many or no values; allowed: 1 to {kinematics.n}")
+        joints = np.zeros(kinematics.n)
+        joints[: len(values)] = values
+        if len(values) == kinematics.n:
+            return kinematics.fk(joints, np.eye(4))
+        return kinematics.fk_to(joints, len(values))
+
+    def _inverse(self, request: Request) -> str:
+        """Seed (count,), then the pose of the tip in the arm's base; moves nothing."""
+        joints, values = self._control.joints, request.values
+        if joints.inverse is None:
+            raise Refused(f"{request.name}: there is no instrument, so no tip")
+        if len(values) != joints.count + POSE:
+            raise Refused(f"{request.name}: incorrect number of joints; {joints.count} and a pose are needed")
+        pose = values[joints.count :].copy()
+        pose[3:] = unit_quaternion(pose[3:], QUATERNION_SLACK)
+        if not joints.inverse.solve(matrix_from_pose(pose), values[: joints.count].copy()):
+            raise Refused(f"{request.name}: inverse kinematics failed: {joints.inverse.reason}")
+        return _answer(joints.inverse.q.tolist())
+
+    def _actuator_to_joint(self, request: Request) -> str:
+        joints = self._control.joints
+        if len(request.values) != joints.axes:
+            raise Refused(f"{request.name} takes {joints.axes} values, {len(request.values)} were given")
+        return _answer((joints.to_joint @ request.values).tolist())
+
+
+def _answer(values: Sequence[float]) -> str:
+    """To fifteen digits: a reply has 200 bytes."""
+    return json.dumps([float(f"{value:.14g}") for value in values], separators=(",", ":"))

@@ -1,0 +1,73 @@
+"""A homed arm that follows commands, and one that a hand moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from procs.arm.control import Control
+from procs.arm.motion import Mode, Space
+from procs.arm.stages.stage import Stage
+from procs.arm.states import Event
+
+
+class Homed(Stage):
+    """Commands are followed; what io clips is told, and what the arm has on it is looked after."""
+
+    def __init__(self, control: Control, look_after: Callable[[], None], checks_tracking: bool) -> None:
+        """`look_after` is called every cycle: buttons and what the arm carries."""
+        super().__init__(control)
+        self._look_after, self._checks_tracking = look_after, checks_tracking
+        self._limited = b""
+
+    def enter(self) -> None:
+        """See Stage."""
+        control, duties = self.control, self.control.duties
+        control.homed_generation = int(control.io.bias_generation.item())
+        here = control.io.setpoint if control.motion.mode in (Mode.NONE, Mode.EFFORT) else control.motion.goal
+        control.motion.hold(here, Mode.NONE)
+        duties.limits.want(True)
+        duties.tracking.want(self._checks_tracking)
+        duties.pots.want(not control.arm.calibration_mode)
+        duties.velocity.want(control.arm.use_setpoint_v)
+        duties.brakes.want(True)
+
+    def run(self) -> None:
+        """See Stage."""
+        control = self.control
+        control.duties.want_no_fault(control.io.problem == 0)  # that we were missed is over
+        control.duties.tracking.want(self._checks_tracking and control.motion.mode is not Mode.EFFORT)
+        limited = control.io.at_limit.tobytes()
+        if limited != self._limited:
+            self._limited = limited
+            self._say_limited()
+        self._look_after()
+
+    def _say_limited(self) -> None:
+        joints, axes = self.control.joints, self.control.io.at_limit.nonzero()[0]
+        if len(axes):
+            names = (joints.name(int(i)) if i < joints.one_to_one else f"actuator {i + 1}" for i in axes)
+            self.control.status(f"position limit: {', '.join(names)}")
+
+
+class Manual(Stage):
+    """The clutch on the arm is pressed: no efforts but those against gravity, a hand moves it; released, it holds."""
+
+    def __init__(self, control: Control, pressed: Callable[[], bool]) -> None:
+        super().__init__(control)
+        self._pressed = pressed
+
+    def enter(self) -> None:
+        """See Stage."""
+        control = self.control
+        control.duties.tracking.want(False)
+        control.efforts.joint()
+        control.push(Space.NONE, np.zeros(control.joints.size))
+
+    def run(self) -> None:
+        """See Stage."""
+        control = self.control
+        if not self._pressed():
+            control.stop(control.io.setpoint, Mode.POSITION, "the clutch was released")
+            control.machine.fire(Event.RELEASED)

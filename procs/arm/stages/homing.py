@@ -1,0 +1,152 @@
+"""From power to a homed arm: encoders from potentiometers, then, by the joint controller, to the homing position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.control import Control
+from procs.arm.motion import Mode
+from procs.arm.stages.stage import SWITCH_NS, Stage
+from procs.arm.states import Event
+from procs.arm.supervision import Generations
+
+Array = NDArray[np.float64]
+
+BIAS_SAMPLES: Final = 1970.0
+BIAS_NS: Final = 30_000_000_000
+SETTLE_NS: Final = 2_000_000_000
+
+
+class Calibrating(Stage):
+    """io sets the encoders from the mean of potentiometer samples, or finds them preset."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        control = self.control
+        control.held = False
+        control.duties.brakes.want(False)
+        control.duties.pid.want(None if control.is_played else False)
+        self.within(BIAS_NS)
+        self._asked = False
+
+    def run(self) -> None:
+        """See Stage."""
+        control, duties, arm = self.control, self.control.duties, self.control.arm
+        if control.is_played:
+            self._done()
+        elif self.is_late:
+            self.fail("bias-timeout", "failed to bias encoders (timeout)")
+        elif self._asked:
+            if duties.bias_done:
+                self._done()
+        elif duties.pid.settled and not control.io.biasing.item():
+            again = arm.re_home or arm.calibration_mode
+            if not control.must_bias and not again and control.io.biased.item():
+                control.machine.fire(Event.BIASED)
+                return
+            duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES)
+            self._asked = True
+
+    def _done(self) -> None:
+        self.control.must_bias = False
+        self.control.machine.fire(Event.BIASED)
+
+
+class Biased(Stage):
+    """Joint values mean something; on to homing, by way of what this arm needs before."""
+
+    def __init__(self, control: Control, before: Callable[[], Event] = lambda: Event.ONWARD) -> None:
+        """`before` says what homing begins with: ONWARD, or an event of the arm's own."""
+        super().__init__(control)
+        self._before = before
+
+    def enter(self) -> None:
+        """See Stage."""
+        self.control.duties.pots.want(not self.control.arm.calibration_mode)
+
+    def run(self) -> None:
+        """See Stage."""
+        if self.control.machine.goes_on:
+            self.control.machine.fire(self._before())
+
+
+class Driving(Stage):
+    """A stage that first has io switch the joint controller on, then the brakes off, then begins."""
+
+    checks_tracking = True
+
+    def enter(self) -> None:
+        """See Stage."""
+        control, duties = self.control, self.control.duties
+        duties.limits.want(False)
+        duties.tracking.want(self.checks_tracking)
+        duties.velocity.want(control.arm.use_setpoint_v)
+        duties.pid.want(True)
+        self.within(SWITCH_NS)
+        self._begun = False
+
+    def run(self) -> None:
+        """See Stage."""
+        if self._begun:
+            self.drive()
+        elif self._is_ready():
+            self._begun = True
+            control = self.control
+            control.duties.pid.want(None)  # from here on the controller going off is a fault, not a thing to repair
+            control.motion.hold(control.io.setpoint, Mode.NONE)
+            self.begin()
+        elif self.is_late:
+            self.fail("io-switch", "io does not switch the joint controller on")
+
+    def _is_ready(self) -> bool:
+        control, duties = self.control, self.control.duties
+        if not (duties.pid.settled and duties.limits.settled and duties.tracking.settled):
+            return False
+        if control.driving is None or int(control.io.pid_generation.item()) != control.driving.pid:
+            control.driving = Generations.now(control.io)
+            control.motion.hold(control.io.setpoint, Mode.NONE)
+            self.within(SWITCH_NS)
+        duties.brakes.want(True)  # only now that somebody holds the arm
+        return duties.brakes.settled
+
+    def begin(self) -> None:
+        """io follows, and nothing else holds the arm."""
+
+    def drive(self) -> None:
+        """Once a cycle from then on."""
+
+
+class Homing(Driving):
+    """To the homing position; there when every joint is closer to it than its tolerance."""
+
+    def __init__(self, control: Control, goal: Callable[[], Array], tolerance: Callable[[], Array],
+                 checks_tracking: bool) -> None:
+        """`goal` and `tolerance` (size,) in rad or m."""
+        super().__init__(control)
+        self._goal, self._tolerance = goal, tolerance
+        self.checks_tracking = checks_tracking
+
+    def begin(self) -> None:
+        """See Driving."""
+        control = self.control
+        control.goal[...] = self._goal()
+        outside = control.joints.clip(control.goal)
+        if outside.any():  # io will hold the limits once homed: go there smoothly now
+            control.status(f"moving into the joint limits: {control.joints.named(outside)}")
+        reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
+        if reason:
+            control.machine.fault("homing-plan", f"homing: {reason}")
+
+    def drive(self) -> None:
+        """See Driving."""
+        control, motion = self.control, self.control.motion
+        if motion.moving:
+            return
+        if bool((np.abs(motion.goal - control.io.position) < self._tolerance()).all()):
+            control.machine.fire(Event.ARRIVED)
+        elif control.now_ns >= motion.end_ns + SETTLE_NS:
+            self.fail("homing-timeout", "unable to reach home position during calibration on pots")

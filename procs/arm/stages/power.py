@@ -1,0 +1,101 @@
+"""Without power, on the way to it, and with nothing but power."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
+from procs.arm.states import Event
+from procs.arm.supervision import POWER_PROBLEMS
+
+POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; if it does not
+TRIES: Final = 2
+
+
+class Disabled(Stage):
+    """No power; on the way up io has to forget its fault first."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        let_go(self.control)
+        self.control.duties.limits.want(True)
+        self.control.duties.want_no_fault(True)
+        self.deadline_ns = NEVER_NS
+
+    def run(self) -> None:
+        """See Stage."""
+        control, duties = self.control, self.control.duties
+        if not control.machine.goes_on:
+            self.deadline_ns = NEVER_NS
+            return
+        duties.want_no_fault(True)
+        duties.pid.want(False)
+        duties.power.want(False)
+        settled = duties.pid.settled and duties.power.settled and duties.no_fault.settled
+        if control.io.fresh and settled and not control.io.amps_on.item():
+            control.machine.fire(Event.ONWARD)
+        elif self.deadline_ns == NEVER_NS:
+            self.within(SWITCH_NS)
+        elif self.is_late:
+            self.fail("io-switch", "io does not get ready for power-on")
+
+
+class Powering(Stage):
+    """Power was asked for; one more try where the first is not enough."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        self._tries = 1
+        duties = self.control.duties
+        duties.power.want(True)
+        duties.pid.want(None if self.control.is_played else False)  # a played robot's is on with the power
+        self.within(POWER_NS)
+
+    def run(self) -> None:
+        """See Stage."""
+        control, duties, io = self.control, self.control.duties, self.control.io
+        if duties.power.settled and io.has_power:
+            control.machine.fire(Event.POWERED)
+            return
+        gave_up = io.problem in POWER_PROBLEMS and duties.no_fault.wanted is None
+        if self.is_late or gave_up:
+            if self._tries >= TRIES:
+                said = f": {control.fault_text(io.problem)}" if io.problem else ""
+                self.fail("power-timeout", f"failed to enable power{said}")
+                return
+            self._tries += 1
+            duties.want_no_fault(True)
+            duties.power_again(control.now_ns)
+            self.within(POWER_NS)
+        elif duties.no_fault.settled:
+            duties.want_no_fault(False)
+
+
+class Enabled(Stage):
+    """Power, and nothing is driven: brakes hold, the joint controller is off."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        control, duties = self.control, self.control.duties
+        control.driving = None
+        duties.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
+        if not control.held:
+            duties.brakes.want(False)
+            duties.pid.want(None if control.is_played else False)
+
+    def run(self) -> None:
+        """See Stage."""
+        if self.control.machine.goes_on:
+            self.control.machine.fire(Event.ONWARD)
+
+
+class Paused(Stage):
+    """The joint controller holds, or stays off."""
+
+
+class Fault(Stage):
+    """No power, until somebody disables the arm or tries again."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        let_go(self.control)

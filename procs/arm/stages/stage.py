@@ -1,0 +1,50 @@
+"""What all stages have: the way in, the turn of every cycle, and a deadline."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.arm.control import Control
+
+NEVER_NS: Final = 1 << 62
+SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this, also when it refused once, see duties
+
+
+class Stage:
+    """One state of an arm at work."""
+
+    def __init__(self, control: Control) -> None:
+        self.control = control
+        self.deadline_ns = NEVER_NS
+
+    def enter(self) -> None:
+        """The state has just been entered."""
+
+    def run(self) -> None:
+        """Once a cycle while in it."""
+
+    def within(self, time_ns: int) -> None:
+        """Something has to come true within this time from now."""
+        self.deadline_ns = self.control.now_ns + time_ns
+
+    @property
+    def is_late(self) -> bool:
+        """It has not."""
+        return self.control.now_ns >= self.deadline_ns
+
+    def fail(self, code: str, text: str) -> None:
+        """FAULT, with what io said to the requests that failed."""
+        why = self.control.duties.refusals
+        self.control.machine.fault(code, f"{text} (io says: {why})" if why else text)
+
+
+def let_go(control: Control) -> None:
+    """No power, nothing is followed, nothing is known to be homed."""
+    control.driving = None
+    control.held = False
+    control.homed_generation = 0
+    duties = control.duties
+    duties.brakes.want(None)  # they engage with the power going
+    duties.pid.want(False)
+    duties.power.want(False)
+    duties.pots.want(False)
