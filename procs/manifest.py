@@ -36,6 +36,8 @@ PROCS: tuple[Proc, ...] = (
          ("state", "gains", "instruments"), budget_us=300),
     Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
          ("state", "setpoint"), phase=0.5, budget_us=150),
+    Proc("suj", "procs.suj.loop", 1 / 500, 0.05, 3.0, "brakes engage, base frames unknown; restart goes on",
+         ("state", "setpoint"), phase=0.75, budget_us=150),
 )
 
 

@@ -95,6 +95,15 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("emulate_adapter_present", "on", "", "act as if a sterile adapter were on"),
         Command("emulate_tool_present", "on", "", "act as if an instrument were on"),
     ),
+    "suj": (
+        Command("state_command", "", "enable|disable|home|unhome", "change the operating state", stops=("disable",)),
+        Command("servo_jp", "position {n}", "set-up arm", "be here from now on; KINEMATIC ones only"),
+        Command("move_jp", "position {n}", "set-up arm", "the same: nothing is there that would take time"),
+        Command("local/servo_cp", "x y z qx qy qz qw", "set-up arm", "be here in the cart; fixed ones only"),
+        Command("set_reference_arm", "", "set-up arm", "give base frames in the tip of the arm on this one"),
+        Command("clutch", "on", "set-up arm", "let its brakes go, as its button does, for a minute at most"),
+        Command("set_lift_velocity", "velocity", "", "move the lift, -1 down to 1 up, for a second at most; 0: stop"),
+    ),
     "boards": (
         Command("press", "on", "input name", "press or release a button or switch", moves=False),
         Command("insert_instrument", "", "arm NAME:MODEL", "put an instrument on", moves=False),

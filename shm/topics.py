@@ -1,54 +1,20 @@
 """THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
 
 A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `drives`, `robots`, `inputs`,
-`outputs`, `readers`, `boards`): they are filled in when an instance is created, and the filled-in schema travels in the
-segment's header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the ring and are not
-listed here.
+`outputs`, `readers`, `boards`, `setups`): they are filled in when an instance is created, and the filled-in schema
+travels in the segment's header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the
+ring and are not listed here.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+from shm.rows import Field as Field
+from shm.rows import Topic as Topic
+from shm.rows import View as View
 
 JOINTS = 8  # room in an arm's record; longer chains do not exist on a da Vinci
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One field: numpy dtype (with shape in front, names allowed), unit, one sentence."""
-
-    name: str
-    dtype: str
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.
-
-    `kind` is the CRTK payload (js, cp, cv, jacobian, state); `where` is a flag field that makes it valid.
-    """
-
-    name: str
-    kind: str
-    fields: tuple[tuple[str, str], ...]
-    per: str = ""
-    where: str = "valid"
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One ring: its name (the segment's last word), the kind that writes it, rate, depth and fields."""
-
-    name: str
-    writer: str
-    rate_hz: float
-    depth_s: float
-    fields: tuple[Field, ...]
-    views: tuple[View, ...] = ()
-    depth: int = 0  # slots, where a depth in seconds makes no sense
-
 
 IO_STATE = Topic(
     "state",
@@ -267,6 +233,47 @@ ARM_STATE = Topic(
     ),
 )
 
+# The set-up joints of a patient cart: every set-up arm carries an arm of the system and gives it its base frame.
+SUJ_STATE = Topic(
+    "state",
+    writer="suj",
+    rate_hz=500,
+    depth_s=3.0,
+    fields=(
+        Field("valid", "?", "", "the poses of all set-up arms are valid"),
+        Field("state", "S16", "", "operating state as published: DISABLED, ENABLED, FAULT"),
+        Field("sub_state", "S40", "", "internal state"),
+        Field("desired_state", "S16", "", "state asked for"),
+        Field("is_homed", "?", "", "homed, and enabled"),
+        Field("is_busy", "?", "", "a transition is under way"),
+        Field("simulated", "?", "", "there are no potentiometers: positions are those of the file, or as asked for"),
+        Field("reference_arm", "S24", "", "set-up arm whose arm's tip the others' base frames are given in"),
+        Field("lift", "<f8", "", "velocity asked of the lift, -1 to 1"),
+        Field("rounds", "<u8", "", "complete readings of all potentiometers since start"),
+        # setups: in the order of the file; `setups` of the header's info has their names and joints
+        Field("setup_valid", "(setups,)?", "", "joints and local pose are valid: at rest, potentiometers agree"),
+        Field("base_valid", "(setups,)?", "", "the pose in the reference frame is valid: the reference arm's is, too"),
+        Field("position", "(setups,8)<f8", "rad|m", "measured joint position"),
+        Field("local_measured_cp", "(setups,7)<f8", "m, -", "pose of the carried arm's base in the cart"),
+        Field("measured_cp", "(setups,7)<f8", "m, -", "the same in the reference frame: the carried arm's base frame"),
+        Field("reference_frame", "(setups,)S24", "", "frame of measured_cp: that of the reference arm's tip, or Cart"),
+        Field("clutched", "(setups,)?", "", "somebody moves it: button pressed, brakes let go"),
+        Field("brake_current", "(setups,)<f8", "A", "current asked of the brakes; NaN: they have none of ours"),
+        Field("primary_voltage", "(setups,8)<f8", "V", "first potentiometers; of Si counts"),
+        Field("secondary_voltage", "(setups,8)<f8", "V", "second potentiometers; of Si counts"),
+        Field("extra_voltage", "(setups,4)<f8", "V", "what else its plug shows: two spare ones, brakes, ground"),
+    ),
+    views=(
+        View("measured_js", "js", (("position", "position"),), "setup", where="setup_valid"),
+        View("measured_cp", "cp", (("pose", "measured_cp"),), "setup", where="base_valid"),
+        View("local/measured_cp", "cp", (("pose", "local_measured_cp"),), "setup", where="setup_valid"),
+        View("primary_voltage/measured_js", "js", (("position", "primary_voltage"),), "setup", where=""),
+        View("secondary_voltage/measured_js", "js", (("position", "secondary_voltage"),), "setup", where=""),
+    ),
+)
+
+SUJ_SETPOINT = replace(SETPOINT, writer="suj", rate_hz=500)  # currents of the brakes, in A, as efforts
+
 BOARDS_STATE = Topic(
     "state",
     writer="boards",
@@ -353,7 +360,8 @@ REPLY = Topic(
 )
 
 TOPICS: tuple[Topic, ...] = (
-    IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, BOARDS_STATE, SUPERVISOR_STATE, EVENTS, COMMAND, REPLY,
+    IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
+    EVENTS, COMMAND, REPLY,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

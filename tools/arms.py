@@ -14,7 +14,7 @@ from tools.errors import Problem, Refused
 from tools.printing import Say
 from tools.remote import Remote
 from tools.systems import is_lockstep
-from tools.watch import Watch, arm_names
+from tools.watch import Watch, powered_names
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
@@ -143,7 +143,7 @@ def power_off(system: str, names: Sequence[str] = (), timeout: float = 0.0, say:
 
 
 def _all(system: str, names: Sequence[str], goal: str, timeout: float, say: Say) -> None:
-    problems = bring(system, arm_names(system, names), goal, timeout, say)
+    problems = bring(system, powered_names(system, names), goal, timeout, say)
     said = [f"{name}: {problem}" for name, problem in problems.items() if problem]
     if said:
         raise Problem("; ".join(said))

@@ -11,7 +11,7 @@ from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, progress, table
 from tools.systems import chosen_system
-from tools.watch import arm_names
+from tools.watch import powered_names
 
 Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
 Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: the usual limit.")]
@@ -55,7 +55,7 @@ def power_off(
 
 def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, system: str | None) -> int:
     name = chosen_system(system)
-    names = arm_names(name, arms)
+    names = powered_names(name, arms)
     if not names:
         raise Problem(f"system {name} has no arms")
     with progress(f"{goal}…") as say:

@@ -19,6 +19,7 @@ from tools.systems import unknown
 SAID_BY_ALL = ("status", "warning", "error")
 SAID_BY_KIND = {
     "arm": ("operating_state", "goal_reached", "tool_type"),
+    "suj": ("operating_state",),
     "io": ("button", "tool_type", "operating_state"),
 }
 RECORD, EVENT = "record", "event"
@@ -28,7 +29,8 @@ RECORD, EVENT = "record", "event"
 class Entry:
     """One topic: the ring it lives in, and how it is seen.
 
-    `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes.
+    `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes; of a
+    set-up arm `row` is its place among all, and `count` the number of its joints.
     `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
     KINEMATIC where there is no robot.
     """
@@ -44,6 +46,7 @@ class Entry:
     robot: str = ""
     first: int = 0
     count: int = 0
+    row: int = -1
     labels: tuple[str, ...] = field(default=())
     trouble: str = ""
     simulation: str = ""
@@ -103,21 +106,23 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
         seen = tuple(known[name] for _, name in view.fields if name in known)
         if len(seen) < len(view.fields):  # another version's record
             continue
-        if view.per == "robot":
-            found += _of_robots(view, instance, ring, rate, seen, info)
+        if view.per:
+            found += _of_each(view, instance, ring, rate, seen, dict(info.get(f"{view.per}s", {})))
         else:
             found.append(Entry(f"{instance}/{view.name}", instance, ring, view.kind, rate, seen, view))
     return found
 
 
-def _of_robots(
-    view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], info: dict[str, Any]
+def _of_each(
+    view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], parts: dict[str, Any]
 ) -> list[Entry]:
+    """A view for every robot, or every set-up arm."""
     found = []
-    for robot, cut in dict(info.get("robots", {})).items():
+    for robot, cut in parts.items():
         labels = tuple(str(label) for label in cut.get("names", ()))
         found.append(Entry(f"{instance}/{robot}/{view.name}", instance, ring, view.kind, rate, seen, view, robot=robot,
-                           first=int(cut["first"]), count=int(cut["count"]), labels=labels))
+                           first=int(cut.get("first", 0)), count=int(cut["count"]), row=int(cut.get("row", -1)),
+                           labels=labels))
     return found
 
 

@@ -104,7 +104,7 @@ class Source:
     def valid(self) -> bool:
         """Whether the values of the record may be used."""
         flag = self._fields.get(self.entry.view.where if self.entry.view else "valid")
-        return True if flag is None else bool(flag[()])
+        return True if flag is None else bool(flag[self.entry.row] if self.entry.row >= 0 else flag[()])
 
     def part(self, name: str) -> NDArray[Any]:
         """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty: not there."""
@@ -113,6 +113,9 @@ class Source:
         if where is None:
             return np.zeros(0)
         value = np.atleast_1d(self._fields[where])
+        if self.entry.row >= 0:
+            of_joints = self.entry.kind == "js"
+            return value[self.entry.row, : self.entry.count if of_joints else None].copy()
         if self.entry.count:
             return value[self.entry.first : self.entry.first + self.entry.count].copy()
         if value.shape[-1] == 8 and "count" in self._fields:  # an arm's record has room for 8 joints

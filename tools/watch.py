@@ -27,6 +27,15 @@ def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
     return list(wanted or known)
 
 
+def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
+    """All that is powered and homed, arms and set-up joints, or those wanted of them."""
+    known = [*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")]
+    for name in wanted or []:
+        if name not in known:
+            raise unknown("arm", name, known)
+    return list(wanted or known)
+
+
 def arm_document(system: str, name: str) -> Arm:
     """What the configuration says of an arm; Problem when the system's document does not say it."""
     try:
@@ -46,10 +55,11 @@ class Watch:
     """The newest state of one arm; a context manager. Fields are those of the record last read."""
 
     def __init__(self, system: str, name: str) -> None:
-        """Attach to the arm's state."""
+        """Attach to the state of an arm, or of set-up joints."""
         self.name = name
-        self.reader: RingReader = directory.reader(system, name, "state", "arm")
-        self._events: RingReader = directory.reader(system, name, "events", "arm")
+        kind = "suj" if name in instances_of_kind(system, "suj") else "arm"
+        self.reader: RingReader = directory.reader(system, name, "state", kind)
+        self._events: RingReader = directory.reader(system, name, "events", kind)
         self._since = self._events.head
         self._simulated = is_lockstep(system)
 

@@ -224,8 +224,9 @@ class Commands:
                 raise Refused("it has no joint controller")
             if self._robots.motors_off[robot]:
                 raise Refused(faults.CALIBRATION_MOTORS.text)
+            biased = record.biased | ~self._robots.with_encoders  # without any, nothing is to be biased
             for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
-                               (record.biased, "its encoders are not biased")):
+                               (biased, "its encoders are not biased")):
                 if not flag[robot]:
                     raise Refused(what)
             if record.biasing[robot]:

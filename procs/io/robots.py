@@ -72,6 +72,7 @@ class Robots:
         self.on_board[self.robot_of_drive, self.board_row] = True
         encoders = [a.encoder or NO_ENCODER for a in actuators]
         self.has_encoder: Flags = np.array([a.encoder is not None for a in actuators], dtype=bool)
+        self.with_encoders: Flags = np.array([any(a.encoder for a in r.actuators) for r in io.robots], dtype=bool)
         self.has_table: Flags = np.array([bool(r.lookup) for r in io.robots for _ in r.actuators], dtype=bool)
         self.has_pot: Flags = self.has_table | np.array([a.potentiometer is not None for a in actuators], dtype=bool)
         self.position_scale = np.array([e.bits_to_position.scale for e in encoders])

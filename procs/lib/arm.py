@@ -113,6 +113,8 @@ class Arm:
     skip_gravity_compensation: bool = False  # then neither `links` nor `master_gravity`
     base_frame: Matrix | None = None
     reference_frame: str = ""
+    base_from: str = ""  # the process `suj` that gives its base frame; "": none
+    base_setup: str = ""  # the set-up arm there that carries it
     use_setpoint_v: bool = True
     calibration_mode: bool = False
     client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never

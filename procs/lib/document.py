@@ -19,6 +19,8 @@ from procs.lib.arm import Jaw as Jaw
 from procs.lib.arm import Link as Link
 from procs.lib.arm import Matrix as Matrix
 from procs.lib.arm import Tool as Tool
+from procs.lib.cart import Cart as Cart
+from procs.lib.cart import SetupArm as SetupArm
 from procs.lib.decoding import decode
 from procs.lib.emulated import Bus as Bus
 from procs.lib.emulated import Controller as Controller
@@ -246,6 +248,7 @@ class System:
     arms: tuple[Arm, ...]
     emulation: Emulation | None
     processes: tuple[Process, ...]
+    carts: tuple[Cart, ...] = ()
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
     service_user: str = ""  # whose shared memory is trusted besides our own and root's
@@ -258,6 +261,10 @@ class System:
     def arm(self, name: str) -> Arm:
         """The arm entry `name`; KeyError when there is none."""
         return _named(self.arms, name)
+
+    def cart(self, name: str) -> Cart:
+        """The set-up joints `name`; KeyError when there are none of that name."""
+        return _named(self.carts, name)
 
     def process(self, name: str) -> Process:
         """The process row `name`; KeyError when there is none."""

@@ -9,7 +9,7 @@ import os
 import socket
 from typing import Any, Final
 
-from procs.lib.document import Io, Process, System, to_json
+from procs.lib.document import Cart, Io, Process, System, to_json
 from procs.manifest import proc
 from shm import directory
 from shm.clock import create_clock, monotonic_ns, pause
@@ -52,8 +52,18 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
         return {"axes": dims["axes"], "boards": len(boards)}, {"robots": info["robots"], "boards": boards}
     if process.kind == "supervisor":
         return {"instances": len(system.processes)}, {"instances": [p.name for p in system.processes]}
+    if process.kind == "suj":
+        return _of_cart(system.cart(process.name))
     played = [arm.simulation for arm in system.arms if arm.name == process.name and arm.simulation != "NONE"]
     return {}, {"simulation": played[0]} if played else {}
+
+
+def _of_cart(cart: Cart) -> tuple[Dims, Info]:
+    setups = {arm.name: {"row": row, "count": arm.joints, "carries": arm.carries,
+                         "names": [f"{cart.name}_{arm.name}_J{joint}" for joint in range(arm.joints)]}
+              for row, arm in enumerate(cart.arms)}
+    played = cart.simulation if cart.simulation != "NONE" else "EMULATED" if cart.emulated else ""
+    return {"setups": len(cart.arms)}, {"setups": setups, **({"simulation": played} if played else {})}
 
 
 def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:

@@ -48,7 +48,7 @@ def test_stock_file_starts_one_process_that_plays_all_robots(name: str, boards: 
     assert {robot.hardware for robot in io.robots} == {"KINEMATIC"}
     psms = [robot for robot in ROBOTS[name] if robot.startswith("PSM")]
     assert [(p.name, p.kind, p.after) for p in system.processes] == [
-        ("io", "io", ()), *((psm, "arm", ("io",)) for psm in psms)]
+        ("io", "io", ()), *((psm, "arm", ("io",)) for psm in psms), *((cart.name, "suj", ()) for cart in system.carts)]
     assert [(pid.robot, pid.arm) for pid in io.pids] == [(psm, psm) for psm in psms]
     assert document.from_json(document.to_json(system)) == system
     assert check_file(stock.find(f"dvrk-share/system/{name}.json"), search=[stock.find("dvrk-share")]).problems == ()

@@ -15,8 +15,9 @@ from procs.lib.config import check_file, load_system
 from procs.lib.config.problem import Problem
 from tests import stock
 
-KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index")
-NOT_MODELLED = ("suj", "gc-", "LookupTable")
+KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index", "set-up joints, Classic",
+         "set-up joints, Si", "set-up joints, fixed")
+NOT_MODELLED = ("gc-", "LookupTable")
 
 
 def dvrk_files() -> list[Path]:
@@ -113,7 +114,6 @@ def test_system_with_parts_that_wait_says_so() -> None:
 def test_arms_of_other_kinds_are_checked_and_wait() -> None:
     for name in (
         "jhu-daVinci/system-ECM",
-        "jhu-daVinci/system-SUJ",
         "jhu-daVinci-Si/system-PSM1",
         "jhu-dVRK/system-MTML",
     ):

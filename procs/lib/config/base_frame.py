@@ -22,7 +22,6 @@ def base_frame_of(context: Context, source: Source, key: Key, keys: ArmKeys) -> 
     if any(fixed) == any(driven) or any(fixed) != all(fixed) or any(driven) != all(driven):
         context.error(source, where, "both forms or half a form", forms)
         return None
-    if frame.transform is None:
-        context.notes.append(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
+    if frame.transform is None:  # `carts.py` looks who gives it
         return None
     return frame.transform if check_rigid(context, source, (*where, "transform"), frame.transform) else None

@@ -23,7 +23,7 @@ def load_chain(context: Context, path: Path) -> document.Chain | None:
         return None
     content = opened.content
     return document.Chain(
-        convention=_convention(content.DH),
+        convention=convention_of(content.DH),
         links=convert.links(content.DH),
         base=content.base_offset,
         actuator_to_joint=content.coupling.ActuatorToJointPosition if content.coupling else None,
@@ -34,7 +34,7 @@ def load_chain(context: Context, path: Path) -> document.Chain | None:
 def check_chain(context: Context, opened: Opened[KinematicFile]) -> bool:
     """Whether rows and matrices of a kinematic file make sense."""
     source, content = opened.source, opened.content
-    fine = _check_dh(context, source, content.DH)
+    fine = check_dh(context, source, ("DH",), content.DH)
     if content.base_offset is not None:
         fine = check_rigid(context, source, ("base-offset",), content.base_offset) and fine
     if content.coupling is not None:
@@ -58,7 +58,7 @@ def load_tool(context: Context, path: Path, name: str) -> document.Tool | None:
 def check_tool(context: Context, opened: Opened[ToolFile]) -> bool:
     """Whether rows, matrices and ranges of a tool file make sense."""
     source, content = opened.source, opened.content
-    fine = _check_dh(context, source, content.DH)
+    fine = check_dh(context, source, ("DH",), content.DH)
     fine = check_rigid(context, source, ("tooltip_offset",), content.tooltip_offset) and fine
     key: Key = ("coupling", "ActuatorToJointPosition")
     fine = check_invertible(context, source, key, content.coupling.ActuatorToJointPosition, ENGAGED_AXES) and fine
@@ -73,22 +73,24 @@ def check_tool(context: Context, opened: Opened[ToolFile]) -> bool:
     return fine
 
 
-def _convention(keys: DhKeys) -> str:
+def convention_of(keys: DhKeys) -> str:
+    """What the rows, or the first of them, call their convention."""
     rows = keys.joints or keys.links
     return keys.convention or (rows[0].convention if rows else None) or ""
 
 
-def _check_dh(context: Context, source: Source, keys: DhKeys) -> bool:
+def check_dh(context: Context, source: Source, where: Key, keys: DhKeys) -> bool:
+    """Whether the rows at `where` make a chain."""
     kind = "joints" if keys.joints else "links"
     rows = keys.joints or keys.links
     if not rows or (keys.joints and keys.links):
-        context.error(source, ("DH",), "one list of rows must be given", "either joints or links")
+        context.error(source, where, "one list of rows must be given", "either joints or links")
         return False
     fine = True
     for number, row in enumerate(rows):
-        key: Key = ("DH", kind, number)
+        key: Key = (*where, kind, number)
         convention = row.convention or keys.convention
-        if convention is None or convention != _convention(keys):
+        if convention is None or convention != convention_of(keys):
             context.error(source, (*key, "convention"), "one convention must hold for all rows", "standard or modified")
             fine = False
         if row.qmin > row.qmax:

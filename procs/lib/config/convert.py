@@ -192,8 +192,8 @@ def setup_arm(keys: SetupArmKeys) -> emulated.SetupArm:
     return emulated.SetupArm(
         name=keys.name,
         plug=keys.plug_number,
-        primary=tuple(zip(keys.primary_scales, keys.primary_offsets, strict=True)),
-        secondary=tuple(zip(keys.secondary_scales, keys.secondary_offsets, strict=True)),
+        primary=tuple(zip(keys.primary_scales or (), keys.primary_offsets or (), strict=False)),
+        secondary=tuple(zip(keys.secondary_scales or (), keys.secondary_offsets or (), strict=False)),
         release_current=keys.brake_release_current,
         lifts=keys.type == "Motorized PSM",
         position=keys.simulated_position or (),

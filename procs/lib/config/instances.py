@@ -18,10 +18,11 @@ def build_processes(
     source: Source,
     ios: tuple[document.Io, ...],
     arms: tuple[document.Arm, ...],
+    carts: tuple[document.Cart, ...],
     emulation: document.Emulation | None,
     options: TrocarSection,
 ) -> tuple[document.Process, ...]:
-    """Boards first, every io that has any after them, every arm after its io; options of single instances last."""
+    """Boards first, every io that has any after them, arms and carts after their io; single options last."""
     rows: list[document.Process] = []
     if emulation is not None:
         boards = options.emulation
@@ -36,6 +37,10 @@ def build_processes(
         rows.append(
             document.Process(arm.name, "arm", period, (arm.io,), priority=options.arm.priority, cpu=options.arm.cpu)
         )
+    for cart in carts:
+        after = (cart.io,) if cart.io else ()
+        rows.append(document.Process(cart.name, "suj", cart.period_s, after, priority=options.arm.priority,
+                                     cpu=options.arm.cpu))
     known = [row.name for row in rows]
     for name in options.processes:
         if name not in known:

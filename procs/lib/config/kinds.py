@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from procs.lib.cart import CLASSIC, FIXED, SI
 from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
 from procs.lib.config.arms import arm_chain, check_pid
 from procs.lib.config.buses import BusFiles
+from procs.lib.config.carts import check_cart
 from procs.lib.config.chains import check_chain, check_tool, load_tool
 from procs.lib.config.context import Context
 from procs.lib.config.instruments import check_index, file_of, psm_tool
@@ -79,9 +82,11 @@ def kind_of(source: Source) -> str:
     if "kinematic" in keys:
         return "psm"
     arms = source.data.get("arms")
-    of_suj = {"DH", "measured_cp", "primary_offsets", "simulated_position"}
-    if isinstance(arms, list) and any(isinstance(arm, dict) and of_suj & set(arm) for arm in arms):
-        return UNKNOWN
+    first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
+    if "measured_cp" in first:
+        return "set-up joints, fixed"
+    if {"DH", "primary_offsets", "simulated_position"} & first:
+        return "set-up joints, Classic" if "plug_number" in first else "set-up joints, Si"
     return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
 
 
@@ -160,4 +165,7 @@ _CHECKS: dict[str, Callable[[Context, Path], None]] = {
     "kinematic": _check_kinematic,
     "tool": _check_tool,
     "tool index": _check_index,
+    "set-up joints, Classic": partial(check_cart, kind=CLASSIC),
+    "set-up joints, Si": partial(check_cart, kind=SI),
+    "set-up joints, fixed": partial(check_cart, kind=FIXED),
 }

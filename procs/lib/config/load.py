@@ -14,6 +14,7 @@ from procs.lib import document
 from procs.lib.config import convert
 from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
+from procs.lib.config.carts import load_carts, with_base_frames, with_brakes
 from procs.lib.config.consoles import check_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
@@ -110,10 +111,11 @@ def _load(
         arm = load_arm(context, source, index, keys, buses, options)
         if arm is not None:
             arms.append(_with_period(arm, options))
+    carts = load_carts(context, source, content, buses, options, emulated)
     check_buses(context, buses)
     check_consoles(context, source, content)
     _note_what_waits(context, content)
-    system = _assemble(context, source, list(buses.values()), arms, options, emulated, name, bus_address)
+    system = _assemble(context, source, list(buses.values()), arms, carts, options, emulated, name, bus_address)
     return with_setup_joints(context, source, content, system)
 
 
@@ -200,6 +202,7 @@ def _assemble(
     source: Source,
     buses: list[BusFiles],
     arms: list[LoadedArm],
+    carts: tuple[document.Cart, ...],
     options: TrocarSection,
     emulated: bool,
     name: str | None,
@@ -220,7 +223,7 @@ def _assemble(
         address = bus_address or default_addresses(system_name)
         emulation = build_emulation(context, source, buses, real, options.emulation, address)
     ports = ports_of(emulation.buses) if emulation else {}
-    ios = tuple(_io(bus, started, ports, options) for bus in used)
+    ios = with_brakes([_io(bus, started, ports, options) for bus in used], carts)
     played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
     if played and options.io.tasks:
         context.notes.append(f"in-cycle tasks need boards: none runs for {', '.join(r.name for r in played[0].robots)}")
@@ -229,9 +232,9 @@ def _assemble(
         bodies = tuple(loaded.arm for loaded in real)
         if every != ios or played or any(arm != loaded.commanded for arm, loaded in zip(bodies, real, strict=True)):
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
-    arm_rows = tuple(loaded.commanded for loaded in started)
+    arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    processes = build_processes(context, source, ios, arm_rows, emulation, options)
+    processes = build_processes(context, source, ios, arm_rows, carts, emulation, options)
     return document.System(
         name=system_name,
         source=str(source.path),
@@ -240,6 +243,7 @@ def _assemble(
         arms=arm_rows,
         emulation=emulation,
         processes=processes,
+        carts=carts,
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

@@ -6,7 +6,7 @@ import dataclasses
 
 from procs.lib import document, emulated
 from procs.lib.config import convert
-from procs.lib.config.context import Context, Opened
+from procs.lib.config.context import Context
 from procs.lib.config.problem import Key
 from procs.lib.config.setup_file import PLUGS, SetupFile
 from procs.lib.config.source import Source
@@ -37,7 +37,6 @@ def _load(
     opened = context.open(SetupFile, path) if path is not None else None
     if opened is None:
         return None
-    _check_plugs(context, opened)
     io = next((io for io in system.emulated().ios if io.name == keys.IO), None)
     robot = next((r for r in io.robots if r.name == (keys.name_on_IO or keys.name)), None) if io is not None else None
     made = _fitted(system, io, robot, opened.content) if io is not None and robot is not None else None
@@ -64,14 +63,3 @@ def _fitted(
     arms = tuple(convert.setup_arm(arm) for arm in content.arms)
     reset, increment, pwm, disable = bits
     return emulated.SetupJoints(robot.name, io.name, boards[0], tuple(axes), reset, increment, pwm, disable, arms)
-
-
-def _check_plugs(context: Context, opened: Opened[SetupFile]) -> None:
-    for what in ("name", "plug_number"):
-        taken: dict[object, str] = {}
-        for index, arm in enumerate(opened.content.arms):
-            value = getattr(arm, what)
-            if value in taken:
-                allowed = "one of its own for every arm"
-                context.error(opened.source, ("arms", index, what), f"{value} is that of {taken[value]}, too", allowed)
-            taken[value] = f"arms[{index}]"

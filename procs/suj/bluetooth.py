@@ -1,0 +1,122 @@
+"""Potentiometer boards over Bluetooth, read by a child process: connecting takes seconds and needs an event loop.
+
+    python -m procs.suj.bluetooth ADDRESS...
+
+prints a line for every reading, `{"board": ADDRESS, "reading": TEXT}`, and for every change of what is wrong,
+`{"board": ADDRESS, "problem": TEXT}`. It ends when nobody reads any more. The optional package bleak does the talking.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any, Final
+
+POTS: Final = "babb122c-de4c-11ec-9d64-0242ac120101"  # the characteristic that holds the newest reading
+PERIOD_S: Final = 0.1
+RETRY_S: Final = 5.0
+CONNECT_S: Final = 10.0
+MOST: Final = 65536
+
+
+class BluetoothBoards:
+    """The reading end: a child that talks to the boards."""
+
+    def __init__(self, addresses: Sequence[str]) -> None:
+        """Start the child."""
+        self._problems = {address.upper(): "not connected yet" for address in addresses}
+        self._child = subprocess.Popen([sys.executable, "-m", "procs.suj.bluetooth", *addresses],
+                                       stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+        if self._child.stdout is None:
+            raise OSError("no pipe to the Bluetooth reader")
+        self._pipe = self._child.stdout.fileno()
+        os.set_blocking(self._pipe, False)
+        self._left = b""
+        self._ended = False
+
+    def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
+        """Readings since the last call."""
+        found = []
+        for line in self._lines():
+            try:
+                said = json.loads(line)
+                address = str(said["board"]).upper()
+            except (ValueError, KeyError, TypeError):
+                continue
+            if "reading" in said:
+                self._problems[address] = ""
+                found.append((address, str(said["reading"]).encode()))
+            else:
+                self._problems[address] = str(said.get("problem", ""))
+        return found
+
+    def _lines(self) -> list[bytes]:
+        try:
+            data = os.read(self._pipe, MOST) if not self._ended else b""
+        except BlockingIOError:
+            return []
+        if not data and not self._ended:
+            self._ended = True
+            self._problems = dict.fromkeys(self._problems, "the Bluetooth reader has ended")
+        *lines, self._left = (self._left + data).split(b"\n")
+        self._left = self._left[-MOST:]
+        return lines
+
+    def problem(self, address: str) -> str:
+        """Why nothing comes of a board."""
+        return self._problems.get(address.upper(), "nobody asks this board")
+
+    def close(self) -> None:
+        """End the child."""
+        self._child.terminate()
+        if self._child.stdout is not None:
+            self._child.stdout.close()
+        self._child.wait()
+
+
+def say(address: str, **what: str) -> None:
+    """A line for the reading end."""
+    sys.stdout.write(json.dumps({"board": address, **what}) + "\n")
+    sys.stdout.flush()
+
+
+async def watch(client_of: Any, address: str) -> None:
+    """One board, for ever: connect, read, and again after whatever went wrong."""
+    while True:
+        try:
+            async with client_of(address, timeout=CONNECT_S) as client:
+                while True:
+                    say(address, reading=bytes(await client.read_gatt_char(POTS)).decode(errors="replace"))
+                    await asyncio.sleep(PERIOD_S)
+        except BrokenPipeError:
+            raise
+        except Exception as error:  # whatever a Bluetooth stack may raise
+            say(address, problem=f"{type(error).__name__}: {error}"[:150])
+        await asyncio.sleep(RETRY_S)
+
+
+async def watch_all(client_of: Any, addresses: Sequence[str]) -> None:
+    """All boards at once."""
+    await asyncio.gather(*(watch(client_of, address) for address in addresses))
+
+
+def main() -> None:
+    """Read until nobody listens."""
+    try:
+        from bleak import BleakClient
+    except ImportError:
+        for address in sys.argv[1:]:
+            say(address, problem="the package bleak is not installed (pip install bleak)")
+        sys.exit(1)
+    try:
+        asyncio.run(watch_all(BleakClient, sys.argv[1:]))
+    except BrokenPipeError:
+        sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Classic set-up joints: potentiometers behind a multiplexer, brakes that clutch buttons let go, one lift.
+
+A set-up arm is known when three whole rounds of the multiplexer have passed since it came to rest; it is lost as soon
+as somebody clutches it, the lift moves it or the samples stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.cart import Cart
+from procs.suj.brakes import Brakes
+from procs.suj.interface_board import InterfaceBoard
+from procs.suj.machine import Reports, State
+from procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
+from procs.suj.pots import CLASSIC_LIMITS, Readings
+from procs.suj.setups import Array, Fields, Setups
+
+ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
+LONGEST_ROUND_NS: Final = 5_000_000_000
+POWER_NS: Final = 4_000_000_000  # io gives up by itself after 3 s
+JOINTS: Final = 6
+LIFT_COMMAND_NS: Final = 1_000_000_000
+CLUTCH_COMMAND_NS: Final = 60_000_000_000
+
+
+class Classic:
+    """What a Classic cart does in each cycle; it is its own power."""
+
+    def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
+                 setpoint: Fields, fault_text: Callable[[int], str]) -> None:
+        """`field` and `setpoint` give the arrays of the state record and of the set-points."""
+        n = len(cart.arms)
+        self._name, self._arms, self._setups, self._board = cart.name, cart.arms, setups, board
+        self._reports, self._fault_text = reports, fault_text
+        self._brakes = Brakes(cart.arms)
+        self._multiplexer = Multiplexer()
+        self._readings = Readings(setups, CLASSIC_LIMITS, reports)
+        self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
+        self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
+        self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
+        self._until_ns = [0] * n  # clutched by command
+        self._lift_until_ns, self._lift_asked = 0, 0.0
+        self._lift_sent: tuple[float, bool] | None = None
+        self._round_ns = self._asked_ns = self._before_ns = 0
+        self._rounds = 0
+        self._is_away = True
+        self._driving_epoch = 0
+        self._wrong: tuple[int, int] | None = None
+        self._current, self._clutched = field("brake_current"), setups.clutched
+        self._primary, self._secondary = field("primary_voltage"), field("secondary_voltage")
+        self._extra, self._lift_shown, self._rounds_shown = field("extra_voltage"), field("lift"), field("rounds")
+        self._mode, self._effort, self._in_effort = setpoint("mode"), setpoint("effort"), setpoint("in_effort")
+        self._generations: dict[str, NDArray[Any]] = {
+            name: setpoint(name) for name in ("pid_generation", "bias_generation")}
+        setpoint("count")[...] = PLUGS
+        self._in_effort[:PLUGS] = True
+        self._rounds_shown[...] = 0
+
+    # -- power ---------------------------------------------------------------------------------------------------------
+
+    def on(self, now_ns: int) -> None:
+        """Begin to power on."""
+        self._asked_ns = now_ns
+        self._driving_epoch = self._board.epoch
+        self._board.power_on()
+
+    def off(self) -> None:
+        """Power off; the brakes hold."""
+        self._asked_ns = 0
+        self._board.power_off()
+
+    def go_on(self) -> None:
+        """A predecessor has powered on."""
+        self._driving_epoch = self._board.epoch
+
+    @property
+    def has_io(self) -> bool:
+        """io has written something since we began."""
+        return self._board.stamp_ns > 0
+
+    @property
+    def is_powered(self) -> bool:
+        """Power is on, or on its way."""
+        return self._board.power_wanted and not self._board.has_fault
+
+    def is_on(self) -> bool:
+        """Powered, and io takes our currents."""
+        board = self._board
+        if board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
+            board.drive()
+        return board.powered and board.amps_on and board.pid_enabled
+
+    def trouble(self, now_ns: int, *, powering: bool) -> str:
+        """What is wrong, "" when all is well."""
+        board = self._board
+        if not board.is_fresh(now_ns):
+            return "io does not answer"
+        if board.epoch != self._driving_epoch:
+            return "io was restarted"
+        if board.has_fault and (board.power_wanted or not powering):  # an old one goes with the power-on
+            return self._fault_text(board.fault)
+        if powering:
+            return "failed to enable power" if now_ns - self._asked_ns > POWER_NS else ""
+        if not board.powered or not board.amps_on:
+            return "detected power loss"
+        return "" if board.pid_enabled else "the current of the brakes was switched off"
+
+    # -- what people ask for -------------------------------------------------------------------------------------------
+
+    def clutch(self, place: int, on: bool, now_ns: int) -> None:
+        """Let the brakes of an arm go for a minute, or hold again."""
+        self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+
+    def lift(self, velocity: float, now_ns: int) -> None:
+        """Move the lift for a second."""
+        self._lift_asked, self._lift_until_ns = velocity, now_ns + LIFT_COMMAND_NS
+
+    # -- a cycle -------------------------------------------------------------------------------------------------------
+
+    def step(self, now_ns: int, state: State) -> None:
+        """Samples in, currents out."""
+        dt_s, self._before_ns = min(now_ns - (self._before_ns or now_ns), 20_000_000) * 1e-9, now_ns
+        if not self._board.look(self._sample):
+            self._multiplexer.skip()
+        enabled = state is State.ENABLED
+        velocity = self._velocity(now_ns) if enabled else 0.0
+        self._clutch(now_ns)
+        if enabled:
+            self._brakes.step(dt_s, self._clutched)
+        else:
+            self._brakes.cut()
+        self._move_lift(velocity, enabled)
+        moving = self._clutched | ~self._brakes.engaged | (self._lifts & (velocity != 0.0))
+        for place in np.flatnonzero(moving).tolist():
+            self._rest[place] = -1
+            self._setups.lose(place, moved=True)
+        self._follow_rounds(now_ns)
+        self._publish(enabled)
+
+    def _sample(self, stamp_ns: int, channel: int, volts: Array) -> None:
+        if self._is_away:
+            self._is_away = False
+            self._round_ns = stamp_ns
+            self._rest = [-1] * len(self._rest)
+            asked = self._multiplexer.begin(stamp_ns)
+        else:
+            asked = self._multiplexer.take(stamp_ns, channel, volts)
+        if asked == INCREMENT:
+            self._board.step_on()
+        elif asked:
+            self._board.start_over()
+
+    def _clutch(self, now_ns: int) -> None:
+        pressed = self._board.pressed[self._plugs]
+        for place, until_ns in enumerate(self._until_ns):
+            if until_ns and now_ns > until_ns:
+                self._until_ns[place] = 0
+                name = self._arms[place].name
+                self._reports.warning("clutch-over", f"{name}: clutched by command for a minute; its brakes hold again",
+                                      name)
+            if pressed[place]:
+                self._until_ns[place] = 0  # when the button is let go, that ends what a command began, too
+            clutched = bool(pressed[place]) or self._until_ns[place] > 0
+            if clutched != self._clutched[place]:
+                name = self._arms[place].name
+                self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
+            self._clutched[place] = clutched
+
+    def _velocity(self, now_ns: int) -> float:
+        buttons = float(self._board.up) - float(self._board.down)
+        if self._board.up or self._board.down:
+            self._lift_until_ns = 0
+            return buttons
+        return self._lift_asked if now_ns < self._lift_until_ns else 0.0
+
+    def _move_lift(self, velocity: float, enabled: bool) -> None:
+        wanted = (velocity, enabled)
+        if self._lifts.any() and wanted != self._lift_sent:
+            self._lift_sent = wanted
+            self._board.lift(velocity, on=enabled)
+        self._lift_shown[...] = velocity
+
+    def _follow_rounds(self, now_ns: int) -> None:
+        multiplexer = self._multiplexer
+        if multiplexer.rounds != self._rounds:
+            self._rounds = multiplexer.rounds
+            self._round_ns = now_ns
+            for place in range(len(self._arms)):
+                self._read(place)
+        elif not self._is_away and (now_ns - self._round_ns > LONGEST_ROUND_NS or not self._board.is_fresh(now_ns)):
+            self._lose_all(now_ns)
+        if multiplexer.wrong != self._wrong:
+            self._wrong = multiplexer.wrong
+            if self._wrong is not None:
+                text = f"{self._name}: the multiplexer shows channel {self._wrong[0]}, expected was {self._wrong[1]}"
+                self._reports.warning("multiplexer", text, self._name)
+
+    def _lose_all(self, now_ns: int) -> None:
+        """Old readings are none."""
+        for place in range(len(self._arms)):
+            self._setups.lose(place, moved=False)
+        self._is_away = True
+        if self._board.is_fresh(now_ns):
+            text = f"{self._name}: the multiplexer does not count; where the set-up arms are is not known"
+            self._reports.error("multiplexer", text, self._name)
+
+    def _read(self, place: int) -> None:
+        """A whole round has been read."""
+        plug = self._plugs[place]
+        volts = self._multiplexer.volts
+        self._primary[place, :JOINTS], self._secondary[place, :JOINTS] = volts[plug, :6], volts[plug, 6:12]
+        self._extra[place] = volts[plug, 12:]
+        self._extra[place, 2] = volts[PLUGS - 1, 15] if plug == 0 else volts[PLUGS - 1 - plug, 14]  # as it is wired
+        self._rest[place] += 1
+        if self._rest[place] < ROUNDS:
+            return
+        joints = self._arms[place].joints
+        self._readings.take(place, volts[plug, :joints], volts[plug, JOINTS : JOINTS + joints])
+
+    def _publish(self, enabled: bool) -> None:
+        self._current[...] = self._brakes.current
+        self._rounds_shown[...] = self._rounds
+        self._mode[...] = enabled
+        self._effort.fill(0.0)
+        self._effort[self._plugs] = self._brakes.current
+        self._generations["pid_generation"][...] = self._board.pid_generation
+        self._generations["bias_generation"][...] = self._board.bias_generation

@@ -1,0 +1,108 @@
+"""What set-up joints do when asked; refusals say why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final, Protocol
+
+import numpy as np
+
+from procs.lib.cart import FIXED, Cart
+from procs.lib.poses import PoseError, matrix_from_pose, normalised
+from procs.suj.machine import Machine, Request, State
+from procs.suj.setups import Setups
+
+FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
+
+
+class Refused(Exception):
+    """A command that cannot be done; the text says why."""
+
+
+class Movable(Protocol):
+    """Set-up arms that people can move."""
+
+    def clutch(self, place: int, on: bool, now_ns: int) -> None:
+        """Let an arm go, or not."""
+
+
+class Lifting(Movable, Protocol):
+    """And a lift."""
+
+    def lift(self, velocity: float, now_ns: int) -> None:
+        """Move it."""
+
+
+class Commands:
+    """One method per row of the `suj` command table."""
+
+    def __init__(self, cart: Cart, setups: Setups, machine: Machine, movable: Movable | None,
+                 lifting: Lifting | None, refer: Callable[[int], None]) -> None:
+        """`refer(place)` makes a set-up arm the reference; None: nobody can move them, there is no lift."""
+        self._cart, self._setups, self._machine = cart, setups, machine
+        self._movable, self._lifting, self._refer = movable, lifting, refer
+        self._now_ns = 0
+        self._table: dict[str, Callable[[Request], None]] = {
+            "servo_jp": self._stand, "move_jp": self._stand, "local/servo_cp": self._put,
+            "set_reference_arm": self._set_reference, "clutch": self._clutch, "set_lift_velocity": self._lift,
+        }
+
+    def execute(self, requests: Iterable[Request], now_ns: int) -> None:
+        """Carry out what came in."""
+        self._now_ns = now_ns
+        for request in requests:
+            if request.name == "state_command":
+                self._machine.command(request, now_ns)
+                continue
+            try:
+                self._table[request.name](request)
+            except (Refused, PoseError) as reason:
+                request.refuse(f"{request.name}: {reason}")
+            else:
+                request.done()
+
+    def _place(self, request: Request) -> int:
+        try:
+            return self._setups.place(request.text.strip())
+        except ValueError as error:
+            raise Refused(str(error)) from None
+
+    def _one(self, request: Request, lower: float, upper: float) -> float:
+        values = request.values
+        if len(values) != 1 or not lower <= values[0] <= upper:
+            raise Refused(f"takes 1 value from {lower:g} to {upper:g}, {len(values)} were given")
+        return float(values[0])
+
+    def _stand(self, request: Request) -> None:
+        if self._cart.simulation != "KINEMATIC" or self._cart.kind == FIXED:
+            raise Refused("set-up joints have no motors; only KINEMATIC ones go where they are told")
+        place = self._place(request)
+        joints = self._setups.arms[place].joints
+        if len(request.values) != joints or not np.all(np.abs(request.values) <= FURTHEST):
+            raise Refused(f"{self._setups.names[place]} takes {joints} finite values, {len(request.values)} were given")
+        self._setups.stand(place, request.values)
+
+    def _put(self, request: Request) -> None:
+        if self._cart.kind != FIXED:
+            raise Refused("where these stand is measured; only SUJ_Fixed are told")
+        place = self._place(request)
+        self._setups.put(place, matrix_from_pose(normalised(request.values)))
+
+    def _set_reference(self, request: Request) -> None:
+        self._refer(self._place(request))
+
+    def _clutch(self, request: Request) -> None:
+        place, on = self._place(request), bool(self._one(request, 0.0, 1.0))
+        if self._movable is None:
+            raise Refused("nobody can move these set-up arms, so there is nothing to clutch")
+        if on and self._machine.state is not State.ENABLED:
+            raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
+        self._movable.clutch(place, on, self._now_ns)
+
+    def _lift(self, request: Request) -> None:
+        velocity = self._one(request, -1.0, 1.0)
+        if self._lifting is None or not any(arm.lifts for arm in self._cart.arms):
+            raise Refused("there is no lift")
+        if velocity and self._machine.state is not State.ENABLED:
+            raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
+        self._lifting.lift(velocity, self._now_ns)

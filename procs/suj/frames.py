@@ -1,0 +1,57 @@
+"""Base frames of the carried arms: their poses in the cart, seen from the tip of the reference arm.
+
+    C = (local of the reference set-up arm · tip of the arm it carries)⁻¹       base of the others = C · local
+
+The reference arm itself stands in the cart, frame "Cart"; so do all where nothing hangs on the reference set-up arm.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.poses import inverse, pose_from_matrix
+from procs.suj.setups import Array, Fields, Setups
+
+CART: Final = "Cart"
+
+
+class Frames:
+    """Fills the base frames of the record; does nothing while nothing changes."""
+
+    def __init__(self, setups: Setups, field: Fields) -> None:
+        """`field` gives the record's arrays."""
+        self._setups = setups
+        self._poses: Array = field("measured_cp")
+        self._valid: NDArray[np.bool_] = field("base_valid")
+        self._names: NDArray[np.bytes_] = field("reference_frame")
+        self._seen = -1
+        self._known: tuple[int, str, bytes] | None = None
+
+    def update(self, reference: int, frame: str, tip: Array | None) -> None:
+        """`reference`: place of the reference set-up arm, -1: none; `frame`: that of the tip of the arm it carries.
+
+        `frame` "" : it carries none. `tip` (4, 4): in that arm's base, None: unknown.
+        """
+        known = (reference, frame, tip.tobytes() if tip is not None else b"")
+        if known == self._known and self._setups.changes == self._seen:
+            return
+        self._known, self._seen = known, self._setups.changes
+        valid, local = self._setups.valid, self._setups.local
+        if reference < 0 or not frame:
+            self._show(local, valid, CART, reference)
+        elif tip is None or not valid[reference]:
+            self._show(None, np.zeros(len(valid), dtype=bool), frame, reference)
+        else:
+            self._show(inverse(local[reference] @ tip) @ local, valid, frame, reference)
+
+    def _show(self, bases: Array | None, valid: NDArray[np.bool_], frame: str, reference: int) -> None:
+        for place in range(len(self._valid)):
+            own = place == reference
+            pose = self._setups.local[place] if own else bases[place] if bases is not None else None
+            self._valid[place] = self._setups.valid[place] if own else valid[place]
+            self._names[place] = (CART if own else frame).encode()
+            if pose is not None:
+                pose_from_matrix(pose, self._poses[place])

@@ -1,0 +1,134 @@
+"""A Classic cart's interface board as io sees it: samples in order, flags of the newest one, and what io is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.cart import channel_inputs
+from procs.lib.document import Io
+from procs.lib.faults import ARM_LOST, ERROR, FAULTS
+from procs.suj.multiplexer import PLUGS
+
+SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
+MOST: Final = 256  # samples looked at in one cycle
+HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
+
+
+class IoRecords(Protocol):
+    """io's ring, as `shm.ring.RingReader` has it."""
+
+    lost: int
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record read last."""
+
+    @property
+    def epoch(self) -> int:
+        """Which of io's lives writes."""
+
+    def next(self) -> bool:
+        """Read the next record in order."""
+
+    def field(self, name: str) -> NDArray[Any]:
+        """A view on a field."""
+
+
+class Orders(Protocol):
+    """io's mailbox."""
+
+    def send(self, name: str, values: Sequence[float], text: str) -> None:
+        """Ask; what is refused is reported, a full mailbox is none."""
+
+
+class InterfaceBoard:
+    """`look` reads what io wrote since the last call; flags are those of the newest good sample.
+
+    `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
+    """
+
+    def __init__(self, io: Io, robot: str, records: IoRecords, orders: Orders) -> None:
+        """`robot` is the cart's in `io`."""
+        self.robot, self._records, self._orders = robot, records, orders
+        places = [r.name for r in io.robots]
+        place = places.index(robot)
+        first = sum(len(r.actuators) for r in io.robots[:place])
+        self._volts = records.field("pot_voltage")[first : first + PLUGS]
+        self._flags = {name: records.field(name)[place : place + 1].reshape(()) for name in (
+            "power_wanted", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")}
+        self._valid, self._input = records.field("valid"), records.field("input")
+        self.write_ns = records.field("write_ns")
+        names = [row.name for row in io.digital_inputs]
+        self._lines = np.array([names.index(name) for name in channel_inputs(robot)])
+        self._buttons = [names.index(n) if n in names else -1
+                         for n in (*(f"SUJ_clutch_{plug + 1}" for plug in range(PLUGS)), "motor_up", "motor_down")]
+        self.pressed: NDArray[np.bool_] = np.zeros(PLUGS, dtype=bool)
+        self.up = self.down = False
+        self.power_wanted = self.powered = self.amps_on = self.pid_enabled = False
+        self.pid_generation = self.bias_generation = self.fault = 0
+        self.stamp_ns = self.epoch = 0
+        self._lost = records.lost
+
+    def look(self, sample: Callable[[int, int, NDArray[np.float64]], None]) -> bool:
+        """Give every good sample to `sample(stamp, channel, volts)`; False when some were missed in between."""
+        records, whole = self._records, True
+        for _ in range(MOST):
+            if not records.next():
+                break
+            if self._valid.item():
+                self.stamp_ns = records.stamp_ns
+                sample(self.stamp_ns, int(self._input[self._lines] @ (1, 2, 4, 8)), self._volts)
+                self._take()
+            else:
+                whole = False
+        whole = whole and records.lost == self._lost
+        self._lost = records.lost
+        self.epoch = records.epoch
+        return whole
+
+    def _take(self) -> None:
+        """Flags and buttons."""
+        for name, cell in self._flags.items():
+            setattr(self, name, cell.item())
+        pressed = [place >= 0 and bool(self._input[place]) for place in self._buttons]
+        self.pressed[...] = pressed[:PLUGS]
+        self.up, self.down = pressed[PLUGS:]
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """io is alive, and so are its boards."""
+        return self.stamp_ns > 0 and -SILENT_NS <= now_ns - self.stamp_ns <= SILENT_NS
+
+    @property
+    def has_fault(self) -> bool:
+        """io has latched a fault of this robot that matters."""
+        return self.fault not in HARMLESS
+
+    def step_on(self) -> None:
+        """The multiplexer one channel on."""
+        self._orders.send("set_output", (1.0,), "mux_increment")
+
+    def start_over(self) -> None:
+        """The multiplexer to its first channel."""
+        self._orders.send("set_output", (0.0,), "mux_increment")
+        self._orders.send("set_output", (0.0,), "no_mux_reset")
+
+    def power_on(self) -> None:
+        """Motor power and amplifiers."""
+        self._orders.send("power_on", (), self.robot)
+
+    def drive(self) -> None:
+        """Currents of the brakes are taken from our set-points from now on."""
+        self._orders.send("pid_enable", (1.0,), self.robot)
+
+    def power_off(self) -> None:
+        """All off, relays open as in the reference."""
+        self._orders.send("power_off", (1.0,), self.robot)
+
+    def lift(self, velocity: float, *, on: bool) -> None:
+        """Velocity -1 to 1 of the lift; not `on`: its amplifier rests."""
+        self._orders.send("set_pwm", (0.5 + 0.1 * velocity,), "control_PWM")
+        self._orders.send("set_output", (0.0 if on else 1.0,), "disable_PWM")

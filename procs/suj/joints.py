@@ -1,0 +1,109 @@
+"""Set-up joints of one patient cart, a cycle at a time: state, readings, poses, base frames, record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from procs.lib.cart import Cart
+from procs.suj.classic import Classic
+from procs.suj.commands import Commands
+from procs.suj.frames import Frames
+from procs.suj.machine import Machine, NoPower, Reports, Request, State
+from procs.suj.reference import CarriedTip
+from procs.suj.setups import Fields, Setups
+from procs.suj.si import Si
+
+PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
+
+
+class SetupJoints:
+    """Everything a process `suj` does but talk to shared memory."""
+
+    def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Reports,
+                 tips: Sequence[CarriedTip | None]) -> None:
+        """`field` gives the arrays of the record, which may still hold what a predecessor wrote.
+
+        `source` measures where the arms are, None: nobody does; `tips` are those of the carried arms, None: none there.
+        """
+        self._cart, self._setups, self._source, self._tips = cart, setups, source, tips
+        classic = source if isinstance(source, Classic) else None
+        self._classic = classic
+        self._frames = Frames(setups, field)
+        self.machine = Machine(cart.name, reports, classic or NoPower(), lambda state: None)
+        self._commands = Commands(cart, setups, self.machine, source, classic, self._refer)
+        self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
+                                                      "is_busy", "simulated", "reference_arm")}
+        self._before = _text(self._shown["sub_state"].item())
+        self._was_homed = bool(self._shown["is_homed"].item())
+        self._begun_ns = 0
+        self._reference = self._first_reference(_text(self._shown["reference_arm"].item()))
+        if classic is None:
+            field("brake_current").fill(np.nan)
+        self._settle(source is None)
+
+    def _first_reference(self, before: str) -> int:
+        names = self._setups.names
+        name = before if before in names else self._cart.reference
+        return names.index(name) if name in names else -1
+
+    def _settle(self, told: bool) -> None:
+        """At first nothing is known but what was told: by a predecessor, or by the file."""
+        for place, arm in enumerate(self._cart.arms):
+            if told and self._before and self._setups.take_over(place):
+                continue
+            self._setups.lose(place, moved=True)
+            if told and arm.pose is not None:
+                self._setups.put(place, np.array(arm.pose))
+            elif told and arm.position:
+                self._setups.stand(place, np.array(arm.position))
+
+    def step(self, now_ns: int, requests: Iterable[Request]) -> None:
+        """One cycle; the caller publishes the record afterwards."""
+        if self._source is not None:
+            self._source.step(now_ns, self.machine.state)
+        if self._before:
+            self._begin(now_ns)
+        self._commands.execute(requests, now_ns)
+        self.machine.step(now_ns)
+        tip = self._tips[self._reference] if self._reference >= 0 else None
+        self._frames.update(self._reference, tip.name if tip is not None else "",
+                            tip.pose(now_ns) if tip is not None else None)
+        self._show()
+
+    def _begin(self, now_ns: int) -> None:
+        """Go on where a predecessor was, as soon as io's record says how things are."""
+        self._begun_ns = self._begun_ns or now_ns
+        before, classic = self._before, self._classic
+        if classic is None or before == State.DISABLED:
+            self._before = ""
+            known = State(before) if before in State.__members__ else State.DISABLED
+            self.machine.begin(known, self._was_homed, now_ns)
+        elif classic.has_io or now_ns - self._begun_ns > PATIENCE_NS:
+            self._before = ""
+            classic.go_on()
+            if before == State.FAULT or not classic.is_powered:
+                self.machine.begin(State.FAULT, False, now_ns)
+                reason = "there was a fault before" if before == State.FAULT else "power was lost while it was away"
+                self.machine.reason = f"the process was restarted; {reason}"
+            else:
+                self.machine.begin(State.ENABLED if classic.is_on() else State.POWERING, self._was_homed, now_ns)
+
+    def _refer(self, place: int) -> None:
+        self._reference = place
+
+    def _show(self) -> None:
+        machine, shown = self.machine, self._shown
+        shown["valid"][...] = self._setups.valid.all()
+        shown["state"][...] = machine.published.encode()
+        shown["sub_state"][...] = machine.state.encode()
+        shown["desired_state"][...] = machine.desired.encode()
+        shown["is_homed"][...], shown["is_busy"][...] = machine.is_homed, machine.is_busy
+        shown["simulated"][...] = self._source is None or self._cart.emulated
+        shown["reference_arm"][...] = self._setups.names[self._reference].encode() if self._reference >= 0 else b""
+
+
+def _text(cell: bytes) -> str:
+    return bytes(cell).rstrip(b"\0").decode(errors="replace")

@@ -1,0 +1,207 @@
+"""The operating state of set-up joints: DISABLED, POWERING, ENABLED, FAULT, and what is answered to state commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class State(StrEnum):
+    """Internal states; the names are published as sub-state."""
+
+    DISABLED = "DISABLED"
+    POWERING = "POWERING"
+    ENABLED = "ENABLED"
+    FAULT = "FAULT"
+
+
+ENABLE, DISABLE, HOME, UNHOME = "enable", "disable", "home", "unhome"
+WORDS: Final = (ENABLE, DISABLE, HOME, UNHOME)
+PUBLISHED: Final = {State.POWERING: "DISABLED"}  # the others under their own names
+
+
+class Request(Protocol):
+    """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
+
+    @property
+    def name(self) -> str:
+        """The command's name."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers."""
+
+    @property
+    def text(self) -> str:
+        """Its text."""
+
+    def accept(self, text: str = "") -> None:
+        """It is under way."""
+
+    def refuse(self, reason: str) -> None:
+        """It will not be done."""
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed."""
+
+
+class Reports(Protocol):
+    """The events set-up joints raise."""
+
+    def status(self, text: str, component: str = "") -> None:
+        """Something a person may like to know."""
+
+    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
+                limit: float = ...) -> None:
+        """Something a person should know."""
+
+    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
+              limit: float = ...) -> None:
+        """Something failed."""
+
+    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
+        """The operating state, whenever it changes or is asked for."""
+
+
+class Power(Protocol):
+    """What the brakes and the lift get their current from."""
+
+    def on(self, now_ns: int) -> None:
+        """Begin to power on."""
+
+    def off(self) -> None:
+        """Power off at once; brakes hold."""
+
+    def is_on(self) -> bool:
+        """Powered, with all that it takes to move brakes."""
+
+    def trouble(self, now_ns: int, *, powering: bool) -> str:
+        """What is wrong while power should be there or come; "" when all is well."""
+
+
+class NoPower:
+    """Nothing has to be powered: KINEMATIC, fixed, or with brakes of their own."""
+
+    def on(self, now_ns: int) -> None:
+        """It is."""
+
+    def off(self) -> None:
+        """Nothing happens."""
+
+    def is_on(self) -> bool:
+        """Always."""
+        return True
+
+    def trouble(self, now_ns: int, *, powering: bool) -> str:
+        """Nothing."""
+        return ""
+
+
+class Machine:
+    """Current and desired state; `enter` is told of each change."""
+
+    def __init__(self, name: str, reports: Reports, power: Power, enter: Callable[[State], None]) -> None:
+        """DISABLED; `power` is looked at in each step."""
+        self.name, self.state, self.desired = name, State.DISABLED, State.DISABLED
+        self._reports, self._power, self._enter = reports, power, enter
+        self._homed = self._began = False
+        self._now_ns = 0
+        self._pending: Request | None = None
+        self.reason = ""
+
+    @property
+    def is_homed(self) -> bool:
+        """Homed, and enabled."""
+        return self._homed and self.state is State.ENABLED
+
+    @property
+    def is_busy(self) -> bool:
+        """A transition is under way."""
+        return self.state is State.POWERING
+
+    @property
+    def published(self) -> str:
+        """The state as clients see it."""
+        return PUBLISHED.get(self.state, str(self.state))
+
+    def begin(self, state: State, homed: bool, now_ns: int) -> None:
+        """Begin in `state`: where a predecessor was, or DISABLED. Power is left as it is."""
+        self.desired = State.ENABLED if state is State.POWERING else state
+        self._homed, self._now_ns = homed, now_ns
+        self._set(state)
+        self._began = True
+
+    def command(self, request: Request, now_ns: int) -> None:
+        """A state_command; each one publishes the operating state before and after it took effect."""
+        word, self._now_ns = request.text.strip(), now_ns
+        if word not in WORDS:
+            reason = f"state_command {word!r}: allowed are {', '.join(WORDS)}"
+            if word in ("pause", "resume"):
+                reason = f"{word}: set-up joints never move by themselves, so there is nothing to pause"
+            self._reports.warning("state-command", f"{self.name}: {reason}", self.name)
+            request.refuse(reason)
+            self.publish()
+            return
+        self._answer(f"{word} was asked for")
+        self.publish()
+        request.accept()
+        self._pending = request
+        self._homed = {HOME: True, UNHOME: False, DISABLE: False}.get(word, self._homed)
+        if word == DISABLE:
+            self.desired = State.DISABLED
+            self._set(State.DISABLED)
+        elif word in (ENABLE, HOME):
+            self.desired = State.ENABLED
+            if self.state is State.FAULT:
+                self._set(State.DISABLED)
+            if self.state is State.DISABLED:
+                self._set(State.POWERING)
+        self.publish()
+        self.step(now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Look at the power, go on, and answer what has come to its end."""
+        self._now_ns = now_ns
+        if self.state in (State.POWERING, State.ENABLED):
+            trouble = self._power.trouble(now_ns, powering=self.state is State.POWERING)
+            if trouble:
+                self.fault(trouble)
+            elif self.state is State.POWERING and self._power.is_on():
+                self._set(State.ENABLED)
+        if self._pending is not None and not self.is_busy:
+            self._pending.done(str(self.state))
+            self._pending = None
+
+    def fault(self, reason: str) -> None:
+        """Something went wrong: say it, and let the brakes hold."""
+        self.reason = reason
+        self._reports.error("suj-fault", f"{self.name}: {reason}", self.name)
+        self.desired, self._homed = State.FAULT, False
+        self._set(State.FAULT)
+        self._answer(reason)
+
+    def publish(self) -> None:
+        """Tell the operating state."""
+        self._reports.operating_state(self.published, self.state, self.is_homed, self.is_busy)
+
+    def _answer(self, reason: str) -> None:
+        if self._pending is not None:
+            self._pending.fail(reason)
+            self._pending = None
+
+    def _set(self, state: State) -> None:
+        self.state = state
+        if state is State.POWERING:
+            self._power.on(self._now_ns)
+        elif state is not State.ENABLED and self._began:
+            self._power.off()
+        self._enter(state)
+        self._reports.status(f"{self.name}: {state}", self.name)
+        self.publish()

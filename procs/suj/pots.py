@@ -1,0 +1,77 @@
+"""Two potentiometers for every joint: what they make of it together, and whether they agree."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.cart import SetupArm
+from procs.suj.machine import Reports
+from procs.suj.setups import Setups
+
+Array = NDArray[np.float64]
+
+CLASSIC_LIMITS: Final = (0.002, np.radians(1.0))  # m of the first joint, rad of the others
+SI_LIMITS: Final = (0.003, np.radians(2.0))
+
+
+class Potentiometers:
+    """Those of one set-up arm."""
+
+    def __init__(self, arm: SetupArm, limits: tuple[float, float]) -> None:
+        """`limits`: how far the two of a joint may be apart, prismatic and turning."""
+        self._scale = np.array([[row[0] for row in pots] for pots in (arm.primary, arm.secondary)])
+        self._offset = np.array([[row[1] for row in pots] for pots in (arm.primary, arm.secondary)])
+        self._there = np.logical_or.reduce(self._scale != 0.0)  # a scale of 0: there is no such joint
+        self._weight = np.array(arm.weight)
+        self._limits = np.array([limits[0]] + [limits[1]] * (arm.joints - 1))
+        self.joints: Array = np.zeros(arm.joints)
+        self.worst = -1  # joint whose potentiometers are too far apart, the worst; -1: they agree
+        self.apart, self.limit = 0.0, 0.0
+
+    def update(self, primary: Array, secondary: Array) -> bool:
+        """Readings (joints,) as they come; whether they agree. `joints` is the weighted mean, of absent joints 0."""
+        positions = self._offset + self._scale * np.stack((primary, secondary))
+        positions[:, ~self._there] = 0.0
+        self.joints[...] = self._weight * positions[0] + (1.0 - self._weight) * positions[1]
+        share = np.abs(positions[0] - positions[1]) / self._limits
+        worst = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
+        self.apart, self.limit = float(abs(positions[0, worst] - positions[1, worst])), float(self._limits[worst])
+        agree = bool(share[worst] <= 1.0)
+        self.worst = -1 if agree else worst
+        return agree
+
+    def volts(self, joints: Array) -> tuple[Array, Array]:
+        """What both potentiometers of every joint would read there; 0 of absent ones."""
+        scale = np.where(self._scale == 0.0, 1.0, self._scale)
+        values = np.where(self._scale == 0.0, 0.0, (joints - self._offset) / scale)
+        return values[0], values[1]
+
+
+class Readings:
+    """Readings of set-up arms at rest, and what is told of them."""
+
+    def __init__(self, setups: Setups, limits: tuple[float, float], reports: Reports) -> None:
+        """`limits` as in `Potentiometers`."""
+        self._setups, self._reports = setups, reports
+        self._pots = [Potentiometers(arm, limits) for arm in setups.arms]
+        self._apart = [False] * len(setups.arms)
+
+    def take(self, place: int, primary: Array, secondary: Array) -> None:
+        """Both readings (joints,) of one arm; where it is is known while its potentiometers agree."""
+        pots, name, apart = self._pots[place], self._setups.names[place], self._apart[place]
+        agree = pots.update(primary, secondary)
+        self._apart[place] = not agree
+        if not agree:
+            self._setups.lose(place, moved=False)
+            if not apart:
+                text = f"{name}: the potentiometers of joint {pots.worst + 1} don't agree; its position is not known"
+                self._reports.error("setup-pots", text, name, pots.worst, pots.apart, pots.limit)
+            return
+        if apart:
+            self._reports.status(f"{name}: the potentiometers agree", name)
+        if self._setups.measure(place, pots.joints) >= 1.0:
+            text = f"{name}: it has moved although nobody clutched it; base frames follow"
+            self._reports.warning("setup-moved", text, name)

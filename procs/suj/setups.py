@@ -1,0 +1,120 @@
+"""The set-up arms of one cart: where their joints are, and where that puts the arms they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.cart import Cart, SetupArm
+from procs.lib.kinematics import Kinematics
+from procs.lib.poses import matrix_from_pose, normalised, pose_from_matrix
+
+Array = NDArray[np.float64]
+Fields = Callable[[str], NDArray[Any]]
+
+ROOM: Final = 8
+
+
+class Setups:
+    """All set-up arms, by their places; positions and flags are those of the record.
+
+    `local` (n, 4, 4) are the poses of the carried arms' bases in the cart, `valid` (n,) says which of them count.
+    `changes` counts changes of either.
+    """
+
+    def __init__(self, cart: Cart, field: Fields) -> None:
+        """`field` gives the record's arrays."""
+        self.arms = cart.arms
+        self.names = tuple(arm.name for arm in cart.arms)
+        self.position: Array = field("position")
+        self.valid: NDArray[np.bool_] = field("setup_valid")
+        self.clutched: NDArray[np.bool_] = field("clutched")
+        self._poses: Array = field("local_measured_cp")
+        self.local: Array = np.tile(np.eye(4), (len(self.arms), 1, 1))
+        self._kinematics = [Kinematics(arm.chain) if arm.chain is not None else None for arm in cart.arms]
+        self._stood: list[Array | None] = [None for _ in cart.arms]  # joints for which the pose was taken
+        self.changes = 0
+
+    def place(self, name: str) -> int:
+        """The place of a set-up arm; ValueError names what there is."""
+        if name not in self.names:
+            raise ValueError(f"no set-up arm {name or 'without a name'}; there are {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def stand(self, place: int, joints: Array) -> None:
+        """The joints are here, and so is the carried arm."""
+        arm = self.arms[place]
+        self.position[place, : arm.joints] = joints
+        self._stood[place] = np.array(joints, dtype=np.float64)
+        self._set(place, self._pose(arm, place, joints))
+
+    def measure(self, place: int, joints: Array) -> float:
+        """Joints measured at rest. Where the carried arm is was settled by the first measurement after it was moved.
+
+        Returns the largest difference to that one in parts of what counts as moved; from 1 on the pose is taken anew.
+        """
+        stood = self._stood[place]
+        if stood is None:
+            self.stand(place, joints)
+            return 0.0
+        self.position[place, : self.arms[place].joints] = joints
+        moved = float(np.max(np.abs(joints - stood) / moved_limits(len(joints))))
+        if moved >= 1.0:
+            self.stand(place, joints)
+        elif not self.valid[place]:
+            self.valid[place] = True
+            self.changes += 1
+        return moved
+
+    def put(self, place: int, pose: Array) -> None:
+        """The carried arm's base is at this pose (4, 4) in the cart."""
+        self._set(place, pose)
+
+    def lose(self, place: int, *, moved: bool) -> None:
+        """Where it is is not known; `moved`: it may be elsewhere when it is known again."""
+        if moved:
+            self._stood[place] = None
+        if self.valid[place]:
+            self.valid[place] = False
+            self.changes += 1
+
+    def take_over(self, place: int) -> bool:
+        """Go on from the record of a predecessor: joints, or the pose of what has none. False when it holds nothing."""
+        arm = self.arms[place]
+        if not self.valid[place]:
+            return False
+        try:
+            pose = matrix_from_pose(normalised(self._poses[place]))
+        except ValueError:
+            return False
+        if arm.chain is None:
+            self.put(place, pose)
+            return True
+        joints = self.position[place, : arm.joints].copy()
+        if np.isfinite(joints).all():
+            self.stand(place, joints)
+        return bool(np.isfinite(joints).all())
+
+    def _set(self, place: int, pose: Array) -> None:
+        self.local[place] = pose
+        pose_from_matrix(pose, self._poses[place])
+        self.valid[place] = True
+        self.changes += 1
+
+    def _pose(self, arm: SetupArm, place: int, joints: Array) -> Array:
+        """world · FK(q) · tip; joints without potentiometers stand at 0."""
+        kinematics = self._kinematics[place]
+        if kinematics is None or arm.world is None or arm.tip is None:
+            raise ValueError(f"{arm.name} has no joints")
+        q = np.zeros(kinematics.n)
+        q[: arm.joints] = joints
+        pose: Array = np.array(arm.world) @ kinematics.fk(q) @ np.array(arm.tip)
+        return pose
+
+
+def moved_limits(joints: int) -> Array:
+    """How much counts as moved: 2 mm and 1°, the first joint being the prismatic one."""
+    return np.array([0.002] + [np.radians(1.0)] * (joints - 1))

@@ -1,0 +1,185 @@
+"""Si set-up joints: potentiometers that small boards read and tell over Bluetooth; brakes are the arms' own.
+
+Each set-up arm has a board for all its joints but the first; those hang on the board of the base, one for every arm.
+A reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.cart import Cart
+from procs.suj.machine import Reports, State
+from procs.suj.pots import SI_LIMITS, Potentiometers, Readings
+from procs.suj.setups import Array, Fields, Setups
+
+STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
+SETTLED: Final = 2  # readings after somebody let go: the first may be from before
+CLUTCH_COMMAND_NS: Final = 60_000_000_000
+MOST_POTS: Final = 8
+
+
+class Link(Protocol):
+    """Potentiometer boards."""
+
+    def poll(self, now_ns: int) -> Iterable[tuple[str, bytes]]:
+        """(address of a board, its reading), as they came since the last call."""
+
+    def problem(self, address: str) -> str:
+        """Why nothing comes of a board, in words; "" when all is well."""
+
+    def close(self) -> None:
+        """Give up all connections."""
+
+
+def counts(reading: bytes) -> Array:
+    """The counts (2, pots) of a reading; ValueError when it is none."""
+    try:
+        pots = json.loads(reading)["pots"]
+        first, second = ([float(value) for value in row] for row in pots)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"not a reading of a potentiometer board: {type(error).__name__}") from None
+    if not 0 < len(first) == len(second) <= MOST_POTS or not all(map(math.isfinite, first + second)):
+        raise ValueError("not a reading of a potentiometer board: two rows of as many numbers are")
+    return np.array((first, second))
+
+
+class Si:
+    """What an Si cart does in each cycle."""
+
+    def __init__(self, cart: Cart, setups: Setups, link: Link, reports: Reports, field: Fields,
+                 pressed: Callable[[int], NDArray[np.bool_]]) -> None:
+        """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed."""
+        n = len(cart.arms)
+        self._name, self._arms, self._base, self._setups, self._link = (
+            cart.name, cart.arms, cart.base_board.upper(), setups, link)
+        self._reports, self._pressed, self._clutched = reports, pressed, setups.clutched
+        self._readings = Readings(setups, SI_LIMITS, reports)
+        self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
+        self._of_base: Array | None = None
+        self._base_ns = 0
+        self._stamps_ns = [0] * n
+        self._settled = [0] * n
+        self._told = [""] * n
+        self._until_ns = [0] * n
+        self._primary, self._secondary = field("primary_voltage"), field("secondary_voltage")
+        self._rounds = field("rounds")
+
+    def clutch(self, place: int, on: bool, now_ns: int) -> None:
+        """Somebody moves this arm, for a minute at most; its brakes are its own."""
+        self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+
+    def step(self, now_ns: int, state: State) -> None:
+        """Buttons and readings."""
+        self._clutch(now_ns)
+        for address, reading in self._link.poll(now_ns):
+            try:
+                values = counts(reading)
+            except ValueError as error:
+                self._reports.warning("setup-board", f"{self._name}: {address}: {error}", self._name)
+                continue
+            if address.upper() == self._base:
+                self._of_base, self._base_ns = values, now_ns
+            elif address.upper() in self._place:
+                self._read(self._place[address.upper()], values, now_ns)
+        for place in range(len(self._arms)):
+            if now_ns - min(self._stamps_ns[place], self._base_ns) > STALE_NS:
+                self._miss(place)
+
+    def _clutch(self, now_ns: int) -> None:
+        for place, pressed in enumerate(self._pressed(now_ns).tolist()):
+            clutched = pressed or now_ns < self._until_ns[place]
+            if clutched != self._clutched[place]:
+                self._clutched[place] = clutched
+                name = self._arms[place].name
+                self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
+            if clutched:
+                self._settled[place] = 0
+                self._setups.lose(place, moved=True)
+
+    def _read(self, place: int, values: Array, now_ns: int) -> None:
+        arm = self._arms[place]
+        base = self._of_base
+        if base is None or base.shape[1] <= arm.base_pot or now_ns - self._base_ns > STALE_NS:
+            return  # its first joint is not known
+        if values.shape[1] < arm.joints - 1:
+            text = f"{arm.name}: its board has {values.shape[1]} potentiometers, {arm.joints - 1} are expected"
+            self._tell(place, text)
+            return
+        readings = np.column_stack((base[:, arm.base_pot], values[:, : arm.joints - 1]))
+        self._stamps_ns[place] = now_ns
+        self._rounds += np.uint64(1)
+        self._primary[place, : arm.joints], self._secondary[place, : arm.joints] = readings
+        self._tell(place, "")
+        self._settled[place] += not self._clutched[place]
+        if self._settled[place] < SETTLED:
+            return
+        self._readings.take(place, readings[0], readings[1])
+
+    def _miss(self, place: int) -> None:
+        """No reading for too long."""
+        self._setups.lose(place, moved=False)
+        arm = self._arms[place]
+        reasons = [f"{who}: {self._link.problem(address) or 'no reading comes'}" for who, address, stamp in (
+            ("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])) if not stamp
+            or self._link.problem(address)]
+        self._tell(place, f"{arm.name}: not known where it is ({'; '.join(reasons) or 'its board is silent'})")
+
+    def _tell(self, place: int, text: str) -> None:
+        """Once for every new trouble, and when it is over."""
+        if text == self._told[place]:
+            return
+        if text:
+            self._reports.warning("setup-board", text, self._arms[place].name)
+        elif self._told[place]:
+            self._reports.status(f"{self._arms[place].name}: its potentiometer board answers", self._arms[place].name)
+        self._told[place] = text
+
+
+class EmulatedBoards:
+    """Boards that are played: every set-up arm stands where the file says (`simulated_position`), or with all joints 0.
+
+    `turn` moves one, as hands would.
+    """
+
+    PERIOD_NS: Final = 100_000_000
+
+    def __init__(self, cart: Cart) -> None:
+        self._cart = cart
+        self._pots = [Potentiometers(arm, SI_LIMITS) for arm in cart.arms]
+        self._joints = [np.array(arm.position or (0.0,) * arm.joints) for arm in cart.arms]
+        self._next_ns = 0
+
+    def turn(self, place: int, joints: Array) -> None:
+        """The joints of an arm are here from now on."""
+        self._joints[place] = np.array(joints, dtype=np.float64)
+
+    def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
+        """The base's board and all others, ten times a second."""
+        if now_ns < self._next_ns:
+            return []
+        self._next_ns = now_ns + self.PERIOD_NS
+        read = [np.stack(pots.volts(joints)) for pots, joints in zip(self._pots, self._joints, strict=True)]
+        base = np.zeros((2, 4))
+        for arm, values in zip(self._cart.arms, read, strict=True):
+            base[:, arm.base_pot] = values[:, 0]
+        found = [(self._cart.base_board, _reading(now_ns, base))]
+        return found + [(arm.board, _reading(now_ns, values[:, 1:]))
+                        for arm, values in zip(self._cart.arms, read, strict=True)]
+
+    def problem(self, address: str) -> str:
+        """There is none."""
+        return ""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _reading(now_ns: int, values: NDArray[Any]) -> bytes:
+    return json.dumps({"timestamp": now_ns // 1_000_000, "pots": values.tolist()}).encode()

@@ -1,0 +1,126 @@
+"""Set-up joints on plain memory: a record, a clock, carried arms and events that a test writes and reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from procs.lib import poses
+from procs.lib.config import load_system
+from procs.lib.document import Cart, System
+from procs.suj.joints import SetupJoints
+from procs.suj.reference import CarriedTip
+from procs.suj.setups import Setups
+from shm.layout import schema_of
+from shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
+from tests import stock
+from tests.io.stand import FakeCommand
+
+MS = 1_000_000
+HEAD = '{"$id": "dvrk-system.schema.json", "$version": "1", '
+
+
+def system_of(tmp_path, arms: str, ios: str = "", *, boards: str | None = None, folder: str = "dvrk-share") -> System:
+    """A system of these arms, whose files are the stock ones."""
+    file = tmp_path / "system.json"
+    file.write_text(f'{HEAD}{ios}"arms": [{arms}]}}')
+    loaded = load_system(file, search=[stock.find(folder), stock.find("dvrk-share")], boards=boards)
+    assert loaded.system is not None, loaded.errors
+    return loaded.system
+
+
+class Memory:
+    """One record, as a ring's private one."""
+
+    def __init__(self, topic: Topic, **dims: int) -> None:
+        self._record: Any = np.zeros(1, dtype=schema_of(topic, dims).dtype)
+
+    def field(self, name: str) -> Any:
+        return self._record[name].reshape(self._record[name].shape[1:])
+
+
+class FakeRing(Memory):
+    """The record of a carried arm, always whole."""
+
+    def __init__(self) -> None:
+        super().__init__(ARM_STATE)
+        self.stamp_ns = 0
+
+    def newest(self) -> bool:
+        return self.stamp_ns > 0
+
+    def write(self, now_ns: int, tip: np.ndarray, valid: bool = True) -> None:
+        self.stamp_ns = now_ns
+        self.field("local_measured_cp")[...], self.field("cartesian_valid")[...] = poses.pose_from_matrix(tip), valid
+
+
+class FakeReports:
+    """Remembers what is told."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[str, str, str]] = []
+        self.states: list[tuple[str, str, bool, bool]] = []
+
+    def status(self, text: str, component: str = "") -> None:
+        self.said.append(("status", "", text))
+
+    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+                limit: float = 0.0) -> None:
+        self.said.append(("warning", code, text))
+
+    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+              limit: float = 0.0) -> None:
+        self.said.append(("error", code, text))
+
+    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
+        self.states.append((state, sub_state, is_homed, is_busy))
+
+    def of(self, kind: str) -> list[str]:
+        return [text for said, _, text in self.said if said == kind]
+
+
+class Stand:
+    """A cart; `source` makes what measures it of (cart, setups, reports, field, setpoint)."""
+
+    def __init__(self, cart: Cart, source=None, memory: Memory | None = None) -> None:
+        self.cart = cart
+        self.memory = memory or Memory(SUJ_STATE, setups=len(cart.arms))
+        self.setpoint = Memory(SUJ_SETPOINT)
+        self.reports = FakeReports()
+        self.now_ns = 1_000 * MS
+        setups = Setups(cart, self.memory.field)
+        self.rings = {arm.name: FakeRing() for arm in cart.arms if arm.carries}
+        tips = [CarriedTip(arm.carries, self.rings[arm.name]) if arm.carries else None for arm in cart.arms]
+        made = source(cart, setups, self.reports, self.memory.field, self.setpoint.field) if source else None
+        self.source = made
+        self.joints = SetupJoints(cart, self.memory.field, setups, made, self.reports, tips)
+
+    def tips(self, **of: np.ndarray) -> None:
+        """These carried arms show their tips here, from now on in every step."""
+        for name, tip in of.items():
+            self.rings[name].write(self.now_ns, tip)
+
+    def step(self, *requests: FakeCommand, ms: float = 2.0) -> None:
+        self.now_ns += round(ms * MS)
+        for ring in self.rings.values():
+            if ring.stamp_ns:
+                ring.stamp_ns = self.now_ns
+        self.joints.step(self.now_ns, requests)
+
+    def ask(self, name: str, text: str = "", *values: float) -> FakeCommand:
+        request = FakeCommand(name, text, *values)
+        self.step(request)
+        return request
+
+    def field(self, name: str) -> Any:
+        return self.memory.field(name)
+
+    def row(self, name: str) -> int:
+        return [arm.name for arm in self.cart.arms].index(name)
+
+    def base(self, name: str) -> tuple[np.ndarray, bool, str]:
+        """Base frame (4, 4), whether it is valid, and its frame."""
+        row = self.row(name)
+        return (poses.matrix_from_pose(self.field("measured_cp")[row]), bool(self.field("base_valid")[row]),
+                self.field("reference_frame")[row].decode())

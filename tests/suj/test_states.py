@@ -1,0 +1,113 @@
+"""States of set-up joints: every word in every state, and what is answered."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.suj.machine import Machine, NoPower, State
+from tests.io.stand import FakeCommand
+from tests.suj.stand import FakeReports
+
+
+class FakePower(NoPower):
+    """Comes when the test says so."""
+
+    def __init__(self) -> None:
+        self.log: list[str] = []
+        self.there, self.wrong = False, ""
+
+    def on(self, now_ns: int) -> None:
+        self.log.append("on")
+
+    def off(self) -> None:
+        self.log.append("off")
+
+    def is_on(self) -> bool:
+        return self.there
+
+    def trouble(self, now_ns: int, *, powering: bool) -> str:
+        return self.wrong
+
+
+class Bench:
+    """A machine in a state."""
+
+    def __init__(self, state: State) -> None:
+        self.reports, self.power = FakeReports(), FakePower()
+        self.machine = Machine("SUJ", self.reports, self.power, lambda state: None)
+        self.machine.begin(state, False, 0)
+        self.reports.states.clear()
+
+    def say(self, word: str) -> FakeCommand:
+        request = FakeCommand("state_command", word)
+        self.machine.command(request, 0)
+        return request
+
+
+AFTER = {
+    (State.DISABLED, "enable"): State.POWERING, (State.DISABLED, "home"): State.POWERING,
+    (State.DISABLED, "disable"): State.DISABLED, (State.DISABLED, "unhome"): State.DISABLED,
+    (State.POWERING, "enable"): State.POWERING, (State.POWERING, "home"): State.POWERING,
+    (State.POWERING, "disable"): State.DISABLED, (State.POWERING, "unhome"): State.POWERING,
+    (State.ENABLED, "enable"): State.ENABLED, (State.ENABLED, "home"): State.ENABLED,
+    (State.ENABLED, "disable"): State.DISABLED, (State.ENABLED, "unhome"): State.ENABLED,
+    (State.FAULT, "enable"): State.POWERING, (State.FAULT, "home"): State.POWERING,
+    (State.FAULT, "disable"): State.DISABLED, (State.FAULT, "unhome"): State.FAULT,
+}
+
+
+@pytest.mark.parametrize(("state", "word"), AFTER)
+def test_every_word_leads_where_it_should(state: State, word: str) -> None:
+    bench = Bench(state)
+    request = bench.say(word)
+    assert bench.machine.state is AFTER[state, word]
+    assert len(bench.reports.states) >= 2, "the operating state is told before and after, even if nothing changes"
+    waits = bench.machine.state is State.POWERING
+    assert request.outcome == ("accepted" if waits else "done")
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("word", ["pause", "resume", "", "Enable", "fly"])
+def test_other_words_are_refused_with_a_reason(state: State, word: str) -> None:
+    bench = Bench(state)
+    request = bench.say(word)
+    assert request.outcome == "refused" and bench.machine.state is state
+    assert bench.reports.of("warning") and request.answers[0][1]
+
+
+def test_power_comes_and_home_makes_it_homed() -> None:
+    bench = Bench(State.DISABLED)
+    request = bench.say("home")
+    assert (bench.machine.published, bench.machine.is_busy, bench.machine.is_homed) == ("DISABLED", True, False)
+    assert bench.power.log == ["on"]
+    bench.power.there = True
+    bench.machine.step(1)
+    assert (bench.machine.state, bench.machine.is_homed, request.outcome) == (State.ENABLED, True, "done")
+    bench.say("unhome")
+    assert (bench.machine.state, bench.machine.is_homed) == (State.ENABLED, False)
+    bench.say("disable")
+    assert bench.power.log[-1] == "off" and not bench.machine.is_homed
+
+
+@pytest.mark.parametrize("state", [State.POWERING, State.ENABLED])
+def test_trouble_is_a_fault_with_its_reason(state: State) -> None:
+    bench = Bench(State.DISABLED)
+    request = bench.say("enable")
+    if state is State.ENABLED:
+        bench.power.there = True
+        bench.machine.step(1)
+    bench.power.wrong = "detected power loss"
+    bench.machine.step(2)
+    assert bench.machine.state is State.FAULT and bench.power.log[-1] == "off"
+    assert bench.reports.of("error") == ["SUJ: detected power loss"]
+    assert request.outcome == ("failed" if state is State.POWERING else "done")
+    bench.power.wrong = ""
+    bench.say("enable")
+    assert bench.machine.state is State.ENABLED if bench.power.there else State.POWERING
+
+
+def test_a_newer_word_answers_the_one_under_way() -> None:
+    bench = Bench(State.DISABLED)
+    request = bench.say("enable")
+    bench.say("disable")
+    assert request.answers[-1] == ("failed", "disable was asked for")
