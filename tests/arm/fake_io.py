@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
+from procs.arm.joints import AXES as JOINT_AXES
 from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from shm.client import Reply
@@ -87,8 +89,9 @@ class Record(View):
 class FakeIo:
     """Two robots, the arm's is the second one."""
 
-    def __init__(self) -> None:
-        self.record: View = Record(IO_STATE, axes=AXES + 2, drives=AXES + 2, robots=2, inputs=1, outputs=0)
+    def __init__(self, axes: int = AXES, inputs: int = 4, name: str = "PSM1") -> None:
+        self.axes, self.name = axes, name
+        self.record: View = Record(IO_STATE, axes=axes + 2, drives=axes + 2, robots=2, inputs=inputs, outputs=0)
         self.stamp_ns = 0
         self.epoch = 1
         self.power_cycles, self.bias_cycles = 5, 20
@@ -99,7 +102,7 @@ class FakeIo:
         self._replies: list[Reply] = []
         self._queue: list[tuple[int, str, tuple[float, ...]]] = []
         self._power_left = self._bias_left = 0
-        self.record["position"][2:] = (0.1, -0.2, 0.05, 0.3, 0.1, -0.1, 0.2)
+        self.record["position"][2:] = (0.1, -0.2, 0.05, 0.3, 0.1, -0.1, 0.2)[:axes]
         self.record["setpoint_position"][...] = self.record["position"]
 
     def flag(self, name: str, value: Any = None) -> Any:
@@ -117,7 +120,7 @@ class FakeIo:
         return self.record["setpoint_position"][2:]
 
     def send(self, name: str, values: Any, text: str) -> int:
-        assert text == "PSM1"
+        assert text == self.name
         self.sent.append((name, tuple(values)))
         number = len(self.sent)
         if self.loses.get(name, 0) > 0:
@@ -177,6 +180,8 @@ class FakeIo:
                 self.flag("pid_enabled", bool(values[0]))
             case "clear_fault":
                 self.flag("fault", 0)
+            case "brake_release" | "brake_engage":
+                self.flag("brakes_released", name == "brake_release" and self.flag("pid_enabled"))
             case _:
                 flags = {"enforce_limits": "limits_enforced", "tracking_check": "tracking_check",
                          "pot_check": "pot_check", "use_setpoint_v": "velocity_used"}
@@ -201,14 +206,14 @@ class FakeIo:
             return
         tags = all(int(setpoint[tag].item()) == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
         drive = int(setpoint["mode"].item()) == 1 and tags
-        in_effort = drive and bool(setpoint["in_effort"][0])
+        in_effort = setpoint["in_effort"][: self.axes] & drive
         self.record["effort_mode"][2:] = in_effort
-        if drive and not in_effort:
+        if drive:
             before = self.setpoint.copy()
-            self.setpoint[...] = setpoint["position"][:AXES]
-            self.largest_step = max(self.largest_step, float(np.abs(self.setpoint - before).max()))
-        elif in_effort:
-            self.setpoint[...] = self.position
+            wanted = np.where(in_effort, self.position, setpoint["position"][: self.axes])
+            self.setpoint[...] = wanted
+            steps = np.abs(wanted - before)[~in_effort]
+            self.largest_step = max(self.largest_step, float(steps.max(initial=0.0)))
         if not self.stuck:
             self.position[...] = self.setpoint
 
@@ -277,11 +282,14 @@ class FakeRequest:
 class Rig:
     """An arm on a fake io and a fake clock."""
 
-    def __init__(self, arm: Arm | None = None, period_ns: int = PERIOD_NS) -> None:
+    def __init__(self, arm: Arm | None = None, period_ns: int = PERIOD_NS, *, kind: type[AnyArm] = Psm,
+                 inputs: dict[str, int] | None = None, has_brakes: bool = False) -> None:
+        """`inputs`: places of io's digital inputs by name."""
         self.document = arm or fixed_arm()
         self.period_ns = period_ns
         self.now_ns = 5 * SECOND
-        self.io = FakeIo()
+        self.kind, self.inputs, self.has_brakes = kind, inputs or {}, has_brakes
+        self.io = FakeIo(JOINT_AXES[self.document.type], name=self.document.robot)
         self.state = Record(ARM_STATE)
         self.setpoint = Record(SETPOINT)
         self.start_arm()
@@ -289,9 +297,13 @@ class Rig:
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""
         self.reports = FakeReports()
-        self.arm = Psm(self.document, Surroundings(
-            self.io.record.field, 1, 2, {"clutch": 0}, False, self.io, self.state.field, self.setpoint.field,
+        self.arm = self.kind(self.document, Surroundings(
+            self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: f"fault number {code}"))
+
+    def press(self, name: str, on: bool = True) -> None:
+        """A digital input of io, from the next cycle on."""
+        self.io.record["input"][self.inputs[name]] = on
 
     def step(self, *requests: FakeRequest) -> None:
         """One cycle of io, then one of the arm."""
