@@ -166,7 +166,10 @@ def _plain_axis(name: str, joint: int, parent: int, lower: float, upper: float, 
 
 
 def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
-    """An instrument's links as its file has them, then the jaw on the last of them."""
+    """An instrument's links as its file has them, then the jaw on the last of them.
+
+    Its stops lie beyond the positions at which it is engaged, too: some files have these outside their own limits.
+    """
     inertia = wrist_inertia(np.array(tool.actuator_to_joint))
     first = parent + 1
     moved_by = SNAKE if tool.snake else tuple((first + i, 1.0) for i in range(len(tool.links)))
@@ -177,7 +180,9 @@ def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
         follows = any(axis.joint == joint for axis in axes)
         own = NOTHING if follows else inertia[joint - first]
         axis = _link_axis(convention, link, joint, parent, own)
-        axes.append(dataclasses.replace(axis, ratio=ratio, follows=follows))
+        engaged = ratio * tool.engage_lower[joint - first], ratio * tool.engage_upper[joint - first]
+        lower, upper = min(axis.lower, engaged[0] - MARGIN), max(axis.upper, engaged[1] + MARGIN)
+        axes.append(dataclasses.replace(axis, ratio=ratio, follows=follows, lower=lower, upper=upper))
         parent += 1
     jaw = first + len(inertia) - 1
     return [*axes, _plain_axis("jaw", jaw, parent, tool.jaw.lower, tool.jaw.upper, inertia[-1])]
