@@ -91,6 +91,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                 moves=False),
         Command("actuator_to_joint_position", "position of every actuator", "", "joint positions", moves=False),
         Command("crtk_version", "", "", "version of the commands' meaning", moves=False),
+        Command("set_endoscope_type", "", "endoscope", "say which endoscope an ECM carries", moves=False),
         Command("set_tool_type", "", "NAME:MODEL", "say which instrument is on"),
         Command("emulate_adapter_present", "on", "", "act as if a sterile adapter were on"),
         Command("emulate_tool_present", "on", "", "act as if an instrument were on"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import Commands, Row, Table
-from procs.arm.control import Control
+from procs.arm.control import SAID_NS, Control
 from procs.arm.duties import Duties, Sender
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import AXES, Joints, joints, kinematic_home
@@ -81,7 +81,7 @@ class Arm:
         record.show_frame(frame)
         cartesian.set_base(base)
         record.show_ratios(control.motion)
-        self._started = False
+        self._started = self._clutched = False
         self._epoch = 0
         self.prepare(self._predecessor)
         own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control).table)
@@ -146,7 +146,7 @@ class Arm:
 
     def is_clutched(self) -> bool:
         """The clutch on the arm itself is pressed."""
-        return False
+        return self.pressed(self.control.arm.inputs.clutch)
 
     def bears_weight(self) -> bool:
         """Gravity compensation applies now."""
@@ -184,6 +184,7 @@ class Arm:
         self._supervise()
         if motion.moving and control.driving is not None and io.holding.item():
             self._resume()
+        self._watch_clutch()
         self.watch()
         self._commands.run(requests)
         self._stages[machine.state].run()
@@ -231,6 +232,18 @@ class Arm:
         code, reason = trouble(state, io, self._epoch, control.driving, self._around.fault_text)
         if code:
             self.machine.fault(code, reason)
+
+    def _watch_clutch(self) -> None:
+        """Pressed, a hand takes the arm, if it is ready for that; see `Manual` for the end."""
+        pressed = self.is_clutched()
+        if pressed is self._clutched:
+            return
+        self._clutched = pressed
+        self.control.reports.emit("arm_clutch", "pressed" if pressed else "released", value=float(pressed))
+        if pressed and self.state is State.HOMED:
+            self.machine.fire(Event.PRESSED)
+        elif pressed:
+            self.control.warn("not-ready", "arm not ready yet, manipulator clutch ignored", SAID_NS)
 
     def _resume(self) -> None:
         """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""

@@ -1,9 +1,72 @@
-"""An ECM: the endoscope it carries."""
+"""An ECM: the endoscope it carries, and what keeps its tip out of the cannula."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
 from procs.arm.arm import Arm
+from procs.arm.commands import Row, Table
+from procs.arm.control import Refused
+from procs.arm.gravity import Weight
+from procs.arm.joints import ARM_JOINTS, joints
+from procs.arm.machine import Request
+from procs.arm.motion import Mode
+from procs.arm.states import State
+from procs.arm.takeover import Predecessor
+from procs.lib.endoscopes import NAMES
+
+Array = NDArray[np.float64]
+
+INSERTION: Final = 2
+LEAST_INSERTION: Final = 0.04  # m; a goal of the tip never takes the endoscope further out
+CARTESIAN_INSERTION: Final = 0.05  # m, above which Cartesian control may begin
 
 
 class Ecm(Arm):
     """See Arm."""
+
+    def prepare(self, before: Predecessor | None) -> None:
+        """Go on with the endoscope that a predecessor had."""
+        if before is not None and before.tool in NAMES:
+            self._carry(before.tool)
+
+    def tables(self) -> Iterable[Table]:
+        """See Arm."""
+        return ({"set_endoscope_type": Row(self._set_endoscope_type)},)
+
+    def safe(self, at: Array) -> str:
+        """See Arm."""
+        if at[INSERTION] > CARTESIAN_INSERTION:
+            return ""
+        return f"the endoscope needs to be inserted past the cannula, to {CARTESIAN_INSERTION} m, for Cartesian control"
+
+    def guard(self, found: Array, seed: Array) -> None:
+        """See Arm."""
+        found[INSERTION] = max(found[INSERTION], LEAST_INSERTION)
+
+    def _set_endoscope_type(self, request: Request) -> str:
+        control, name = self.control, request.text.strip()
+        if self.machine.moving or self.state is State.HOMING or control.motion.mode is Mode.EFFORT:
+            raise Refused("set_endoscope_type: the arm is moving or in effort mode")
+        if name not in NAMES:
+            control.reports.emit("endoscope_type", "ERROR")
+            reason = f"set_endoscope_type: no endoscope {name or '(empty)'}; allowed: {', '.join(NAMES)}"[:199]
+            control.error("endoscope-type", reason)
+            raise Refused(reason)
+        self._carry(name)
+        control.reports.emit("endoscope_type", name)
+        return ""
+
+    def _carry(self, name: str) -> None:
+        """Another tip and another mass; the joints stay where they are."""
+        control = self.control
+        control.arm = dataclasses.replace(control.arm, endoscope=name)
+        used = control.gravity.used
+        control.gravity = Weight(control.arm, ARM_JOINTS[control.arm.type])
+        control.gravity.used = used and control.gravity.known
+        control.use(joints(control.arm))

@@ -21,9 +21,9 @@ Model = Callable[[Array, Array], Array]
 class Weight:
     """`used`: the compensation is on (it is where there is a model); `effort` (size,) is that of this cycle."""
 
-    def __init__(self, arm: Arm, joints: int, camera: str = "") -> None:
-        """`joints` (as many as move the links) of the arm itself; `camera` is an ECM's endoscope."""
-        self._model = _model(arm, joints, camera)
+    def __init__(self, arm: Arm, joints: int) -> None:
+        """`joints` are those of the arm itself."""
+        self._model = _model(arm, joints)
         self._joints = joints
         self.used = self.known
         self.use(joints)
@@ -48,13 +48,13 @@ class Weight:
             self.effort[:n] = 0.0
 
 
-def _model(arm: Arm, joints: int, camera: str) -> Model | None:
+def _model(arm: Arm, joints: int) -> Model | None:
     if arm.skip_gravity_compensation:
         return None
     if arm.master_gravity is not None:
         return MasterGravity(arm.master_gravity).effort
     if arm.links is None:
         return None
-    mass = endoscope(camera or NONE).mass if arm.type == "ECM" else None
+    mass = endoscope(arm.endoscope or NONE).mass if arm.type == "ECM" else None
     model = Gravity(arm.links, joints, up_of(arm.mounting_pitch or 0.0), mass)
     return lambda position, _: model.effort(position)

@@ -40,8 +40,8 @@ SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each be
 class Joints:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
-    `v_max`, `a_max` are those of moves at ratio 1. Positions and velocities map alike; efforts go with the transposed
-    matrices the other way round, so that power is the same on both sides.
+    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1. Positions and velocities map
+    alike; efforts go with the transposed matrices the other way round, so that power is the same on both sides.
     """
 
     tool: str
@@ -99,7 +99,7 @@ def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     if kinematics.n != axes:
         raise ValueError(f"{arm.name}: {arm.chain.source} has {kinematics.n} joints; an {arm.type} has {axes}")
     limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain)
-    return Joints("", kinematics.names, axes, kinematics.lower, kinematics.upper, np.array(limits.velocity),
+    return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, np.array(limits.velocity),
                   np.array(limits.acceleration), map_.actuator_to_joint, map_.joint_to_actuator, kinematics,
                   inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0)
 
