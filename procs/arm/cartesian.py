@@ -34,6 +34,8 @@ class Cartesian:
         self._base_pose, self._base_valid = field("base_frame"), field("reference_valid")
         self._valid = field("cartesian_valid")
         self.valid = False
+        self.complete = True
+        """Every joint tells where it is; a master's roll only does once its stop was found."""
         self.base_known = True
         self._is_identity = True
         self.base, self._to_base = np.eye(4), np.eye(4)
@@ -92,7 +94,7 @@ class Cartesian:
     def update(self) -> None:
         """Fill the record from this cycle's readings, if they are valid and there is a tip."""
         kinematics = self._kinematics
-        if kinematics is None or not self._io.valid:
+        if kinematics is None or not self._io.valid or not self.complete:
             if self.valid:
                 self.clear()
             return

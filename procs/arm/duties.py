@@ -121,6 +121,7 @@ class Duties:
         self._asked: dict[int, Switch] = {}
         self._ended: dict[int, Answer] = {}
         self._samples = 0.0
+        self._left_out: tuple[float, ...] = ()
         self._bias_next_ns = self._bias_id = 0
         self._bias_before = 0
         self._again = False
@@ -143,9 +144,13 @@ class Duties:
         self._again = True
         self.power.sent(now_ns)  # not as a switch: that would be before the fault is cleared
 
-    def bias(self, samples: float) -> None:
-        """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do."""
+    def bias(self, samples: float, left_out: Sequence[int] = ()) -> None:
+        """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do.
+
+        `left_out`: actuators whose potentiometers do not tell where they are.
+        """
         self._samples = samples
+        self._left_out = tuple(map(float, left_out))
         self._bias_next_ns = self._bias_id = 0
         self._bias_before = int(self._io.bias_generation.item())
         self.bias_refusal = ""
@@ -190,7 +195,7 @@ class Duties:
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing
             self._bias_next_ns = now_ns + REFUSED_NS
-            self._bias_id = self._sender.send("bias_encoders", (self._samples,), self._robot)
+            self._bias_id = self._sender.send("bias_encoders", (self._samples, *self._left_out), self._robot)
 
     def _see_to(self, switch: Switch, now_ns: int) -> None:
         command = switch.due(now_ns)

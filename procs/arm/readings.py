@@ -43,7 +43,7 @@ class Readings:
         self.fresh = False
         self.input = field("input")
         self.age_ns = field("age_ns")
-        self.at_limit, self.in_effort = axis("at_limit"), axis("effort_mode")
+        self.at_limit, self.in_effort, self.encoder_set = axis("at_limit"), axis("effort_mode"), axis("encoder_set")
         self.power_wanted, self.powered, self.amps_on = flag("power_wanted"), flag("powered"), flag("amps_on")
         self.biased, self.biasing, self.bias_generation = flag("biased"), flag("biasing"), flag("bias_generation")
         self.pid_enabled, self.pid_generation = flag("pid_enabled"), flag("pid_generation")

@@ -215,7 +215,10 @@ class FakeIo:
             steps = np.abs(wanted - before)[~in_effort]
             self.largest_step = max(self.largest_step, float(steps.max(initial=0.0)))
         if not self.stuck:
-            self.position[...] = self.setpoint
+            self._move()
+
+    def _move(self) -> None:
+        self.position[...] = self.setpoint
 
     largest_step = 0.0
 
@@ -289,10 +292,14 @@ class Rig:
         self.period_ns = period_ns
         self.now_ns = 5 * SECOND
         self.kind, self.inputs, self.has_brakes = kind, inputs or {}, has_brakes
-        self.io = FakeIo(JOINT_AXES[self.document.type], name=self.document.robot)
+        self.io = self.make_io()
         self.state = Record(ARM_STATE)
         self.setpoint = Record(SETPOINT)
         self.start_arm()
+
+    def make_io(self) -> FakeIo:
+        """The io of this arm."""
+        return FakeIo(JOINT_AXES[self.document.type], name=self.document.robot)
 
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,11 @@ SETTLE_NS: Final = 2_000_000_000
 
 class Calibrating(Stage):
     """io sets the encoders from the mean of potentiometer samples, or finds them preset."""
+
+    def __init__(self, control: Control, left_out: Sequence[int] = ()) -> None:
+        """`left_out`: actuators whose potentiometers do not tell where they are."""
+        super().__init__(control)
+        self._left_out = left_out
 
     def enter(self) -> None:
         """See Stage."""
@@ -48,7 +53,7 @@ class Calibrating(Stage):
             if not control.must_bias and not again and control.io.biased.item():
                 control.machine.fire(Event.BIASED)
                 return
-            duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES)
+            duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
             self._asked = True
 
     def _done(self) -> None:

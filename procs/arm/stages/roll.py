@@ -1,0 +1,96 @@
+"""A master's roll: driven to its lower stop, whose place is known, and its encoder set there.
+
+The potentiometer of the roll goes round several times over the joint's range, so that it cannot tell the position.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from procs.arm.motion import Mode
+from procs.arm.stages.homing import SETTLE_NS, Driving
+from procs.arm.stages.stage import Stage
+from procs.arm.states import Event
+
+ROLL: Final = 6  # the joint, and its actuator
+LOWER_STOP: Final = math.radians(-480.0)
+TRAVEL: Final = 6.5 * math.pi  # further than the whole range
+LAG: Final = math.pi  # behind its goal by so much, the roll stands at its stop
+STANDING: Final = 0.5  # rad/s: slower is standing; a roll that is only slow has not arrived
+NEAR: Final = math.radians(6.0)
+SET_NS: Final = 3_000_000_000
+RETRY_NS: Final = 100_000_000
+CLOSE: Final = math.radians(5.0)
+
+
+class FindingRoll(Driving):
+    """The roll goes down until it lags behind; the other joints hold."""
+
+    checks_tracking = False
+
+    def begin(self) -> None:
+        """See Driving."""
+        control = self.control
+        control.goal[...] = control.io.setpoint
+        control.goal[ROLL] -= TRAVEL
+        reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
+        if reason:
+            self.fail("roll-plan", f"finding the roll's lower limit: {reason}")
+
+    def drive(self) -> None:
+        """See Driving."""
+        control, motion, io = self.control, self.control.motion, self.control.io
+        lag = abs(float(io.position[ROLL] - motion.goal[ROLL]))
+        if lag > LAG and abs(io.velocity[ROLL]) < STANDING:
+            control.status("found roll lower limit")
+            control.machine.fire(Event.STOPPED)
+        elif not motion.moving and lag < NEAR:
+            self.fail("roll-passed", "went past roll lower limit")
+        elif not motion.moving and control.now_ns >= motion.end_ns + SETTLE_NS:
+            self.fail("roll-timeout", "unable to hit roll lower limit in time")
+
+
+class SettingRoll(Stage):
+    """io sets the encoder, for which the joint controller has to be off, and shows that it did."""
+
+    def enter(self) -> None:
+        """See Stage."""
+        control = self.control
+        control.motion.hold(control.io.setpoint, Mode.NONE)
+        control.driving = None
+        control.duties.pid.want(False)
+        self.within(SET_NS)
+        self._order = 0
+        self._next_ns = 0
+        self._refusal = ""
+
+    def run(self) -> None:
+        """See Stage."""
+        control, io = self.control, self.control.io
+        if self.is_late:
+            why = f" (io says: {self._refusal})" if self._refusal else ""
+            self.fail("roll-encoder", f"unable to set the roll encoder at its lower limit{why}")
+        elif not control.duties.pid.settled or io.biasing.item():
+            return
+        elif io.encoder_set[ROLL]:
+            self._check()
+        else:
+            self._ask()
+
+    def _ask(self) -> None:
+        control = self.control
+        answer = control.duties.outcome(self._order) if self._order else None
+        if answer is not None and answer.outcome != "done":
+            self._refusal, self._order = answer.text, 0
+        if not self._order and control.now_ns >= self._next_ns:
+            self._next_ns = control.now_ns + RETRY_NS
+            self._order = control.duties.order("set_encoder", (float(ROLL), LOWER_STOP))
+
+    def _check(self) -> None:
+        control = self.control
+        reads = float(control.io.position[ROLL])
+        if abs(reads - LOWER_STOP) < CLOSE:
+            control.machine.fire(Event.SET)
+        else:
+            self.fail("roll-check", f"the roll encoder reads {math.degrees(reads):.1f}° at its lower limit, not -480°")
