@@ -47,9 +47,10 @@ def test_instruments_without_a_file_are_noted(home: Home) -> None:
     choosing(home, row("NEW_THING", "400999", "nowhere.json"), row("OTHER", "400998"))
     loaded = home.load()
     assert loaded.system is not None and loaded.warnings == ()
-    assert [tool.name for tool in loaded.system.arms[0].tools] == ["OTHER:400998", "LARGE_NEEDLE_DRIVER:400006"]
+    assert [tool.name for tool in loaded.system.arms[0].tools] == [
+        "OTHER:400998", "LARGE_NEEDLE_DRIVER:400006", "LARGE_NEEDLE_DRIVER:420006[..11]"]
     (note,) = [note for note in loaded.system.notes if "cannot be chosen" in note]
-    assert note.startswith("PSM1: 1 of 3 ") and "nowhere.json" in note
+    assert note.startswith("PSM1: 1 of 4 ") and "nowhere.json" in note
 
 
 def test_an_index_of_ones_own_hides_the_stock_one(home: Home) -> None:
@@ -60,7 +61,8 @@ def test_an_index_of_ones_own_hides_the_stock_one(home: Home) -> None:
     choosing(home, row("LARGE_NEEDLE_DRIVER", "400006", "mine.tool.yaml"))
     system = home.load().system
     assert system is not None
-    assert [(tool.name, tool.jaw.lower) for tool in system.arms[0].tools] == [("LARGE_NEEDLE_DRIVER:400006", -0.1)]
+    assert [(tool.name, tool.jaw.lower) for tool in system.arms[0].tools][:1] == [("LARGE_NEEDLE_DRIVER:400006", -0.1)]
+    assert len(system.arms[0].tools) == 2
 
 
 def test_all_mistakes_of_all_instruments_are_told(home: Home) -> None:

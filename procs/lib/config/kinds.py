@@ -14,10 +14,12 @@ from procs.lib.config.buses import BusFiles
 from procs.lib.config.carts import check_cart
 from procs.lib.config.chains import check_chain, check_tool, load_tool
 from procs.lib.config.context import Context
+from procs.lib.config.gravity_file import load_master_gravity
 from procs.lib.config.instruments import check_index, file_of, psm_tool
 from procs.lib.config.io_checks import check_bus
 from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
 from procs.lib.config.load import PROJECT_CONFIGS, load_system
+from procs.lib.config.lookup_file import check_table
 from procs.lib.config.pid_file import PidFile
 from procs.lib.config.problem import WARNING, Key, Problem
 from procs.lib.config.search import search_path
@@ -77,6 +79,10 @@ def kind_of(source: Source) -> str:
         return "kinematic"
     if {"robots", "digital_inputs", "digital_outputs"} & keys:
         return "io"
+    if {"serial", "lookup"} <= keys:
+        return "potentiometer table"
+    if "GC_controller" in keys:
+        return "gravity"
     if "pid" in keys:
         return "pid"
     if "kinematic" in keys:
@@ -156,7 +162,7 @@ def _check_index(context: Context, path: Path) -> None:
             load_tool(context, found, row.file)
 
 
-_CHECKS: dict[str, Callable[[Context, Path], None]] = {
+_CHECKS: dict[str, Callable[[Context, Path], object]] = {
     "io": _check_io,
     "pid": _check_pid,
     "psm": _check_psm,
@@ -168,4 +174,6 @@ _CHECKS: dict[str, Callable[[Context, Path], None]] = {
     "set-up joints, Classic": partial(check_cart, kind=CLASSIC),
     "set-up joints, Si": partial(check_cart, kind=SI),
     "set-up joints, fixed": partial(check_cart, kind=FIXED),
+    "potentiometer table": check_table,
+    "gravity": load_master_gravity,
 }

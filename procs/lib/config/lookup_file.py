@@ -1,14 +1,23 @@
-"""Lookup tables of digital potentiometers: `{"serial": …, "lookup": [a row of 4096 positions for each actuator]}`."""
+"""Lookup tables of digital potentiometers: `{"serial": …, "lookup": [a row of 4096 positions for each actuator]}`.
+
+A row may also be `{"from": …, "to": …}`: 4096 positions evenly between the two, for robots nobody has measured.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
 
 from procs.lib import lookup
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.io_file import IoFile, RobotKeys
 from procs.lib.config.problem import Key
 from procs.lib.config.search import expanded
+from procs.lib.config.source import Source
+
+ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.MISSING_ABOVE:g}"
 
 
 def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
@@ -34,6 +43,17 @@ def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, in
     return tables
 
 
+def check_table(context: Context, path: Path) -> None:
+    """A table by itself: its rows, and the serial number that its name must have."""
+    source = context.read(path)
+    if source is None:
+        return
+    serial = source.at(("serial",))
+    if not isinstance(serial, str) or not serial or serial not in path.name:
+        context.error(source, ("serial",), "the name of the file must contain it", "the text of a serial number")
+    _packed(context, source)
+
+
 def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
     """The packed table; empty, with errors, where the file is not this robot's."""
     serial = robot.serial_number
@@ -46,11 +66,31 @@ def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys,
     if source.at(("serial",)) != serial:
         context.error(source, ("serial",), f"is not that of robot {robot.name}", serial)
     rows, count = source.at(("lookup",)), len(robot.actuators)
-    if not isinstance(rows, list) or len(rows) != count or not all(isinstance(row, list) for row in rows):
+    if isinstance(rows, list) and len(rows) != count:
         context.error(source, ("lookup",), "wrong number of rows", f"{count}, one an actuator of {robot.name}")
+        return ""
+    return _packed(context, source)
+
+
+def _packed(context: Context, source: Source) -> str:
+    """The rows of a table as text; empty, with an error, where they are none."""
+    rows = source.at(("lookup",))
+    rows = [_spread(row) for row in rows] if isinstance(rows, list) else []
+    if not rows or not all(isinstance(row, list) for row in rows):
+        context.error(source, ("lookup",), "must be a list of rows", ROW)
         return ""
     try:
         return lookup.pack(rows)
     except ValueError as error:
-        context.error(source, ("lookup",), str(error), f"{lookup.ENTRIES} numbers a row")
+        context.error(source, ("lookup",), str(error), ROW)
         return ""
+
+
+def _spread(row: Any) -> Any:
+    """What `from` and `to` mean; any other row as it is."""
+    if not isinstance(row, dict) or set(row) != {"from", "to"}:
+        return row
+    first, last = row["from"], row["to"]
+    if not all(type(end) in (int, float) and abs(end) <= lookup.MISSING_ABOVE for end in (first, last)):
+        return row
+    return np.linspace(first, last, lookup.ENTRIES).tolist()

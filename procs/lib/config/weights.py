@@ -27,8 +27,7 @@ def weighing_links(context: Context, source: Source, content: ArmFile, family: s
     name = content.kinematic_gc or STOCK.get((family, content.generation), "")
     if not name or family not in LINKS:
         return None
-    named = bool(content.kinematic_gc)
-    path = context.find(source, ("kinematic_gc",), (name,), search) if named else search.find(name)
+    path = context.find(source, ("kinematic_gc",), (name,), search)
     chain = load_chain(context, path) if path is not None else None
     if chain is None or len(chain.links) in LINKS[family]:
         return chain
