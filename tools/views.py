@@ -19,6 +19,8 @@ from tools.printing import plain
 from tools.systems import is_lockstep
 from tools.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
 
+FLAGS = {"goal_reached": "reached", "gripper/closed": "closed", "orientation_locked": "locked"}
+ONE_JOINT = ("jaw", "gripper")
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
 MESSAGE = ("severity", "code", "component", "axis", "value", "limit", "text")
 JS = ("position", "velocity", "effort")
@@ -127,7 +129,8 @@ class Source:
         if self.entry.labels:
             return list(self.entry.labels)
         names = [str(plain(name)) for name in self.part("name").tolist()]
-        return names or (["jaw"] if self.entry.name.rsplit("/", 2)[-2] == "jaw" else [])
+        part = self.entry.name.rsplit("/", 2)[-2]
+        return names or ([part] if part in ONE_JOINT else [])
 
     def as_dict(self) -> dict[str, Any]:
         """The record as JSON knows it; what is invalid or not finite is None."""
@@ -140,8 +143,8 @@ class Source:
 
     def _event(self) -> dict[str, Any]:
         name = self.entry.event
-        if name == "goal_reached":
-            return {"reached": bool(self._fields["value"][()])}
+        if name in FLAGS:
+            return {FLAGS[name]: bool(self._fields["value"][()])}
         shown = OPERATING_STATE if name == "operating_state" else MESSAGE
         found = {key: plain(self._fields[key]) for key in shown}
         if found.get("axis") == -1:

@@ -53,6 +53,7 @@ class Surroundings:
     setpoint: Fields
     reports: Reports
     fault_text: Callable[[int], str]
+    gripper: int = -1  # axis of its gripper in io's record, -1: none
 
 
 class Arm:

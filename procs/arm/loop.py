@@ -103,6 +103,16 @@ def place_in(io: Io, arm: Arm) -> tuple[int, int]:
     raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}")
 
 
+def gripper_in(io: Io, arm: Arm) -> int:
+    """The axis of a master's gripper in io's record, -1: it has none."""
+    first = 0
+    for robot in io.robots:
+        if arm.gripper and robot.name == arm.gripper and robot.actuators:
+            return first
+        first += len(robot.actuators)
+    return -1
+
+
 def main() -> None:
     """Run one arm until asked to stop; its robot is then held by io."""
     with runtime.process("arm") as me:
@@ -115,7 +125,8 @@ def main() -> None:
         driven = TYPES[arm.type](arm, Surroundings(
             io.field, number, first_axis, {row.name: i for i, row in enumerate(robot_io.digital_inputs)},
             bool(robot_io.robots[number].brakes), IoMailbox(me.commands(arm.io)), state.field, setpoint.field,
-            me.events, fault_text(io, me.reads(arm.io, "events"), arm.robot)))
+            me.events, fault_text(io, me.reads(arm.io, "events"), arm.robot),
+            gripper=gripper_in(robot_io, arm)))
         mailbox = me.mailbox()
         written = io.field("write_ns")
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")

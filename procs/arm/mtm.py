@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.arm import Arm
+from procs.arm.gripper import Gripper
 from procs.arm.stages.homing import Biased, Calibrating
 from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
 from procs.arm.stages.stage import Stage
@@ -30,7 +31,9 @@ class Mtm(Arm):
 
     def prepare(self, before: Predecessor | None) -> None:
         """See Arm."""
-        self.control.cartesian.complete = False  # until the roll was looked at
+        control, around = self.control, self._around
+        control.cartesian.complete = False  # until the roll was looked at
+        self._gripper = Gripper(control, around.field, around.gripper, around.state)
 
     def stages(self) -> Mapping[State, Stage]:
         """See Arm."""
@@ -61,6 +64,7 @@ class Mtm(Arm):
     def watch(self) -> None:
         """See Arm."""
         self.control.cartesian.complete = self.is_ready()
+        self._gripper.step(self.control.now_ns)
 
     def _before_homing(self) -> Event:
         """The roll is found once; it stays where it is known as long as the controllers have power."""

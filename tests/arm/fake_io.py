@@ -306,7 +306,8 @@ class Rig:
         self.reports = FakeReports()
         self.arm = self.kind(self.document, Surroundings(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
-            self.reports, lambda code: f"fault number {code}"))
+            self.reports, lambda code: f"fault number {code}",
+            gripper=0 if self.document.gripper else -1))
 
     def press(self, name: str, on: bool = True) -> None:
         """A digital input of io, from the next cycle on."""

@@ -1,0 +1,107 @@
+"""A master's gripper: the angle of its potentiometer, closed and pinched."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.arm.fake_master import MasterRig, master
+
+
+class GripperRig(MasterRig):
+    """The gripper is the first axis of io's record, another robot's."""
+
+    def __init__(self, angle: float = 0.5, **changes: Any) -> None:
+        super().__init__(master(gripper="MTML_gripper", **changes))
+        self.turn(angle)
+
+    def turn(self, angle: float) -> None:
+        self.io.record["pot_position"][0] = angle
+
+    def said(self) -> list[tuple[Any, ...]]:
+        said = [e if e[0] == "gripper/pinch" else (e[0], bool(e[2]))
+                for e in self.reports.of("gripper/closed", "gripper/pinch")]
+        self.reports.events.clear()
+        return [event[:2] if event[0] == "gripper/closed" else event[:1] for event in said]
+
+
+CLOSED, OPEN, PINCH = ("gripper/closed", True), ("gripper/closed", False), ("gripper/pinch",)
+
+
+def test_angle_is_seen_without_power() -> None:
+    rig = GripperRig(0.5)
+    rig.run(0.1)
+    assert rig.arm.state == "DISABLED" and rig.state["gripper_valid"] and rig.state["gripper_position"] == 0.5
+    assert rig.state["gripper_velocity"] == 0.0
+
+
+def test_velocity_follows_the_angle() -> None:
+    rig = GripperRig(0.0)
+    rig.run(0.1)
+    for step in range(50):
+        rig.turn(0.2 * step * rig.period_ns * 1e-9)
+        rig.step()
+    assert rig.state["gripper_velocity"] == pytest.approx(0.2, rel=0.01)
+    rig.run(0.3)
+    assert abs(rig.state["gripper_velocity"]) < 1e-3
+
+
+def test_closing_counts_once_it_has_lasted() -> None:
+    rig = GripperRig(0.5)
+    rig.run(0.1)
+    assert rig.said() == []
+    rig.turn(-0.01)
+    rig.run(0.18)
+    assert rig.said() == []
+    rig.run(0.04)
+    assert rig.said() == [CLOSED, PINCH]
+    rig.turn(0.01)
+    rig.run(0.02)
+    assert rig.said() == [OPEN]
+
+
+def test_a_short_touch_is_no_pinch() -> None:
+    rig = GripperRig(0.5)
+    rig.run(0.1)
+    for _ in range(3):
+        rig.turn(-0.01)
+        rig.run(0.15)
+        rig.turn(0.3)
+        rig.run(0.05)
+    assert rig.said() == []
+
+
+def test_zero_and_debounce_are_those_of_the_file() -> None:
+    rig = GripperRig(0.5, gripper_zero=0.3, gripper_debounce_s=0.0)
+    rig.run(0.1)
+    rig.turn(0.3)
+    rig.run(0.02)
+    assert rig.said() == [CLOSED, PINCH]
+
+
+def test_a_gripper_that_is_found_closed_was_not_pinched() -> None:
+    rig = GripperRig(-0.1)
+    rig.run(0.5)
+    assert rig.said() == [CLOSED]
+
+
+def test_what_io_does_not_measure_is_not_valid() -> None:
+    rig = GripperRig(0.5)
+    rig.run(0.1)
+    rig.turn(np.nan)
+    rig.run(0.05)
+    assert not rig.state["gripper_valid"]
+    rig.turn(0.4)
+    rig.run(0.05)
+    assert rig.state["gripper_valid"] and abs(rig.state["gripper_velocity"]) < 1e-9
+    rig.io.deaf = True
+    rig.run(0.1)
+    assert not rig.state["gripper_valid"]
+
+
+def test_a_master_without_a_gripper_shows_none() -> None:
+    rig = MasterRig()
+    rig.run(0.1)
+    assert not rig.state["gripper_valid"]
