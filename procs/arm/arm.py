@@ -25,6 +25,7 @@ from procs.arm.motion import Mode
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.settings import Settings
+from procs.arm.setup_base import SetupBase
 from procs.arm.stages.homed import Homed, Manual
 from procs.arm.stages.homing import Biased, Calibrating, Homing
 from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
@@ -54,6 +55,7 @@ class Surroundings:
     reports: Reports
     fault_text: Callable[[int], str]
     gripper: int = -1  # axis of its gripper in io's record, -1: none
+    setup_base: SetupBase | None = None  # the set-up joints that carry it
 
 
 class Arm:
@@ -80,12 +82,13 @@ class Arm:
             frame, base = self._predecessor.reference_frame, self._predecessor.base
             control.motion.ratio_v, control.motion.ratio_a = self._predecessor.ratio_v, self._predecessor.ratio_a
         record.show_frame(frame)
-        cartesian.set_base(base)
+        self._setup_base = around.setup_base
+        cartesian.set_base(base if around.setup_base is None else None)
         record.show_ratios(control.motion)
         self._started = self._clutched = False
         self._epoch = 0
         self.prepare(self._predecessor)
-        own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control).table)
+        own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control, arm.base_from).table)
         self._commands = Commands(control, (*own, {"state_command": Row(self._state_command)}, *self.tables()))
         self._stages: dict[State, Stage] = {
             State.DISABLED: Disabled(control),
@@ -179,6 +182,8 @@ class Arm:
         motion = control.motion
         control.now_ns = now_ns
         io.update(now_ns, stamp_ns, epoch)
+        if self._setup_base is not None and self._setup_base.update(now_ns):
+            self._rest_on(self._setup_base)
         control.cartesian.update()
         if not self._started and io.fresh:
             self._start()
@@ -233,6 +238,12 @@ class Arm:
         code, reason = trouble(state, io, self._epoch, control.driving, self._around.fault_text)
         if code:
             self.machine.fault(code, reason)
+
+    def _rest_on(self, setup: SetupBase) -> None:
+        """The set-up joints put the base somewhere else, or are not to be trusted any more."""
+        self.control.cartesian.set_base(setup.base)
+        if setup.frame:
+            self.control.record.show_frame(setup.frame)
 
     def _watch_clutch(self) -> None:
         """Pressed, a hand takes the arm, if it is ready for that; see `Manual` for the end."""

@@ -33,7 +33,8 @@ class Ready(Enum):
 Handler = Callable[[Request], str | None]
 """Carries a command out; returns what to answer, None when that was done already. Refused where it cannot."""
 
-N: Final = -1  # so many values as the arm has joints
+N: Final = -1
+"""As many values as the arm has joints; 2 * N: twice as many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +100,7 @@ class Commands:
                 raise Refused(f"{request.name}: there is no instrument, so no tip")
             if row.ready is Ready.JAW and not control.joints.has_jaw:
                 raise Refused(f"{request.name}: there is no instrument, so no jaw")
-        allowed = [control.joints.count if size == N else size for size in row.sizes]
-        if 2 * N in row.sizes:
-            allowed[row.sizes.index(2 * N)] = 2 * control.joints.count
+        allowed = [size if size >= 0 else -size * control.joints.count for size in row.sizes]
         if allowed and len(request.values) not in allowed:
             wanted = f"{' or '.join(map(str, allowed))} value{'s' if allowed != [1] else ''}"
             raise Refused(f"{request.name} takes {wanted}, {len(request.values)} were given")

@@ -15,6 +15,7 @@ from procs.arm.ecm import Ecm
 from procs.arm.joints import AXES
 from procs.arm.mtm import Mtm
 from procs.arm.psm import Psm
+from procs.arm.setup_base import SetupBase, place_of
 from procs.lib.document import Arm, Io
 from procs.lib.faults import fault_of
 from shm.client import Client, MailboxFull, Reply
@@ -113,6 +114,14 @@ def gripper_in(io: Io, arm: Arm) -> int:
     return -1
 
 
+def setup_base(me: runtime.Me, arm: Arm) -> SetupBase | None:
+    """What the set-up joints that carry the arm say of its base; None: it stands by itself."""
+    if not arm.base_from:
+        return None
+    ring = me.reads(arm.base_from, "state")
+    return SetupBase(ring, place_of(ring.info, arm.base_setup))
+
+
 def main() -> None:
     """Run one arm until asked to stop; its robot is then held by io."""
     with runtime.process("arm") as me:
@@ -126,7 +135,7 @@ def main() -> None:
             io.field, number, first_axis, {row.name: i for i, row in enumerate(robot_io.digital_inputs)},
             bool(robot_io.robots[number].brakes), IoMailbox(me.commands(arm.io)), state.field, setpoint.field,
             me.events, fault_text(io, me.reads(arm.io, "events"), arm.robot),
-            gripper=gripper_in(robot_io, arm)))
+            gripper=gripper_in(robot_io, arm), setup_base=setup_base(me, arm)))
         mailbox = me.mailbox()
         written = io.field("write_ns")
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")

@@ -22,8 +22,9 @@ POSE: Final = 7
 class Settings:
     """What needs no readiness."""
 
-    def __init__(self, control: Control) -> None:
-        self._control = control
+    def __init__(self, control: Control, base_from: str) -> None:
+        """`base_from`: the set-up joints that give the base frame, "" where commands do."""
+        self._control, self._base_from = control, base_from
         self.table: Table = {
             "trajectory_j/set_ratio": Row(self._set_ratio),
             "trajectory_j/set_ratio_v": Row(self._set_ratio_v),
@@ -63,6 +64,8 @@ class Settings:
 
     def _set_base_frame(self, request: Request) -> str:
         control, values = self._control, request.values
+        if self._base_from:
+            raise Refused(f"set_base_frame: {self._base_from} gives the base frame of this arm")
         if request.text:
             control.record.show_frame(request.text)
         if len(values) == 0:
