@@ -35,7 +35,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("power_off", "open_relays", "robot", "disable the amplifiers, switch motor power off", stops=("*",)),
         Command("bias_encoders", "samples, axes to leave out or none", "robot",
                 "set encoders from potentiometers; negative samples: accept preset ones"),
-        Command("set_encoder", "axis position", "robot", "make the encoder of an axis at a known place read it"),
+        Command("set_encoder", "axis, rad or m", "robot", "make the encoder of an axis at a known place read it"),
         Command("pid_enable", "on", "robot", "joint controller on, or off, when brakes hold"),
         Command("servo_zero", "", "robot", "zero efforts, joint controller off, brakes hold", stops=("*",)),
         Command("enforce_limits", "on", "robot", "clip set-points to the position limits", moves=False),

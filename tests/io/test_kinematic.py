@@ -192,7 +192,8 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: Stage) -> None:
 
 @pytest.mark.parametrize(
     ("name", "values", "reason"),
-    [("bias_encoders", (100.0,), "KINEMATIC"), ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
+    [("bias_encoders", (100.0,), "KINEMATIC"), ("set_encoder", (6.0, 0.0), "KINEMATIC"),
+     ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
 )
 def test_what_needs_hardware_is_refused_with_the_reason(powered: Stage, name: str, values, reason: str) -> None:
     command = powered.ask(name, *values)

@@ -99,16 +99,6 @@ def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, 
     assert rig.errors() == [] and np.abs(hand.truth).max() < math.radians(4.0)
 
 
-@pytest.mark.slow
-def test_the_gripper_of_a_master_shows_in_its_potentiometer() -> None:
-    rig = rig_of("jhu-dVRK/system-MTML")
-    axis = rig.robots.slices[rig.robots.names.index("MTML_gripper")].start
-    for angle in (0.1, 0.8):
-        rig.plant.place("MTML_gripper", np.array([angle]))
-        rig.run(0.1)
-        assert rig.record.pot_position[axis] == pytest.approx(angle, abs=0.01)
-
-
 def loaded_psm(system: str, tool: str = "") -> tuple[Rig, Hand, np.ndarray]:
     """Held at the trocar with the discs at 0, then with an instrument; the range in which that is engaged (2, 4)."""
     loaded = load_system(stock.find(f"dvrk-site/{system}.json"), search=[stock.find("dvrk-share")], boards="emulated")
