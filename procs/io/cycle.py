@@ -19,6 +19,7 @@ from procs.io.commands import Command, Commands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.follow import Follow, SetpointSource
 from procs.io.gains import Gains
+from procs.io.idle_outputs import IdleOutputs
 from procs.io.instruments import Instruments
 from procs.io.outputs import Outputs
 from procs.io.port import Port
@@ -72,6 +73,7 @@ class RobotIo:
         self._digital_outputs = DigitalOutputs(robots, port, record)
         self.instruments = Instruments(robots, port, self.reports, instruments)
         self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
+        self._idle_outputs = IdleOutputs(robots, record, self._digital_outputs, self.reports)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                   self._brakes, self._digital_outputs, self.gains, self.instruments)
@@ -115,6 +117,7 @@ class RobotIo:
             if good:
                 self._control(now_ns)
             self._setup_brakes.step()
+            self._idle_outputs.step()
             finite = self._outputs.encode(self.pid.effort)
             self._port.write_all()
             self._outputs.written()
@@ -220,6 +223,7 @@ class RobotIo:
             self._port.write_all()
             self._outputs.written()
         self._setup_brakes.farewell()
+        self._idle_outputs.farewell()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)

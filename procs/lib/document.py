@@ -139,6 +139,7 @@ class DigitalOutput:
     high_s: float = 0.0  # for how long it stays high, then it turns by itself
     low_s: float = 0.0
     pwm_hz: float = 0.0
+    high_when_idle: str = ""  # a robot: without set-points for it, or with its controller off, the pin goes high
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from procs.suj.setups import Array, Fields, Setups
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
 LONGEST_ROUND_NS: Final = 5_000_000_000
 POWER_NS: Final = 4_000_000_000  # io gives up by itself after 3 s
+OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared what was latched before
 JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
@@ -32,13 +33,13 @@ class Classic:
     """What a Classic cart does in each cycle; it is its own power."""
 
     def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
-                 setpoint: Fields, fault_text: Callable[[int], str]) -> None:
+                 setpoint: Fields, fault_text: Callable[[int], str], multiplexer: Multiplexer | None = None) -> None:
         """`field` and `setpoint` give the arrays of the state record and of the set-points."""
         n = len(cart.arms)
         self._name, self._arms, self._setups, self._board = cart.name, cart.arms, setups, board
         self._reports, self._fault_text = reports, fault_text
         self._brakes = Brakes(cart.arms)
-        self._multiplexer = Multiplexer()
+        self._multiplexer = multiplexer or Multiplexer()
         self._readings = Readings(setups, CLASSIC_LIMITS, reports)
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
@@ -102,7 +103,7 @@ class Classic:
             return "io does not answer"
         if board.epoch != self._driving_epoch:
             return "io was restarted"
-        if board.has_fault and (board.power_wanted or not powering):  # an old one goes with the power-on
+        if board.has_fault and (not powering or now_ns - self._asked_ns > OLD_FAULT_NS):
             return self._fault_text(board.fault)
         if powering:
             return "failed to enable power" if now_ns - self._asked_ns > POWER_NS else ""

@@ -27,8 +27,9 @@ class Multiplexer:
     `wrong`: (shown, expected) while the counter is not where it should be, None otherwise.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, samples: int = SAMPLES, settle_ns: int = SETTLE_NS) -> None:
         """The counter may be anywhere: ask for `begin` first."""
+        self._samples, self._settle_ns = samples, settle_ns
         self.volts: Array = np.zeros((PLUGS, CHANNELS))
         self.rounds = 0
         self.wrong: tuple[int, int] | None = None
@@ -40,7 +41,7 @@ class Multiplexer:
 
     def begin(self, now_ns: int) -> str:
         """From the first channel on, whatever was before; returns what the counter needs."""
-        self._count, self._expected, self._ready_ns = 0, 0, now_ns + SETTLE_NS
+        self._count, self._expected, self._ready_ns = 0, 0, now_ns + self._settle_ns
         self._sum.fill(0.0)
         return RESET
 
@@ -53,7 +54,7 @@ class Multiplexer:
             return self.begin(stamp_ns)
         self._sum += volts
         self._count += 1
-        if self._count < SAMPLES:
+        if self._count < self._samples:
             return ""
         return self._next(stamp_ns)
 
@@ -63,8 +64,8 @@ class Multiplexer:
         self._sum.fill(0.0)
 
     def _next(self, stamp_ns: int) -> str:
-        self._current[:, self._expected] = self._sum / SAMPLES
-        self._count, self._ready_ns = 0, stamp_ns + SETTLE_NS
+        self._current[:, self._expected] = self._sum / self._samples
+        self._count, self._ready_ns = 0, stamp_ns + self._settle_ns
         self._sum.fill(0.0)
         self._expected = (self._expected + 1) % CHANNELS
         if self._expected:

@@ -78,9 +78,10 @@ class Direct:
 class Rig:
     """One io of a system as its emulated boards see it: every robot of its files, with or without an arm."""
 
-    def __init__(self, system: System, name: str = "") -> None:
+    def __init__(self, system: System, name: str = "", *, driven: bool = False) -> None:
+        """`driven`: as the system's io runs it, not as the boards see it."""
         whole = system.emulated()
-        self.io = whole.io(name) if name else whole.ios[0]
+        self.io = (system if driven else whole).io(name) if name else whole.ios[0]
         self.clock = Clock()
         self.plant = Plant(whole)
         self.world = Emulation(whole, self.plant, self.clock.ns)

@@ -79,7 +79,10 @@ def _with_cart(io: document.Io, one: cart.Cart) -> document.Io:
                               False)
         for name, actuator in zip(cart.channel_inputs(one.robot), actuators, strict=True))
     pid = document.Pid(one.robot, one.name, axes, one.source)
-    return dataclasses.replace(io, robots=robots, pids=(*io.pids, pid), digital_inputs=(*io.digital_inputs, *shown))
+    outputs = tuple(dataclasses.replace(row, high_when_idle=one.robot) if row.name == LIFT_OUTPUTS[1] else row
+                    for row in io.digital_outputs)
+    return dataclasses.replace(io, robots=robots, pids=(*io.pids, pid), digital_outputs=outputs,
+                               digital_inputs=(*io.digital_inputs, *shown))
 
 
 def _carried(content: SystemFile) -> dict[str, dict[str, str]]:

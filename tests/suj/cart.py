@@ -1,0 +1,130 @@
+"""A Classic patient cart: set-up joints, io's core and emulated boards on one stepped clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from procs.boards.incidents import Incidents
+from procs.boards.setup_joints import SetupJoints as Plant
+from procs.lib.config import load_system
+from procs.suj.classic import Classic
+from procs.suj.interface_board import InterfaceBoard
+from procs.suj.multiplexer import Multiplexer
+from shm.topics import SUJ_STATE
+from tests import stock
+from tests.boards.rails import Rails
+from tests.io.rig import Rig
+from tests.io.stand import FakeCommand, FakeSource
+from tests.suj.stand import Memory, Stand
+
+PLACES = {
+    "ECM": (0.41, -0.3, 0.2, 3.3, 0.0, 0.0), "PSM1": (0.52, 0.4, -1.1, 0.3, 0.2, -0.7),
+    "PSM2": (0.33, -0.5, 0.9, -0.2, -0.4, 0.6), "PSM3": (0.21, 0.1, 0.15, 0.25, -0.35, 0.45),
+}
+
+
+class Records:
+    """io's ring: what was pushed, in order."""
+
+    def __init__(self, record: Any) -> None:
+        self._record, self._fields = record, {}
+        self._waiting: deque[tuple[int, dict[str, np.ndarray]]] = deque()
+        self.lost, self.stamp_ns, self.epoch = 0, 0, 1
+
+    def field(self, name: str) -> np.ndarray:
+        return self._fields.setdefault(name, getattr(self._record, name).copy())
+
+    def push(self, stamp_ns: int) -> None:
+        self._waiting.append((stamp_ns, {name: getattr(self._record, name).copy() for name in self._fields}))
+
+    def next(self) -> bool:
+        if not self._waiting:
+            return False
+        self.stamp_ns, values = self._waiting.popleft()
+        for name, value in values.items():
+            self._fields[name][...] = value
+        return True
+
+
+class Orders:
+    """What io is asked; a test may let some get lost."""
+
+    def __init__(self) -> None:
+        self.waiting: list[FakeCommand] = []
+        self.log: list[tuple[str, str, tuple[float, ...]]] = []
+        self.lose = ""
+
+    def send(self, name: str, values, text: str) -> None:
+        self.log.append((name, text, tuple(values)))
+        if text != self.lose:
+            self.waiting.append(FakeCommand(name, text, *values))
+
+
+class Cart(Stand):
+    """`run` steps everything; every third cycle of io is one of the set-up joints."""
+
+    def __init__(self, memory: Memory | None = None, rig: Rig | None = None, *, quick: bool = True) -> None:
+        """`quick`: emulated inputs need no time to settle, and are without noise."""
+        self._multiplexer = Multiplexer(6, 5_000_000) if quick else Multiplexer()
+        loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
+                             boards="emulated")
+        assert loaded.system is not None
+        self.rig = rig or Rig(loaded.system, "IO1", driven=True)
+        self.orders, self.records = Orders(), Records(self.rig.record)
+        cart = loaded.system.cart("SUJ")
+        super().__init__(cart, self._classic, memory or Memory(SUJ_STATE, setups=4))
+        source = self.rig.arms.setdefault("SUJ", FakeSource())
+        source.mode, source.count = self.setpoint.field("mode"), self.setpoint.field("count")
+        source.effort, source.in_effort = self.setpoint.field("effort"), self.setpoint.field("in_effort")
+        self._source, self.alive = source, True
+
+    def _classic(self, cart, setups, reports, field, setpoint) -> Classic:
+        board = InterfaceBoard(self.rig.io, "SUJ", self.records, self.orders)
+        return Classic(cart, setups, board, reports, field, setpoint, lambda number: f"fault {number}",
+                       self._multiplexer)
+
+    @property
+    def plant(self) -> Plant:
+        return self.rig.world.setup_joints["SUJ"]
+
+    def run(self, seconds: float, *requests: FakeCommand) -> None:
+        for _ in range(round(seconds * 500)):
+            for _ in range(3):
+                commands, self.orders.waiting = self.orders.waiting, []
+                self.rig.cycle(commands)
+                self.records.push(self.rig.clock.ns)
+            if self.alive:
+                self.now_ns = self.rig.clock.ns + 100_000
+                self.joints.step(self.now_ns, requests)
+                requests = ()
+
+    def say(self, name: str, text: str = "", *values: float) -> FakeCommand:
+        request = FakeCommand(name, text, *values)
+        self.run(0.002, request)
+        return request
+
+    def enable(self) -> None:
+        request = self.say("state_command", "home")
+        for _ in range(20):
+            if request.outcome != "accepted":
+                break
+            self.run(0.1)
+        assert request.outcome == "done", (request.answers, self.reports.said, self.rig.events)
+
+    def kill(self) -> None:
+        """No cycle of the set-up joints any more; their last set-point grows old."""
+        self.alive = False
+        self.rig.arms.pop("SUJ")
+
+    def lose_supply(self, lost: bool) -> None:
+        bus = self.rig.world.buses[0]
+        bus.power.lose_supply(0, lost, bus.now)
+
+    def press(self, name: str, on: bool) -> None:
+        Incidents(self.rig.world, Rails(4)).press(name, on)
+
+    def valid(self) -> list[bool]:
+        return self.field("setup_valid").tolist()

@@ -1,0 +1,264 @@
+"""Classic set-up joints on emulated boards: potentiometers through the multiplexer, brakes, buttons, the lift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procs.suj.machine import State
+from tests.suj.cart import PLACES, Cart
+
+ROUND_S, WHOLE_S = (16 * (settle + samples / 1500) for settle, samples in ((0.005, 6), (0.03, 60)))
+CLOSE = 2e-4  # m and rad; half a bit of the converter is 2e-5 m and 1e-4 rad
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def cart() -> Cart:
+    return placed(Cart())
+
+
+def placed(made: Cart) -> Cart:
+    for name, place in PLACES.items():
+        made.plant.place(name, place, by_force=True)
+    return made
+
+
+@pytest.fixture
+def known(cart: Cart) -> Cart:
+    """Enabled, and all set-up arms known."""
+    cart.enable()
+    cart.run(4.5 * ROUND_S)
+    assert cart.valid() == [True] * 4, cart.reports.said
+    return cart
+
+
+def miss(cart: Cart, name: str, place: tuple[float, ...]) -> float:
+    return float(np.abs(cart.field("position")[cart.row(name), :6] - place).max())
+
+
+def released(cart: Cart) -> list[bool]:
+    return [cart.plant.is_released(name) for name in PLACES]
+
+
+def test_three_whole_rounds_at_rest_make_all_arms_known() -> None:
+    cart = placed(Cart(quick=False))
+    cart.run(3.9 * WHOLE_S)
+    assert cart.field("rounds").item() == 3 and cart.valid() == [False] * 4
+    cart.run(0.3 * WHOLE_S)
+    assert cart.valid() == [True] * 4 and cart.joints.machine.state is State.DISABLED, "brakes hold without power"
+    for name, place in PLACES.items():
+        assert miss(cart, name, place) < CLOSE
+        local = cart.joints._setups.local[cart.row(name)].copy()
+        cart.joints._setups.stand(cart.row(name), np.array(place))
+        assert np.abs(cart.joints._setups.local[cart.row(name)] - local).max() < 1e-3
+    assert cart.reports.of("error") == cart.reports.of("warning") == [] and cart.rig.errors() == []
+
+
+def test_a_clutch_button_lets_one_arm_go_which_is_unknown_then(known: Cart) -> None:
+    cart, there = known, (0.5, 0.3, -1.0, 0.2, 0.1, -0.6)
+    cart.press("SUJ_clutch_2", True)
+    cart.run(0.5)
+    assert released(cart) == [False, True, False, False] and cart.valid() == [True, False, True, True]
+    assert cart.field("clutched").tolist() == [False, True, False, False]
+    assert cart.field("brake_current")[1] == 2.2 and not cart.field("brake_current")[[0, 2, 3]].any()
+    cart.plant.place("PSM1", there)
+    cart.press("SUJ_clutch_2", False)
+    cart.run(0.5)
+    assert released(cart) == [False] * 4 and not cart.field("brake_current").any()
+    cart.run(ROUND_S)
+    assert cart.valid() == [True, False, True, True], "not before three whole rounds"
+    cart.run(3.1 * ROUND_S)
+    assert cart.valid() == [True] * 4
+    assert miss(cart, "PSM1", there) < CLOSE and miss(cart, "PSM2", PLACES["PSM2"]) < CLOSE
+    assert {"PSM1: clutched", "PSM1: not clutched"} <= set(cart.reports.of("status"))
+
+
+def test_brakes_follow_a_ramp_of_8_amperes_a_second(known: Cart) -> None:
+    known.press("SUJ_clutch_1", True)
+    known.run(0.12)  # of which the button's debounce takes 0.1 s
+    currents = []
+    for _ in range(20):
+        known.run(0.01)
+        currents.append(float(known.field("brake_current")[0]))
+    steps = np.diff(currents)
+    assert np.all(steps[np.array(currents[1:]) < 1.5] == pytest.approx(0.08, abs=0.017)) and currents[-1] == 1.5
+    measured = known.rig.record.current[0]
+    assert measured == pytest.approx(1.5, abs=0.05)
+
+
+def test_without_power_the_button_moves_no_brake(cart: Cart) -> None:
+    cart.press("SUJ_clutch_2", True)
+    cart.run(0.6)
+    assert released(cart) == [False] * 4 and not cart.field("setup_valid")[1]
+
+
+def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
+    known.press("SUJ_clutch_3", True)
+    known.run(0.5)
+    assert released(known)[2]
+    known.kill()
+    known.run(0.05)
+    assert not any(released(known)), "30 ms without a set-point"
+    assert known.rig.record.powered[0], "and power stays on"
+
+
+def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
+    known.press("SUJ_clutch_3", True)
+    known.run(0.5)
+    known.kill()
+    known.run(0.2)
+    again = Cart(memory=known.memory, rig=known.rig)
+    again.press("SUJ_clutch_3", False)
+    again.run(0.3)
+    assert again.joints.machine.state is State.ENABLED and again.joints.machine.is_homed
+    assert not any(name == "power_off" for name, _, _ in again.orders.log) and known.rig.record.powered[0]
+    assert again.valid() == [False] * 4, "anybody may have moved them"
+    again.run(4.2 * ROUND_S)
+    assert again.valid() == [True] * 4
+
+
+def test_lost_power_is_a_fault_and_brakes_hold(known: Cart) -> None:
+    known.press("SUJ_clutch_1", True)
+    known.run(0.4)
+    known.lose_supply(True)
+    known.run(0.3)
+    assert known.joints.machine.state is State.FAULT and not any(released(known))
+    assert known.reports.of("error") and known.reports.states[-1][0] == "FAULT"
+    known.press("SUJ_clutch_1", False)
+    known.lose_supply(False)
+    known.run(0.2)
+    known.enable()
+    assert known.joints.machine.state is State.ENABLED
+
+
+def test_potentiometers_that_disagree_make_an_arm_unknown(known: Cart) -> None:
+    volts = known.plant._voltages
+    good = volts[2, 7]
+    volts[2, 7] += np.radians(1.2) / 1.0611  # the second one of joint 2
+    known.run(1.2 * ROUND_S)
+    assert known.valid() == [True, True, False, True]
+    assert known.reports.of("error") == ["PSM2: the potentiometers of joint 2 don't agree; its position is not known"]
+    volts[2, 7] = good + np.radians(0.8) / 1.0611
+    known.run(2.2 * ROUND_S)
+    assert known.valid() == [True] * 4 and "PSM2: the potentiometers agree" in known.reports.of("status")
+    assert miss(known, "PSM2", PLACES["PSM2"]) == pytest.approx(np.radians(0.4), abs=2e-4), "the mean of both"
+
+
+def test_an_arm_that_moves_with_its_brakes_on_is_noticed(known: Cart) -> None:
+    before = known.joints._setups.local[0].copy()
+    known.plant.place("ECM", (0.41, -0.295, 0.2, 3.3, 0.0, 0.0), by_force=True)
+    known.run(2.1 * ROUND_S)
+    assert np.array_equal(known.joints._setups.local[0], before), "noise does not move what an arm stands on"
+    known.plant.place("ECM", (0.41, -0.2, 0.2, 3.3, 0.0, 0.0), by_force=True)
+    known.run(2.1 * ROUND_S)
+    assert not np.array_equal(known.joints._setups.local[0], before) and known.valid() == [True] * 4
+    assert any("although nobody clutched it" in text for text in known.reports.of("warning"))
+
+
+def test_lost_pulses_are_noticed_and_the_round_begins_anew(known: Cart) -> None:
+    rounds = known.field("rounds").item()
+    known.orders.lose = "mux_increment"
+    known.run(0.3)
+    known.orders.lose = ""
+    known.run(2.5 * ROUND_S)
+    assert known.field("rounds").item() >= rounds + 1 and known.valid() == [True] * 4
+    assert any("the multiplexer shows channel" in text for text in known.reports.of("warning"))
+
+
+def test_a_multiplexer_that_stands_still_makes_all_unknown(known: Cart) -> None:
+    known.orders.lose = "mux_increment"
+    known.run(5.5)
+    assert known.valid() == [False] * 4
+    assert any("does not count" in text for text in known.reports.of("error"))
+
+
+def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
+    for _ in range(40):
+        known.now_ns += 2_000_000
+        known.joints.step(known.now_ns, ())
+    assert known.valid() == [False] * 4 and known.joints.machine.state is State.FAULT
+    assert known.reports.of("error") == ["SUJ: io does not answer"]
+
+
+# -- the lift ----------------------------------------------------------------------------------------------------------
+
+
+def height(cart: Cart) -> float:
+    return float(cart.plant.positions("PSM3")[0])
+
+
+def test_the_buttons_move_the_lift_and_its_arm_is_unknown(known: Cart) -> None:
+    before = height(known)
+    known.press("motor_up", True)
+    known.run(0.6)
+    up = height(known)
+    assert up > before + 0.005 and known.valid() == [True, True, True, False] and known.field("lift").item() == 1.0
+    known.press("motor_up", False)
+    known.run(0.2)
+    top = height(known)
+    known.run(0.5)
+    assert height(known) == top
+    known.press("motor_down", True)
+    known.run(0.5)
+    assert height(known) < top
+    known.press("motor_down", False)
+    known.run(0.2 + 4.3 * ROUND_S)
+    assert known.valid() == [True] * 4 and abs(known.field("position")[3, 0] - height(known)) < CLOSE
+
+
+def test_a_command_moves_the_lift_for_a_second(known: Cart) -> None:
+    before = height(known)
+    assert known.say("set_lift_velocity", "", -0.5).outcome == "done"
+    known.run(0.5)
+    lower = height(known)
+    assert lower < before
+    known.run(1.0)
+    end = height(known)
+    known.run(0.5)
+    assert height(known) == end < lower
+    assert known.say("set_lift_velocity", "", 1.5).outcome == "refused"
+
+
+def test_the_lift_stops_when_the_process_dies(known: Cart) -> None:
+    known.press("motor_up", True)
+    known.run(0.5)
+    known.kill()
+    known.run(0.06)
+    stopped = height(known)
+    known.run(0.5)
+    assert height(known) == stopped
+    outputs = [row.name for row in known.rig.io.digital_outputs]
+    assert known.rig.record.output[outputs.index("disable_PWM")]
+
+
+# -- commands ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_clutch_command_does_what_the_button_does_for_a_while(known: Cart) -> None:
+    assert known.say("clutch", "PSM2", 1).outcome == "done"
+    known.run(0.5)
+    assert released(known) == [False, False, True, False]
+    assert known.say("clutch", "PSM2", 0).outcome == "done"
+    known.run(0.5)
+    assert not any(released(known))
+    known.say("clutch", "PSM2", 1)
+    known.source._until_ns[2] = known.now_ns + 10_000_000
+    known.run(0.5)
+    assert not any(released(known)) and "clutched by command for a minute" in known.reports.of("warning")[-1]
+
+
+def test_commands_that_need_power_are_refused_without_it(cart: Cart) -> None:
+    cart.run(0.1)
+    for name, text in (("clutch", "PSM1"), ("set_lift_velocity", "")):
+        request = cart.say(name, text, 1)
+        assert request.outcome == "refused" and "enable them first" in request.answers[-1][1]
+    assert cart.say("servo_jp", "PSM1", *([0.0] * 6)).outcome == "refused"
+
+
+def test_power_that_does_not_come_is_told(cart: Cart) -> None:
+    cart.lose_supply(True)
+    request = cart.say("state_command", "enable")
+    cart.run(3.5)
+    assert cart.joints.machine.state is State.FAULT and request.outcome == "failed"
+    assert cart.reports.of("error") == ["SUJ: fault 11"] and request.answers[-1][1] == "fault 11"

@@ -1,0 +1,239 @@
+"""The parts of set-up joints by themselves: multiplexer, pairs of potentiometers, brakes, readings of Si boards."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.lib.cart import Cart, SetupArm
+from procs.suj.brakes import Brakes
+from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
+from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
+from procs.suj.si import EmulatedBoards, Si, counts
+from tests.io.stand import FakeCommand
+from tests.suj.stand import Stand, system_of
+
+STEP_NS = 666_667
+
+
+class Counter:
+    """What the interface board does, and a host that looks every cycle."""
+
+    def __init__(self) -> None:
+        self.channel, self.now_ns, self.multiplexer = 5, 0, Multiplexer()
+        self.apply(self.multiplexer.begin(0))
+
+    def apply(self, asked: str) -> str:
+        self.channel = {INCREMENT: self.channel + 1, RESET: 0}.get(asked, self.channel) % 16
+        return asked
+
+    def cycle(self, volts: np.ndarray) -> str:
+        self.now_ns += STEP_NS
+        return self.apply(self.multiplexer.take(self.now_ns, self.channel, volts))
+
+
+def test_a_round_averages_every_channel_after_it_has_settled() -> None:
+    counter = Counter()
+    cycles = 0
+    while counter.multiplexer.rounds < 1:
+        settled = counter.now_ns + STEP_NS >= counter.multiplexer._ready_ns
+        noise = (-1) ** cycles * 0.1 if settled else 1e3
+        counter.cycle(np.arange(4) + 10.0 * counter.channel + noise)
+        cycles += 1
+    expected = np.arange(4)[:, None] + 10.0 * np.arange(16)
+    assert np.allclose(counter.multiplexer.volts, expected, atol=0.1 / SAMPLES + 1e-9)
+    assert counter.now_ns == pytest.approx(16 * (SETTLE_NS + SAMPLES * STEP_NS), rel=0.03)
+
+
+def test_a_counter_that_is_elsewhere_is_reset_and_told() -> None:
+    counter = Counter()
+    while counter.channel < 3:
+        counter.cycle(np.zeros(4))
+    counter.channel = 9
+    asked = ""
+    while not asked:
+        asked = counter.cycle(np.zeros(4))
+    assert asked == RESET and counter.multiplexer.wrong == (9, 3)
+    while counter.multiplexer.rounds < 1:
+        counter.cycle(np.zeros(4))
+    assert counter.multiplexer.wrong is None
+
+
+def test_missed_samples_begin_the_channel_anew() -> None:
+    counter = Counter()
+    while counter.multiplexer._count < SAMPLES - 1:
+        counter.cycle(np.full(4, 7.0))
+    counter.multiplexer.skip()
+    cycles = 0
+    while not counter.cycle(np.ones(4)):
+        cycles += 1
+    assert cycles == SAMPLES - 1 and np.array_equal(counter.multiplexer._current[:, 0], np.ones(4))
+
+
+def arm(**changes) -> SetupArm:
+    values = {"name": "PSM1", "joints": 3, "primary": ((0.25, -0.1), (1.0, -2.0), (0.0, 0.0)),
+              "secondary": ((0.26, -0.12), (-1.1, 2.5), (0.0, 0.0)), "weight": (0.5, 0.5, 0.5)}
+    return SetupArm(**(values | changes))
+
+
+@given(st.floats(0, 1), st.floats(-1, 1), st.floats(0, 1))
+def test_agreeing_potentiometers_give_their_weighted_mean(first: float, second: float, weight: float) -> None:
+    pots = Potentiometers(arm(weight=(weight,) * 3), CLASSIC_LIMITS)
+    a, b = pots.volts(np.array((first, second, 0.0)))
+    assert pots.update(a, b) and np.allclose(pots.joints, (first, second, 0.0), atol=1e-12)
+    assert pots.update(a, b + (0.001 / 0.26, 0, 0))
+    assert pots.joints[0] == pytest.approx(first + (1 - weight) * 0.001, abs=1e-12)
+
+
+@pytest.mark.parametrize(("apart", "joint"), [((0.0021, 0.0), 0), ((-0.0021, 0.0), 0), ((0.0, math.radians(1.01)), 1),
+                                              ((0.0, -math.radians(1.01)), 1), ((np.nan, 0.0), 0)])
+def test_potentiometers_too_far_apart_are_told_with_their_joint(apart: tuple[float, float], joint: int) -> None:
+    pots = Potentiometers(arm(), CLASSIC_LIMITS)
+    a, b = pots.volts(np.array((0.3, 0.2, 0.0)))
+    assert not pots.update(a + (apart[0] / 0.25, apart[1], 0.0), b)
+    assert pots.worst == joint and pots.limit == CLASSIC_LIMITS[joint]
+
+
+def test_brakes_ramp_with_the_sign_of_the_file_and_hold_with_theirs() -> None:
+    brakes = Brakes((arm(release_current=-2.0, engaged_current=0.1), arm(release_current=1.0)))
+    clutched = np.array([True, False])
+    brakes.step(0.05, clutched)
+    assert np.allclose(brakes.current, (-0.4, 0.0)) and brakes.engaged.tolist() == [False, True]
+    for _ in range(10):
+        brakes.step(0.05, clutched)
+    assert np.allclose(brakes.current, (-2.0, 0.0))
+    brakes.step(0.05, ~clutched)
+    assert np.allclose(brakes.current, (-1.6, 0.4)) and not brakes.engaged.any()
+    for _ in range(10):
+        brakes.step(0.05, np.zeros(2, dtype=bool))
+    assert np.allclose(brakes.current, (-0.1, 0.0)) and brakes.engaged.all()
+    brakes.cut()
+    assert not brakes.current.any() and brakes.engaged.all()
+
+
+# -- Si ----------------------------------------------------------------------------------------------------------------
+
+SI = '{"name": "SUJ", "type": "SUJ_Si", "arm_file": "suj-si.json"}'
+
+
+class Boards(EmulatedBoards):
+    """Played boards of which the test takes some away."""
+
+    silent: tuple[str, ...] = ()
+
+    def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
+        return [row for row in super().poll(now_ns) if row[0] not in self.silent]
+
+    def problem(self, address: str) -> str:
+        return "out of reach" if address in [name.upper() for name in self.silent] else ""
+
+
+@pytest.fixture
+def si(tmp_path) -> Stand:
+    cart: Cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
+    link, pressed = Boards(cart), np.zeros(4, dtype=bool)
+    stand = Stand(cart, lambda cart, setups, reports, field, _: Si(cart, setups, link, reports, field,
+                                                                   lambda now: pressed))
+    stand.link, stand.pressed = link, pressed
+    return stand
+
+
+def run(stand: Stand, seconds: float) -> None:
+    for _ in range(round(seconds * 100)):
+        stand.step(ms=10)
+
+
+def test_readings_of_base_and_arm_make_an_si_arm_known(si: Stand) -> None:
+    goals = {name: np.linspace(0.1, 0.4, arm.joints) * (1, -1, 1, -1, 1)[: arm.joints]
+             for name, arm in zip(("ECM", "PSM1", "PSM2", "PSM3"), si.cart.arms, strict=True)}
+    for place, goal in enumerate(goals.values()):
+        si.link.turn(place, goal)
+    run(si, 0.5)
+    assert si.field("setup_valid").all() and si.field("simulated").item()
+    for place, goal in enumerate(goals.values()):
+        assert np.allclose(si.field("position")[place, : len(goal)], goal, atol=1e-9)
+    assert si.field("sub_state").item() == b"DISABLED" and si.ask("state_command", "home").outcome == "done"
+
+
+def test_an_si_arm_is_unknown_while_clutched_and_until_it_was_read_again(si: Stand) -> None:
+    run(si, 0.5)
+    si.pressed[1] = True
+    run(si, 0.3)
+    assert si.field("setup_valid").tolist() == [True, False, True, True]
+    goal = np.array((0.2, 0.3, -0.4, 0.5))
+    si.link.turn(1, goal)
+    si.pressed[1] = False
+    run(si, 0.05)
+    assert not si.field("setup_valid")[1]
+    run(si, 0.3)
+    assert si.field("setup_valid").all() and np.allclose(si.field("position")[1, :4], goal)
+
+
+def test_a_board_that_is_away_is_told_and_its_arm_unknown(si: Stand) -> None:
+    run(si, 0.5)
+    si.link.silent = (si.cart.arms[2].board,)
+    run(si, 5.5)
+    assert si.field("setup_valid").tolist() == [True, True, False, True]
+    assert si.reports.of("warning") == ["PSM2: not known where it is (PSM2: out of reach)"]
+    si.link.silent = (si.cart.base_board,)
+    run(si, 5.5)
+    assert not si.field("setup_valid").any(), "no first joint without the base's board"
+    assert "base: out of reach" in si.reports.of("warning")[-1]
+    si.link.silent = ()
+    run(si, 0.5)
+    assert si.field("setup_valid").all() and "PSM2: its potentiometer board answers" in si.reports.of("status")
+
+
+@pytest.mark.parametrize("reading", [b"", b"{}", b"[]", b'{"pots": 3}', b'{"pots": [[1, 2], [3]]}',
+                                     b'{"pots": [[], []]}', b'{"pots": [[NaN], [1]]}', b'{"pots": [[1], [2], [3]]}',
+                                     b"\xff", b'{"pots": [["a"], [1]]}', b"[" * 100000])
+def test_what_is_no_reading_is_refused(reading: bytes) -> None:
+    with pytest.raises(ValueError, match="not a reading"):
+        counts(reading)
+
+
+def test_readings_are_rows_of_counts() -> None:
+    assert np.array_equal(counts(b'{"timestamp": 5, "pots": [[1, 2], [3, 4.5]]}'), [[1, 2], [3, 4.5]])
+
+
+def test_si_brakes_are_the_arms_own(si: Stand) -> None:
+    assert np.isnan(si.field("brake_current")).all()
+    si.step(FakeCommand("set_lift_velocity", "", 1.0))
+    assert si.ask("set_lift_velocity", "", 1.0).outcome == "refused"
+
+
+FAKE_BLEAK = '''
+import sys, types
+class BleakClient:
+    def __init__(self, address, timeout): self.address, self.reads = address, 0
+    async def __aenter__(self):
+        if self.address.startswith("FF"): raise OSError("no adapter")
+        return self
+    async def __aexit__(self, *error): return None
+    async def read_gatt_char(self, uuid):
+        assert uuid == "babb122c-de4c-11ec-9d64-0242ac120101"
+        return bytearray(b'{"timestamp": 1, "pots": [[1, 2, 3], [4, 5, 6]]}')
+sys.modules["bleak"] = types.SimpleNamespace(BleakClient=BleakClient)
+from procs.suj import bluetooth
+sys.argv = ["x", "AA:BB:CC:DD:EE:01", "FF:BB:CC:DD:EE:02"]
+bluetooth.main()
+'''
+
+
+def test_the_bluetooth_reader_tells_readings_and_why_there_are_none() -> None:
+    child = subprocess.Popen([sys.executable, "-c", FAKE_BLEAK], stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    said = [json.loads(child.stdout.readline()) for _ in range(4)]
+    child.stdout.close()
+    child.terminate()
+    child.wait(20)
+    assert {"board": "FF:BB:CC:DD:EE:02", "problem": "OSError: no adapter"} in said
+    readings = [row["reading"] for row in said if "reading" in row]
+    assert readings and np.array_equal(counts(readings[0].encode()), [[1, 2, 3], [4, 5, 6]])
