@@ -152,9 +152,9 @@ class Arm:
         """The clutch on the arm itself is pressed."""
         return self.pressed(self.control.arm.inputs.clutch)
 
-    def bears_weight(self) -> bool:
-        """Gravity compensation applies now."""
-        return self.control.driving is not None
+    def bears_weight(self) -> float:
+        """How much of its weight the arm bears now, 0 to 1."""
+        return float(self.control.driving is not None)
 
     def shape_efforts(self) -> None:
         """Change the efforts of this cycle, after those that were asked for are known."""

@@ -37,13 +37,13 @@ class Weight:
         """Another size of joint vectors."""
         self.effort = np.zeros(size)
 
-    def step(self, position: Array, velocity: Array, applies: bool) -> None:
-        """Work out `effort` at joint positions and velocities (size,); zero unless it `applies` now."""
+    def step(self, position: Array, velocity: Array, share: float) -> None:
+        """Work out `effort` at joint positions and velocities (size,), of which a `share` is borne, 0 to 1."""
         if self._model is None:
             return
         n = self._joints
-        if applies and self.used:
-            self.effort[:n] = self._model(position[:n], velocity[:n])
+        if share and self.used:
+            np.multiply(self._model(position[:n], velocity[:n]), share, out=self.effort[:n])
         else:
             self.effort[:n] = 0.0
 

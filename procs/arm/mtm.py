@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.arm import Arm
+from procs.arm.commands import Table
+from procs.arm.efforts import Law
 from procs.arm.gripper import Gripper
+from procs.arm.motion import Mode
+from procs.arm.orientation_lock import OrientationLock
+from procs.arm.platform_spring import Platform
 from procs.arm.stages.homing import Biased, Calibrating
 from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
 from procs.arm.stages.stage import Stage
@@ -22,6 +27,8 @@ Array = NDArray[np.float64]
 TOLERANCE: Final = math.radians(4.0)
 ROLL_TOLERANCE: Final = math.radians(6.0)
 OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is not left at its stop
+BORNE_NS: Final = 1_000_000_000
+AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
 
 
 class Mtm(Arm):
@@ -34,6 +41,12 @@ class Mtm(Arm):
         control, around = self.control, self._around
         control.cartesian.complete = False  # until the roll was looked at
         self._gripper = Gripper(control, around.field, around.gripper, around.state)
+        self._platform = Platform(control)
+        self._lock = OrientationLock(control)
+        if before is not None:
+            control.reports.emit("orientation_locked", value=0.0)  # whatever it was: it is not any more
+        self._borne = float(before is not None and before.bore_weight)
+        self._borne_ns = 0
 
     def stages(self) -> Mapping[State, Stage]:
         """See Arm."""
@@ -44,6 +57,10 @@ class Mtm(Arm):
             State.FINDING_ROLL: FindingRoll(control),
             State.SETTING_ROLL: SettingRoll(control),
         }
+
+    def tables(self) -> Iterable[Table]:
+        """See Arm."""
+        return (self._lock.table,)
 
     def home(self) -> Array:
         """See Arm."""
@@ -65,6 +82,28 @@ class Mtm(Arm):
         """See Arm."""
         self.control.cartesian.complete = self.is_ready()
         self._gripper.step(self.control.now_ns)
+        self._lock.watch()
+
+    def bears_weight(self) -> float:
+        """See Arm; not while servo positions are followed. It comes and goes slowly where the joints are held."""
+        control, mode = self.control, self.control.motion.mode
+        step = (control.now_ns - self._borne_ns) / BORNE_NS
+        self._borne_ns = control.now_ns
+        if control.driving is None:
+            self._borne = 0.0
+        elif mode is Mode.EFFORT:
+            self._borne = 1.0
+        elif mode is Mode.TRAJECTORY:
+            self._borne = min(1.0, self._borne + step)
+        elif mode is Mode.POSITION:
+            self._borne = max(0.0, self._borne - step)
+        return self._borne
+
+    def shape_efforts(self) -> None:
+        """See Arm."""
+        if self.control.cartesian.valid and self.control.efforts.law in AT_TIP:
+            self._platform.step()
+        self._lock.step()
 
     def _before_homing(self) -> Event:
         """The roll is found once; it stays where it is known as long as the controllers have power."""

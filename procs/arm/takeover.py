@@ -30,6 +30,7 @@ class Predecessor:
     reference_frame: str
     ratio_v: float
     ratio_a: float
+    bore_weight: bool
 
 
 def predecessor(field: Fields) -> Predecessor | None:
@@ -51,6 +52,7 @@ def predecessor(field: Fields) -> Predecessor | None:
         _text(field("reference_frame")),
         _ratio(float(field("trajectory_ratio_v").item())),
         _ratio(float(field("trajectory_ratio_a").item())),
+        bool(field("gravity_effort").any()),
     )
 
 

@@ -72,6 +72,12 @@ class MasterRig(Rig):
         return MasterIo()
 
 
+    def put(self, *joints: float) -> None:
+        """A hand brings the arm somewhere (7,), at rest; actuators that follow positions go back to theirs."""
+        self.io.position[...] = self.io.setpoint[...] = actuator_of(joints)
+        self.run(0.02)
+
+
 def actuator_of(joints: Any) -> Any:
     """Actuator positions for joint positions of the stock masters."""
     to_joint = np.eye(AXES)

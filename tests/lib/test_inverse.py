@@ -13,6 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from procs.lib.inverse.arms import BENDS, inverse_of
+from procs.lib.inverse.master import Master
 from procs.lib.inverse.solver import Inverse
 from procs.lib.kinematics import Kinematics
 from procs.lib.poses import rotation_from_vector
@@ -196,3 +197,18 @@ def test_what_no_solver_fits_is_refused_by_name() -> None:
         inverse_of("PSM", stock.chain("PSM"))
     with pytest.raises(ValueError, match="no inverse kinematics for MTM of 4 joints"):
         inverse_of("MTM", stock.chain("ECM"))
+
+
+@pytest.mark.parametrize("name", ("MTML", "MTMR"))
+@given(st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
+@settings(max_examples=40)
+def test_a_masters_wrist_faces_where_it_is_told_wherever_the_arm_is(name: str, parts: list[float]) -> None:
+    _, forward = arm(name)
+    here, seed = spread(forward, parts[:7]), spread(forward, parts[7:14])
+    goal = forward.fk(spread(forward, [*parts[14:], *parts[3:7]]), np.eye(4)).copy()
+    found = Master(stock.chain(name)).facing(goal[:3, :3], here, seed)
+    assume(found is not None)
+    assert np.array_equal(found[:3], here[:3]) and abs(found[5]) <= forward.upper[5]
+    tip = forward.fk(found, np.eye(4))
+    assert np.abs(tip[:3, :3] - goal[:3, :3]).max() < 1e-4
+    assert np.abs(found[4:] - seed[4:])[[0, 2]].max() <= math.pi + 1e-9

@@ -41,13 +41,32 @@ class Master:
         """Platform as near to the seed's as the yaw's limits allow, and where the yaw is 0."""
         frame = self._from_base @ goal
         for q in self._places(*frame[:3, 3].tolist()):
-            rotation = np.eye(3)
-            for joint in range(3):
-                before, after = self._rows[joint]
-                rotation = rotation @ before[:3, :3] @ about_z(q[joint]) @ after[:3, :3]
-            rest = rotation.T @ frame[:3, :3]
+            rest = self._forearm_axes(q).T @ frame[:3, :3]
             for platform in self._platforms(rest, seed):
                 yield self._wrist(q, rest, platform)
+
+    def facing(self, rotation: Array, q: Array, seed: Array) -> Array | None:
+        """Joints (7,) where the first three of `q` are and the tip has the axes `rotation` (3, 3) in the base frame.
+
+        The platform stays as near to the seed's as the yaw's limits allow, the other angles come within half a turn of
+        the seed's; those of pitch and roll may be beyond their limits. None: no platform will do.
+        """
+        rest = self._forearm_axes(q).T @ self._from_base[:3, :3] @ rotation
+        platforms = list(self._platforms(rest, seed))
+        if not platforms:
+            return None
+        found = self._wrist(q, rest, min(platforms, key=lambda angle: abs(angle - seed[3])))
+        turn = 2.0 * math.pi
+        found[4:] += turn * np.round((seed[4:] - found[4:]) / turn)
+        return found
+
+    def _forearm_axes(self, q: Array) -> Array:
+        """What the platform turns in (3, 3): the frame after the first three joints."""
+        rotation: Array = np.eye(3)
+        for joint in range(3):
+            before, after = self._rows[joint]
+            rotation = rotation @ before[:3, :3] @ about_z(q[joint]) @ after[:3, :3]
+        return rotation
 
     def _places(self, x: float, y: float, z: float) -> Iterator[Array]:
         """Outer yaw, shoulder and elbow: forward and backward, elbow down and up."""
