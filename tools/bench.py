@@ -11,7 +11,8 @@ from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, table
 
-BENCHES = {"ring": "tools.bench_ring", "io": "tools.bench_io", "boards": "tools.bench_boards"}
+BENCHES = {"ring": "tools.bench_ring", "io": "tools.bench_io", "boards": "tools.bench_boards",
+           "arm": "tools.bench_arm"}
 
 
 def bench(

@@ -122,30 +122,44 @@ def setup_base(me: runtime.Me, arm: Arm) -> SetupBase | None:
     return SetupBase(ring, place_of(ring.info, arm.base_setup))
 
 
-def main() -> None:
-    """Run one arm until asked to stop; its robot is then held by io."""
-    with runtime.process("arm") as me:
+class Loop:
+    """One arm with its rings and mailbox; `cycle` is all it does once a period."""
+
+    def __init__(self, me: runtime.Me) -> None:
         arm = me.document.arm(me.name)
         if arm.type not in TYPES:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(TYPES)} are")
-        robot_io = me.document.io(arm.io)
-        io, setpoint, state = LastGood(me.reads(arm.io, "state")), me.writes("setpoint"), me.writes("state")
-        number, first_axis = place_in(robot_io, arm)
-        driven = TYPES[arm.type](arm, Surroundings(
-            io.field, number, first_axis, {row.name: i for i, row in enumerate(robot_io.digital_inputs)},
-            bool(robot_io.robots[number].brakes), IoMailbox(me.commands(arm.io)), state.field, setpoint.field,
-            me.events, fault_text(io, me.reads(arm.io, "events"), arm.robot),
-            gripper=gripper_in(robot_io, arm), setup_base=setup_base(me, arm)))
-        mailbox = me.mailbox()
-        written = io.field("write_ns")
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
+        io = me.document.io(arm.io)
+        number, first_axis = place_in(io, arm)
+        self._io = LastGood(me.reads(arm.io, "state"))
+        self._setpoint, self._state = me.writes("setpoint"), me.writes("state")
+        self._mailbox = me.mailbox()
+        self.arm = TYPES[arm.type](arm, Surroundings(
+            self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
+            bool(io.robots[number].brakes), IoMailbox(me.commands(arm.io)), self._state.field, self._setpoint.field,
+            me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
+            setup_base=setup_base(me, arm)))
+        self.written = self._io.field("write_ns")
+        """When io last wrote its boards, ns."""
+        self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """io's newest record and the commands in, the set-points and the arm's state out."""
+        io = self._io
+        io.take()
+        self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
+        self._setpoint.publish(now_ns)
+        self._state.publish(now_ns)
+
+
+def main() -> None:
+    """Run one arm until asked to stop; its robot is then held by io."""
+    with runtime.process("arm") as me:
+        loop = Loop(me)
         me.ready()
         while me.tick():
-            io.take()
-            driven.step(me.now_ns, io.stamp_ns, io.epoch, mailbox.drain(me.wall_ns))
-            setpoint.publish(me.now_ns)
-            state.publish(me.now_ns)
-            me.follow(int(written), BEHIND_IO_NS)
+            loop.cycle(me.now_ns, me.wall_ns)
+            me.follow(int(loop.written), BEHIND_IO_NS)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 BIAS_SAMPLES: Final = 1970.0
 BIAS_NS: Final = 30_000_000_000
+BRAKES_NS: Final = 4_000_000_000  # those of a Classic ECM take 2 s to let go
 SETTLE_NS: Final = 2_000_000_000
 
 
@@ -114,7 +115,7 @@ class Driving(Stage):
         if control.driving is None or int(control.io.pid_generation.item()) != control.driving.pid:
             control.driving = Generations.now(control.io)
             control.motion.hold(control.io.setpoint, Mode.NONE)
-            self.within(SWITCH_NS)
+            self.within(SWITCH_NS + BRAKES_NS)
         duties.brakes.want(True)  # only now that somebody holds the arm
         return duties.brakes.settled
 
