@@ -57,6 +57,8 @@ class Joints:
     inverse: Inverse | None
     one_to_one: int
     """So many joints are actuators themselves; the others are coupled."""
+    none: NDArray[np.bool_]
+    """The mask of no joint (size,)."""
 
     @property
     def size(self) -> int:
@@ -75,9 +77,12 @@ class Joints:
 
     def clip(self, values: Array) -> NDArray[np.bool_]:
         """Bring `values` (size,) into the limits, in place; returns which ones were outside."""
-        outside: NDArray[np.bool_] = (values < self.lower) | (values > self.upper)
-        if outside.any():
-            np.clip(values, self.lower, self.upper, out=values)
+        clipped = np.maximum(values, self.lower)
+        np.minimum(clipped, self.upper, out=clipped)
+        if clipped.tobytes() == values.tobytes():
+            return self.none
+        outside: NDArray[np.bool_] = clipped != values
+        values[...] = clipped
         return outside
 
     def name(self, axis: int) -> str:
@@ -101,7 +106,8 @@ def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain)
     return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, np.array(limits.velocity),
                   np.array(limits.acceleration), map_.actuator_to_joint, map_.joint_to_actuator, kinematics,
-                  inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0)
+                  inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0,
+                  np.zeros(axes, np.bool_))
 
 
 def _bare(arm: Arm) -> Joints:
@@ -113,7 +119,7 @@ def _bare(arm: Arm) -> Joints:
     upper = np.array([link.upper for link in links[:own]] + [DISC_RANGE] * (axes - own))
     limits = LIMITS[arm.type]
     return Joints("", BARE_NAMES, axes, lower, upper, np.array(limits.velocity), np.array(limits.acceleration),
-                  np.eye(axes), np.eye(axes), None, None, axes)
+                  np.eye(axes), np.eye(axes), None, None, axes, np.zeros(axes, np.bool_))
 
 
 def _with_tool(arm: Arm, tool: Tool) -> Joints:
@@ -132,7 +138,7 @@ def _with_tool(arm: Arm, tool: Tool) -> Joints:
                   np.append(kinematics.upper, tool.jaw.upper), v_max, a_max,
                   np.matmul(spread, map_.actuator_to_joint),
                   np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
-                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type])
+                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type], np.zeros(n + 1, np.bool_))
 
 
 def _snake(axes: int) -> tuple[Array, Array]:
