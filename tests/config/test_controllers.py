@@ -106,7 +106,7 @@ def test_io_drives_all_robots_of_its_files_and_controls_those_of_arms(data: Call
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
     assert system is not None
     assert [robot.name for robot in system.ios[0].robots] == ["PSM1", "MTML", "MTML_gripper"]
-    assert [pid.robot for pid in system.ios[0].pids] == [a.name for a in system.arms] == ["PSM1"]
+    assert [pid.robot for pid in system.ios[0].pids] == [a.name for a in system.arms] == ["PSM1", "MTML"]
     assert {"clutch", "PSM1_tool"} <= {button.name for button in system.ios[0].digital_inputs}
     seen = system.emulated()
     assert [arm.name for arm in seen.arms] == ["PSM1", "MTML"]
@@ -116,14 +116,15 @@ def test_io_drives_all_robots_of_its_files_and_controls_those_of_arms(data: Call
 
 
 @pytest.mark.parametrize(("name", "generation", "links"), [("PSM1", "Si", 3), ("ECM", "Si", 4)])
-def test_si_arms_are_emulated_though_not_driven(
+def test_si_arms_are_driven_and_emulated(
     name: str, generation: str, links: int, data: Callable[[str], Path]
 ) -> None:
     path = data(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
-    assert system is not None and system.arms == () and [row.name for row in system.processes] == ["boards", "IO1"]
-    assert system.ios[0].pids == ()
-    (arm,) = system.emulated().arms
+    assert system is not None and [row.name for row in system.processes] == ["boards", "IO1", name]
+    assert [pid.arm for pid in system.ios[0].pids] == [name]
+    (arm,) = system.arms
+    assert system.emulated() is system
     assert (arm.name, arm.generation, len(arm.chain.links), arm.robot) == (name, generation, links, name)
     assert document.from_json(document.to_json(system)) == system
 

@@ -46,10 +46,10 @@ def test_stock_file_starts_one_process_that_plays_all_robots(name: str, boards: 
     assert (io.name, io.port, io.digital_inputs, system.emulation) == ("io", "", (), None)
     assert tuple(robot.name for robot in io.robots) == ROBOTS[name]
     assert {robot.hardware for robot in io.robots} == {"KINEMATIC"}
-    psms = [robot for robot in ROBOTS[name] if robot.startswith("PSM")]
     assert [(p.name, p.kind, p.after) for p in system.processes] == [
-        ("io", "io", ()), *((psm, "arm", ("io",)) for psm in psms), *((cart.name, "suj", ()) for cart in system.carts)]
-    assert [(pid.robot, pid.arm) for pid in io.pids] == [(psm, psm) for psm in psms]
+        ("io", "io", ()), *((arm, "arm", ("io",)) for arm in ROBOTS[name]),
+        *((cart.name, "suj", ()) for cart in system.carts)]
+    assert [(pid.robot, pid.arm) for pid in io.pids] == [(arm, arm) for arm in ROBOTS[name]]
     assert document.from_json(document.to_json(system)) == system
     assert check_file(stock.find(f"dvrk-share/system/{name}.json"), search=[stock.find("dvrk-share")]).problems == ()
 
@@ -77,7 +77,7 @@ def test_arm_is_told_to_be_played(home: Home) -> None:
     assert any("PSM2 is KINEMATIC: there is no robot" in note for note in loaded.system.notes)
 
 
-def test_si_arm_starts_where_it_needs_no_brakes(home: Home) -> None:
+def test_si_arm_starts_without_its_brakes(home: Home) -> None:
     folder = stock.find("dvrk-site/jhu-daVinci-Si")
     arm = {"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": str(folder / "PSM1-292409.json")}
     (home.path / "kinematic").rename(home.path / "ours")

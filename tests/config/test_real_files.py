@@ -96,9 +96,8 @@ def test_system_with_parts_that_wait_says_so() -> None:
     loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
     system = loaded.system
     assert system is not None and system.emulation is not None
-    assert [arm.name for arm in system.arms] == ["PSM1"]
+    assert [arm.name for arm in system.arms] == ["PSM1", "MTML"]
     assert set(system.notes) >= {
-        "not started yet: MTML (MTM Classic)",
         "not started yet: console console1",
         "not started yet: teleop MTML_PSM1",
     }
@@ -107,17 +106,20 @@ def test_system_with_parts_that_wait_says_so() -> None:
     assert system.arms[0].reference_frame == "ECM" and system.arms[0].base_frame is not None
 
 
-def test_arms_of_other_kinds_are_checked_and_wait() -> None:
-    for name in (
-        "jhu-daVinci/system-ECM",
-        "jhu-daVinci-Si/system-PSM1",
-        "jhu-dVRK/system-MTML",
+def test_arms_of_every_kind_start() -> None:
+    for name, arm in (
+        ("jhu-daVinci/system-ECM", "ECM"),
+        ("jhu-daVinci-Si/system-ECM", "ECM"),
+        ("jhu-daVinci-Si/system-PSM1", "PSM1"),
+        ("jhu-dVRK/system-MTML", "MTML"),
+        ("jhu-dVRK/system-MTMR", "MTMR"),
     ):
         path = stock.find(f"dvrk-site/{name}.json")
         loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
         assert loaded.errors == () and loaded.system is not None
-        assert [row.kind for row in loaded.system.processes] == ["boards", "io"] and loaded.system.arms == ()
-        assert any(note.startswith("not started yet") for note in loaded.system.notes)
+        assert [(row.name, row.kind) for row in loaded.system.processes] == [
+            ("boards", "boards"), ("IO1", "io"), (arm, "arm")]
+        assert not any(note.startswith("not started yet") for note in loaded.system.notes)
 
 
 def test_table_of_digital_potentiometers_must_exist(tmp_path: Path) -> None:

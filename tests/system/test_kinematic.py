@@ -117,5 +117,5 @@ def test_stock_full_system_homes_the_arms_there_are(robot: Robot, data: Callable
     homed(robot)
     for arm in ("PSM1", "PSM2", "PSM3"):
         assert np.allclose(echo(robot, f"{arm}/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
-    robot.trocar("send", "io", "power_on", "ECM")
-    assert "io/ECM/measured_js" in robot.trocar("list")
+    assert np.allclose(echo(robot, "ECM/measured_js")["position"], (0, 0, 0.12, 0), atol=1e-12)
+    assert np.allclose(echo(robot, "MTML/measured_js")["position"], 0.0, atol=1e-12)

@@ -30,8 +30,7 @@ AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 ACTUATORS = {"PSM": 7, "ECM": 4, "MTM": 7}
 _FILES: dict[str, type[ArmFile]] = {"PSM": PsmFile, "ECM": EcmFile, "MTM": MtmFile}
 _PSM_LINKS = 3  # the rest of the chain comes with the tool
-STARTED = ("PSM Classic",)  # and generations whose process exists: "PSM Si", "ECM Classic", "ECM Si", "MTM Classic"
-STARTED_KINEMATIC = (("PSM Si", KINEMATIC),)  # what is missing are its brakes
+STARTED = ("PSM Classic", "PSM Si", "ECM Classic", "ECM Si", "MTM Classic", "MTM Si")
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +339,7 @@ def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
     """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
     keys, generation = place.keys, parts.arm_file.content.generation
     kind = f"{keys.type} {generation}"
-    if kind not in STARTED and (kind, keys.simulation) not in STARTED_KINEMATIC:
+    if kind not in STARTED:
         context.notes.append(f"not started yet: {keys.name} ({kind})")
         return False
     if parts.robot is not None and parts.robot[2].hardware_version == "HARDWARE_UNDEFINED":
