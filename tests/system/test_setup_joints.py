@@ -1,0 +1,67 @@
+"""Set-up joints as processes of whole systems: base frames for others, killed, clutched, from stock files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shm import directory
+from tests.system.robot import ROOT, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+CART = ROOT / "configs/systems/kinematic-cart.yaml"
+LOCKSTEP = ("--set", "clock=lockstep")
+
+
+def echo(robot: Robot, topic: str) -> dict:
+    return json.loads(robot.trocar("echo", topic, "--json", "--once"))
+
+
+def test_killed_set_up_joints_leave_arms_without_base_until_they_are_back(robot: Robot) -> None:
+    robot.up(CART)
+    robot.trocar("power-on")
+    robot.trocar("home")
+    robot.trocar("send", "SUJ", "servo_jp", "0.1", "0.2", "1.5", "-0.1", "0.4", "0", "PSM2")
+    robot.trocar("send", "SUJ", "set_reference_arm", "PSM1")
+    wait_for(lambda: echo(robot, "PSM2/state")["reference_frame"] == "PSM1", 20, "a base frame in PSM1")
+    before = echo(robot, "PSM2/state")["base_frame"]
+    arm = directory.reader(robot.name, "PSM2", "state")
+    assert arm.newest()
+    first = arm.head
+    old = robot.kill("SUJ")
+    wait_for(lambda: arm.newest() and not arm.field("reference_valid").item(), 10, "an unknown base")
+    assert arm.field("cartesian_valid").item() and arm.field("is_homed").item(), "local poses stay"
+    wait_for(lambda: robot.pid("SUJ") != old and robot.state("SUJ") == "RUNNING", 30, "the restart")
+    wait_for(lambda: arm.newest() and arm.field("reference_valid").item(), 10, "the base")
+    assert np.allclose(arm.field("base_frame"), before, atol=1e-9), "joints and reference arm as before"
+    history = arm.last(arm.head - first)
+    assert history["is_homed"].all() and history["cartesian_valid"].all()
+    arm.close()
+    state = echo(robot, "SUJ/state")
+    assert (state["state"], state["is_homed"], state["reference_arm"]) == ("ENABLED", True, "PSM1")
+
+
+def test_classic_set_up_joints_of_a_site_are_read_and_clutched(robot: Robot, data: Callable[[str], Path]) -> None:
+    robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")), "--boards", "emulated",
+             *LOCKSTEP)
+    robot.trocar("power-on")
+    robot.trocar("home")
+    cart = directory.reader(robot.name, "SUJ", "state")
+
+    def known(*expected: bool) -> bool:
+        return cart.newest() and cart.field("setup_valid").tolist() == list(expected)
+
+    wait_for(lambda: known(True, True, True, True), 120, "three rounds of the multiplexer")
+    robot.trocar("send", "boards", "press", "1", "SUJ_clutch_2")
+    wait_for(lambda: known(True, False, True, True) and cart.field("brake_current")[1] == 2.2, 60, "the clutch")
+    robot.trocar("send", "boards", "press", "0", "SUJ_clutch_2")
+    wait_for(lambda: known(True, True, True, True) and not cart.field("brake_current").any(), 120, "rest")
+    cart.close()
+    assert len(echo(robot, "SUJ/PSM1/measured_js")["position"]) == 6
+    assert len(echo(robot, "SUJ/ECM/primary_voltage/measured_js")["position"]) == 6
+    robot.trocar("power-off")
+    assert echo(robot, "SUJ/operating_state")["state"] == "DISABLED"
