@@ -8,10 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from procs.boards.incidents import Incidents
 from procs.boards.setup_joints import LIFT_M_S
 from procs.lib import registers as reg
 from procs.lib.document import System
 from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, Host, cart, described, with_arms
+from tests.boards.rails import Rails
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +88,19 @@ def test_brakes_without_a_release_current_always_hold(plain: System) -> None:
     for amps in (0.0, 2.2):
         host.current(2, amps)
         assert not host.joints.is_released("PSM1")
+
+
+def test_an_order_moves_a_set_up_arm_that_is_let_go(host: Host) -> None:
+    incidents = Incidents(host.world, Rails(4))
+    there = np.array(PLACES["PSM2"])
+    with pytest.raises(ValueError, match="brakes hold"):
+        incidents.place("SUJ/PSM2", there)
+    host.power_on()
+    host.current(3, 2.2)
+    incidents.place("SUJ/PSM2", there)
+    assert host.joints.positions("PSM2") == PLACES["PSM2"]
+    with pytest.raises(KeyError, match="ECM, PSM1, PSM2, PSM3"):
+        incidents.place("SUJ/PSM4", there)
 
 
 @pytest.mark.parametrize(("arm", "positions", "error", "says"), [

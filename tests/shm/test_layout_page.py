@@ -21,7 +21,7 @@ import pytest
 
 from shm import clock, doorbell, header, mailbox, pulse, ring
 from shm.client import Client
-from shm.commands import COMMANDS
+from shm.commands import COMMANDS, code_of
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
 from shm.mailbox import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, Mailbox, create_mailbox
@@ -327,7 +327,7 @@ def test_a_client_made_from_the_page_is_served(system: str) -> None:
     place = queues + place_bytes
     for n in range(1, 40):
         at, fields = place + n % commands * command_bytes, records(1)
-        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", 5), ("<H", "count", 2),
+        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", code_of("arm", "move_jp")), ("<H", "count", 2),
                                    ("64s", "text", b"by hand"), ("<2d", "values", (n, 0.5))):
             struct.pack_into(form, seen.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
         struct.pack_into("<Q", seen.map, sent + each, n)
