@@ -324,10 +324,10 @@ def test_a_client_made_from_the_page_is_served(system: str) -> None:
     assert (layout[4], queues) == ((QUEUES_AT, commands * command_bytes + replies * reply_bytes), seen.first + 16 + 512)
     ours = Client(system, "PSM1")  # has place 0
     assert not seen.lock(lock) and seen.lock(lock + 1)
-    place = queues + place_bytes
+    place, move = queues + place_bytes, code_of("arm", "move_jp")
     for n in range(1, 40):
         at, fields = place + n % commands * command_bytes, records(1)
-        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", code_of("arm", "move_jp")), ("<H", "count", 2),
+        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", move), ("<H", "count", 2),
                                    ("64s", "text", b"by hand"), ("<2d", "values", (n, 0.5))):
             struct.pack_into(form, seen.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
         struct.pack_into("<Q", seen.map, sent + each, n)
