@@ -58,14 +58,15 @@ class Control:
         self.use(joints)
 
     def use(self, joints: Joints) -> None:
-        """Another joint space, at rest where the actuators are; in FAULT of ValueError nothing has changed."""
+        """Another joint space, at rest where the actuators are kept."""
+        kept = self.joints.to_actuator @ self.here if self.driving is not None else None
         self.joints = joints
         self.io.use(joints)
         self.motion.use(joints)
         self.gravity.use(joints.size)
         for part in (self.cartesian, self.record, self.setpoint):
             part.use(joints)
-        self.motion.hold(self.io.setpoint, Mode.NONE)
+        self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, Mode.NONE)
         self.goal, self._velocity = np.zeros(joints.size), np.zeros(joints.size)
         self._clipped = np.zeros(joints.size, dtype=np.bool_)
 
@@ -108,7 +109,7 @@ class Control:
 
     def _clip(self) -> tuple[NDArray[np.bool_], str]:
         """Bring `goal` into the limits; what was clipped is in the answer, and once an episode a warning."""
-        outside = self.joints.clip(self.goal)
+        outside = self.joints.clip(self.goal, self.here)
         if not outside.any():
             return outside, ""
         if self.now_ns - self._clipped_ns >= CLIP_EPISODE_NS:

@@ -75,12 +75,17 @@ class Joints:
         """An instrument with a jaw is on; its angle is the last of a joint vector."""
         return self.count < self.size
 
-    def clip(self, values: Array) -> NDArray[np.bool_]:
-        """Bring `values` (size,) into the limits, in place; returns which ones were outside."""
+    def clip(self, values: Array, here: Array | None = None) -> NDArray[np.bool_]:
+        """Bring `values` (size,) into the limits, in place; returns which ones were outside.
+
+        What is `here` already may stay: an instrument may have been put on beyond its limits, and must not jump.
+        """
         clipped = np.maximum(values, self.lower)
         np.minimum(clipped, self.upper, out=clipped)
         if clipped.tobytes() == values.tobytes():
             return self.none
+        if here is not None:
+            clipped = np.clip(values, np.minimum(self.lower, here), np.maximum(self.upper, here))
         outside: NDArray[np.bool_] = clipped != values
         values[...] = clipped
         return outside
