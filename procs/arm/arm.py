@@ -17,6 +17,7 @@ from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import Commands, Row, Table
 from procs.arm.control import SAID_NS, Control
+from procs.arm.detection import Reading
 from procs.arm.duties import Duties, Sender
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import AXES, Joints, joints, kinematic_home
@@ -56,6 +57,7 @@ class Surroundings:
     fault_text: Callable[[int], str]
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
+    reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
 
 
 class Arm:

@@ -127,9 +127,12 @@ class Duties:
         self._again = False
         self.bias_refusal = ""
 
-    def order(self, name: str, values: Sequence[float]) -> int:
-        """Send a command that is no level; returns its id, 0 when there was no room. See `outcome`."""
-        return self._sender.send(name, values, self._robot)
+    def order(self, name: str, values: Sequence[float], about: str = "") -> int:
+        """Send a command that is no level, about the robot or something else; returns its id, 0: no room for it.
+
+        See `outcome`.
+        """
+        return self._sender.send(name, values, about or self._robot)
 
     def outcome(self, number: int) -> Answer | None:
         """How an `order` ended; None: not yet."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from procs import runtime
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
+from procs.arm.detection import Reading
 from procs.arm.ecm import Ecm
 from procs.arm.joints import AXES
 from procs.arm.mtm import Mtm
@@ -71,6 +72,24 @@ class LastGood:
         if self._ring.newest():
             self._kept[:] = self._source
             self.stamp_ns = self._ring.stamp_ns
+
+
+def readings(ring: RingReader, io: Io, reader: str) -> Callable[[], Reading]:
+    """What `io` has last read from the instruments that its `reader` reads; its ring tells of every reading."""
+    names = [row.name for row in io.instrument_readers]
+    if reader not in names:
+        return Reading
+    place = names.index(reader)
+    status, tool, since = ring.field("status"), ring.field("tool"), ring.field("since_ns")
+    last = Reading()
+
+    def newest() -> Reading:
+        nonlocal last
+        if ring.newest():
+            last = Reading(status[place].decode(), tool[place].decode(), int(since[place]))
+        return last
+
+    return newest
 
 
 def fault_text(io: LastGood, events: RingReader, robot: str) -> Callable[[int], str]:
@@ -138,7 +157,8 @@ class Loop:
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), IoMailbox(me.commands(arm.io)), self._state.field, self._setpoint.field,
             me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
-            setup_base=setup_base(me, arm)))
+            setup_base=setup_base(me, arm),
+            reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader)))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")

@@ -23,7 +23,6 @@ class Predecessor:
     """What the last record of this arm says; `base` is None when its base frame was not known."""
 
     sub_state: str
-    is_homed: bool
     bias_generation: int
     tool: str
     base: Array | None
@@ -45,7 +44,6 @@ def predecessor(field: Fields) -> Predecessor | None:
         base = np.eye(4)
     return Predecessor(
         sub_state,
-        bool(field("is_homed").item()),
         int(field("bias_generation").item()),
         _text(field("tool")),
         base,
@@ -92,5 +90,5 @@ def beginning(before: Predecessor | None, io: Readings) -> Beginning:
 
 def _is_still_homed(before: Predecessor, io: Readings) -> bool:
     generation = int(io.bias_generation.item())
-    same = before.is_homed and generation > 0 and before.bias_generation == generation
+    same = generation > 0 and before.bias_generation == generation  # 0 unless it was homed
     return bool(same and io.biased.item() and io.pid_enabled.item())

@@ -10,6 +10,7 @@ import numpy as np
 
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
+from procs.arm.detection import Reading
 from procs.arm.joints import AXES as JOINT_AXES
 from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
@@ -48,6 +49,8 @@ TOOL = Tool(
     ((-1.5632, 0.0, 0.0, 0.0), (0.0, 1.0186, 0.0, 0.0), (0.0, -0.8306, 0.6089, 0.6089), (0.0, 0.0, -1.2177, 1.2177)),
     (-4.5378, -0.2618, -0.2618, 0.0),
     (4.5378, 0.2618, 0.2618, 0.0),
+    names=("LARGE_NEEDLE_DRIVER",),
+    model="400006",
 )
 
 
@@ -94,7 +97,8 @@ class FakeIo:
         self.record: View = Record(IO_STATE, axes=axes + 2, drives=axes + 2, robots=2, inputs=inputs, outputs=0)
         self.stamp_ns = 0
         self.epoch = 1
-        self.power_cycles, self.bias_cycles = 5, 20
+        self.power_cycles, self.bias_cycles, self.read_cycles = 5, 20, 50
+        self._now_ns = 0
         self.never_powers = self.never_biases = self.deaf = self.stuck = False
         self.sent: list[tuple[str, tuple[float, ...]]] = []
         self.refuses: dict[str, str] = {}
@@ -102,6 +106,9 @@ class FakeIo:
         self._replies: list[Reply] = []
         self._queue: list[tuple[int, str, tuple[float, ...]]] = []
         self._power_left = self._bias_left = 0
+        self.reader = f"{name}_dallas"
+        self.memory, self.reading = "", Reading()
+        self._read_left = 0
         self.record["position"][2:] = (0.1, -0.2, 0.05, 0.3, 0.1, -0.1, 0.2)[:axes]
         self.record["setpoint_position"][...] = self.record["position"]
 
@@ -120,7 +127,7 @@ class FakeIo:
         return self.record["setpoint_position"][2:]
 
     def send(self, name: str, values: Any, text: str) -> int:
-        assert text == self.name
+        assert text == (self.reader if name == "trigger_read" else self.name)
         self.sent.append((name, tuple(values)))
         number = len(self.sent)
         if self.loses.get(name, 0) > 0:
@@ -149,6 +156,7 @@ class FakeIo:
         """One cycle: commands, power, bias, joint controller."""
         if self.deaf:
             return
+        self._now_ns = now_ns
         for number, name, values in self._queue:
             if name in self.refuses:
                 self._replies.append(Reply(number, "refused", self.refuses[name]))
@@ -180,6 +188,8 @@ class FakeIo:
                 self.flag("pid_enabled", bool(values[0]))
             case "clear_fault":
                 self.flag("fault", 0)
+            case "trigger_read":
+                self.reading, self._read_left = Reading("READING", "", self._now_ns), self.read_cycles
             case "brake_release" | "brake_engage":
                 self.flag("brakes_released", name == "brake_release" and self.flag("pid_enabled"))
             case _:
@@ -188,6 +198,10 @@ class FakeIo:
                 self.flag(flags[name], bool(values[0]))
 
     def _power_and_bias(self) -> None:
+        if self._read_left:
+            self._read_left -= 1
+            if not self._read_left:
+                self.reading = Reading("READ" if self.memory else "ABSENT", self.memory, self._now_ns)
         if self._power_left and not self.never_powers:
             self._power_left -= 1
             if not self._power_left and self.flag("power_wanted"):
@@ -307,7 +321,7 @@ class Rig:
         self.arm = self.kind(self.document, Surroundings(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: f"fault number {code}",
-            gripper=0 if self.document.gripper else -1))
+            gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading))
 
     def press(self, name: str, on: bool = True) -> None:
         """A digital input of io, from the next cycle on."""

@@ -281,7 +281,7 @@ def test_bare_arm_moves_in_seven_joints() -> None:
 def test_an_instrument_can_be_named_and_nothing_jumps() -> None:
     rig = Rig(bare_arm()).homed()
     before = rig.io.setpoint.copy()
-    assert "known are" in rig.send("set_tool_type", (), "SPOON:1").replies[0][1]
+    assert "there are: LARGE_NEEDLE_DRIVER:400006" in rig.send("set_tool_type", (), "SPOON:1").replies[0][1]
     assert rig.send("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcomes == ["done"]
     rig.run(0.1)
     assert rig.state["count"] == 6 and rig.state["cartesian_valid"]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from procs.arm.control import Control
+from procs.arm.joints import ARM_JOINTS
 from procs.arm.motion import Mode, Space
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event
@@ -52,7 +53,10 @@ class Homed(Stage):
 
 
 class Manual(Stage):
-    """The clutch on the arm is pressed: no efforts but those against gravity, a hand moves it; released, it holds."""
+    """The clutch on the arm is pressed: no efforts but those against gravity, a hand moves it; released, it holds.
+
+    What an instrument brings is held meanwhile: a jaw does not drop its needle.
+    """
 
     def __init__(self, control: Control, pressed: Callable[[], bool]) -> None:
         super().__init__(control)
@@ -63,7 +67,8 @@ class Manual(Stage):
         control = self.control
         control.duties.tracking.want(False)
         control.efforts.joint()
-        control.push(Space.NONE, np.zeros(control.joints.size))
+        own = np.arange(control.joints.size) < ARM_JOINTS[control.arm.type]
+        control.push(Space.NONE, np.zeros(control.joints.size), own)
 
     def run(self) -> None:
         """See Stage."""

@@ -1,0 +1,79 @@
+"""Something that is put on a PSM: its sterile adapter, or an instrument. Is it there, does it have to be engaged?
+
+What is known of it stands in the arm's own record, so that a successor goes on from there.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+SETTLE_NS: Final = 500_000_000  # a switch that has just begun to be looked at has come to its level by then
+
+
+class Fit(IntEnum):
+    """How it is with it, as published."""
+
+    UNKNOWN = 0  # nobody has looked yet
+    ABSENT = 1
+    FOUND = 2  # it was on from the start: taken for engaged as soon as the arm is homed
+    NEW = 3  # it was put on since: the discs have to be turned until it catches
+    ENGAGED = 4
+
+
+class Fitted:
+    """One of them; `look` each cycle."""
+
+    def __init__(self, cell: NDArray[Any], said: NDArray[Any], *, has_switch: bool, always: bool = False) -> None:
+        """`cell` and `said` of the record hold the fit and that it is there because somebody says so.
+
+        `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
+        """
+        self._cell, self._said = cell, said
+        self.has_switch, self._always = has_switch, always
+        self._settled_ns = 0
+        if always and self.fit is Fit.UNKNOWN:
+            self.fit = Fit.ENGAGED
+
+    @property
+    def fit(self) -> Fit:
+        """How it is with it."""
+        return Fit(min(int(self._cell.item()), Fit.ENGAGED))
+
+    @fit.setter
+    def fit(self, fit: Fit) -> None:
+        self._cell[...] = fit
+
+    @property
+    def present(self) -> bool:
+        """It is on."""
+        return self.fit >= Fit.FOUND
+
+    @property
+    def waits(self) -> bool:
+        """It is on, and not engaged."""
+        return self.fit in (Fit.FOUND, Fit.NEW)
+
+    @property
+    def is_settled(self) -> bool:
+        """It is engaged, or not there."""
+        return self.fit in (Fit.ABSENT, Fit.ENGAGED)
+
+    def say(self, on: bool) -> None:
+        """It is on from now on whatever its switch says; or the switch counts again."""
+        self._said[...] = on
+
+    def look(self, pressed: bool, now_ns: int) -> bool:
+        """Its switch is `pressed`; True when it was put on, found or taken off."""
+        before = self.fit
+        if before is Fit.UNKNOWN and self.has_switch:
+            self._settled_ns = self._settled_ns or now_ns + SETTLE_NS
+            if now_ns < self._settled_ns:
+                return False
+        on = self._always or pressed or bool(self._said.item())
+        if on is (before >= Fit.FOUND) and before is not Fit.UNKNOWN:
+            return False
+        self.fit = (Fit.FOUND if before is Fit.UNKNOWN else Fit.NEW) if on else Fit.ABSENT
+        return on or before is not Fit.UNKNOWN

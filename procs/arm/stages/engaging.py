@@ -1,0 +1,64 @@
+"""A sterile adapter or an instrument was put on: the discs turn to and fro until it has caught."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.control import Control
+from procs.arm.motion import Mode
+from procs.arm.stages.homing import Driving
+from procs.arm.states import Event
+
+Array = NDArray[np.float64]
+
+
+class Engaging(Driving):
+    """One move to each goal, the first being where the turning begins."""
+
+    def __init__(self, control: Control, what: str, goals: Callable[[], Sequence[Array]], still: Callable[[], bool],
+                 caught: Callable[[], None]) -> None:
+        """`goals` (size,) each; `still`: it is on and has to be engaged; `caught` is called at the end."""
+        super().__init__(control)
+        self._what, self._plan, self._still, self._caught = what, goals, still, caught
+        self._goals: Sequence[Array] = ()
+        self._next = 0
+
+    def enter(self) -> None:
+        """See Stage."""
+        control = self.control
+        control.stop(control.here, Mode.POSITION, f"the {self._what} is being engaged")
+        super().enter()
+
+    def run(self) -> None:
+        """See Stage."""
+        if self._still():
+            super().run()
+        else:
+            self.control.status(f"the {self._what} is no longer to be engaged")
+            self.control.machine.fire(Event.ENGAGED)
+
+    def begin(self) -> None:
+        """See Driving."""
+        self._goals, self._next = self._plan(), 0
+        self._go_on()
+
+    def drive(self) -> None:
+        """See Driving."""
+        if self.control.motion.moving:
+            return
+        if self._next < len(self._goals):
+            self.control.status(f"engaging {self._what} {self._next} of {len(self._goals) - 1}")
+            self._go_on()
+        else:
+            self._caught()
+            self.control.machine.fire(Event.ENGAGED)
+
+    def _go_on(self) -> None:
+        control = self.control
+        reason = control.motion.move(self._goals[self._next], control.io.velocity, control.now_ns)
+        self._next += 1
+        if reason:
+            control.machine.fault("engaging-plan", f"engaging {self._what}: {reason}")
