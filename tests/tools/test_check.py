@@ -46,7 +46,9 @@ def test_json_output_is_one_object(tmp_path: Path, capsys: pytest.CaptureFixture
     ("text", "kind", "code"),
     [
         ('{"$id": "dvrk-sistem.schema.json"}', "unknown", 1),
-        ('{"arms": [{"name": "ECM", "measured_cp": []}]}', "unknown", 0),
+        ('{"arms": [{"name": "ECM", "measured_cp": []}]}', "set-up joints, fixed", 1),
+        ('{"GC_controller": {}}', "gravity", 1),
+        ('{"serial": "1", "lookup": []}', "potentiometer table", 1),
         ('{"arms": [{"name": "PSM1", "arm": "x.json"}]}', "system", 1),
         ('{"robots": []}', "io", 1),
         ('{"pid": []}', "pid", 1),
