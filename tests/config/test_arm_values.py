@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from procs.lib import document
 from procs.lib.config import load_system
+from procs.lib.kinematics import Kinematics
+from procs.lib.poses import pose_from_matrix
 from tests import stock
 
 SHARE = "dvrk-share"
@@ -94,3 +97,15 @@ def test_links_of_another_arm_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match=r"kinematic_gc.*chain of 3 rows.*7 rows"):
         simulated_arm(tmp_path, "PSM", kinematic="kinematic/PSM.json", generation="Classic",
                       kinematic_gc="kinematic/PSM.json")
+
+
+def test_masters_are_where_the_file_of_the_full_system_puts_them() -> None:
+    path = stock.find("dvrk-share/system/system-full-system-simulated.json")
+    system = load_system(path, search=[stock.find(SHARE)]).system
+    assert system is not None
+    for name, x in (("MTML", 0.18), ("MTMR", -0.18)):
+        arm = system.arm(name)
+        pose = pose_from_matrix(np.array(arm.base_frame) @ Kinematics(arm.chain).fk(np.zeros(7)))
+        np.testing.assert_allclose(pose[:3], (x, 0.019935, 0.404295), atol=2e-6)
+        np.testing.assert_allclose(np.sign(pose[6]) * pose[3:], (-0.353555, 0.353552, 0.612375, 0.612370), atol=5e-6)
+        assert arm.reference_frame == "HRSV"

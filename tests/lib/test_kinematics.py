@@ -23,6 +23,8 @@ def arm(name: str) -> Kinematics:
         return Kinematics(stock.chain("PSM"), stock.tool(LND))
     if name == "snake":
         return Kinematics(stock.chain("PSM"), stock.tool("NEEDLE_DRIVER_400117"))
+    if name == "PSM_Si":
+        return Kinematics(stock.chain("PSM_Si"), stock.tool("LARGE_NEEDLE_DRIVER_420006"))
     return Kinematics(stock.chain(name), tip=STRAIGHT if name == "ECM" else None)
 
 
@@ -76,10 +78,15 @@ MTM_Q = (0.1, 0.2, 0.3, -0.4, 0.5, -0.6, 0.7)
     [
         ("PSM", (0, 0, 0.12, 0, 0, 0), (0, 0, -0.1135), (-0.707107, -0.707107, -0.000003, 0.000003)),
         ("PSM", PSM_Q, (0.028454, 0.045917, -0.131813), (0.773064, 0.391849, 0.498211, 0.024760)),
+        ("PSM_Si", (0, 0, 0.12, 0, 0, 0), (0, 0, -0.1135), (-0.707107, -0.707107, -0.000003, 0.000003)),
+        ("PSM_Si", PSM_Q, (0.028454, 0.045917, -0.131813), (0.773064, 0.391849, 0.498211, 0.024760)),
         ("ECM", (0, 0, 0.12, 0), (0, 0, -0.1207), (1, 0, 0, 0)),
         ("ECM", (0.2, -0.3, 0.15, 0.4), (0.028603, 0.044535, -0.141099), (-0.967184, 0.180835, -0.067206, 0.165341)),
         ("MTML", (0,) * 7, (-0.000001, -0.364499, -0.1288), (-0.500003, -0.499997, -0.500001, 0.499999)),
         ("MTML", MTM_Q, (0.030267, -0.301670, 0.033084), (-0.858583, -0.208967, -0.465381, 0.050870)),
+        ("MTMR", (0,) * 7, (-0.000001, -0.364499, -0.1288), (-0.500003, -0.499997, -0.500001, 0.499999)),
+        ("MTMR", (0.1, 0.2, 0.3, 0.4, 0.5, -0.6, 0.7), (0.030267, -0.301670, 0.033084),
+         (-0.806793, -0.485114, -0.247871, 0.228713)),
     ],
 )
 def test_published_poses_are_met(
@@ -89,6 +96,18 @@ def test_published_poses_are_met(
     np.testing.assert_allclose(pose[:3], position, atol=2e-6)
     sign = np.sign(pose[3:] @ np.array(quaternion, dtype=float))
     np.testing.assert_allclose(sign * pose[3:], quaternion, atol=5e-6)
+
+
+def test_the_published_body_jacobian_is_met() -> None:
+    expected = (
+        (0.047265, -0.117018, -0.479429, 0, -0.0091, 0),
+        (0.088806, 0.079274, -0.495517, 0.003601, 0, 0),
+        (0.089799, -0.017675, 0.724301, 0.002463, 0, 0),
+        (-0.63052, -0.341746, 0, -0.479429, 0, -1),
+        (0.691682, -0.654769, 0, -0.495517, -0.825338, 0),
+        (-0.352165, -0.674157, 0, 0.724301, -0.564639, 0),
+    )
+    np.testing.assert_allclose(arm("PSM").body_jacobian(np.array(PSM_Q)), expected, atol=5e-6)
 
 
 def test_a_base_offset_moves_tip_and_spatial_jacobian() -> None:

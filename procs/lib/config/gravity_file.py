@@ -61,7 +61,7 @@ def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters
 
 
 def _check(context: Context, opened: Opened[GravityFile]) -> bool:
-    """Whether every list has its length, and limits and velocities are in order; of joints the first one that is not."""
+    """Whether every list has its length, and limits and velocities are in order; the first joint that is not."""
     source, keys = opened.source, opened.content.GC_controller
     wrong = [name for name, count in LENGTHS.items() if len(getattr(keys, name)) != count]
     for name in wrong:
