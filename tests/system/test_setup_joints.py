@@ -65,3 +65,27 @@ def test_classic_set_up_joints_of_a_site_are_read_and_clutched(robot: Robot, dat
     assert len(echo(robot, "SUJ/ECM/primary_voltage/measured_js")["position"]) == 6
     robot.trocar("power-off")
     assert echo(robot, "SUJ/operating_state")["state"] == "DISABLED"
+
+
+GOLDEN = {
+    "ECM": ("Cart", (0.055999, 1.156901, 0.908821, 0.923635, -0.022072, -0.009141, 0.382527)),
+    "PSM1": ("ECM", (-0.062668, -0.075188, 0.009377, 0.277057, 0.206014, -0.270271, 0.89875)),
+    "PSM2": ("ECM", (0.081629, -0.041172, 0.011897, 0.326857, 0.148334, -0.813917, 0.456838)),
+    "PSM3": ("ECM", (0.139604, -0.126381, 0.028876, 0.184702, 0.306649, -0.873956, 0.328714)),
+}
+
+
+def test_stock_full_system_shows_tips_where_the_original_does(robot: Robot, data: Callable[[str], Path]) -> None:
+    robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")),
+             *LOCKSTEP)
+    robot.trocar("power-on", *GOLDEN, "SUJ")
+    robot.trocar("home", *GOLDEN, "SUJ")
+    robot.trocar("send", "ECM", "move_jp", "0", "0", "0.12", "0")
+    wait_for(lambda: abs(echo(robot, "ECM/measured_js")["position"][2] - 0.12) < 1e-9, 60, "the move")
+    for name, (frame, pose) in GOLDEN.items():
+        state = echo(robot, f"{name}/state")
+        assert (state["reference_frame"], state["reference_valid"]) == (frame, True), name
+        assert np.allclose(state["measured_cp"], pose, atol=1e-6), name
+    robot.trocar("send", "ECM", "state_command", "disable")
+    wait_for(lambda: not echo(robot, "PSM1/state")["reference_valid"], 20, "an unknown base without the ECM's tip")
+    assert echo(robot, "PSM1/state")["cartesian_valid"] and echo(robot, "ECM/state")["reference_valid"] is False
