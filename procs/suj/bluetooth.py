@@ -20,6 +20,7 @@ POTS: Final = "babb122c-de4c-11ec-9d64-0242ac120101"  # the characteristic that 
 PERIOD_S: Final = 0.1
 RETRY_S: Final = 5.0
 CONNECT_S: Final = 10.0
+AGAIN_NS: Final = 30_000_000_000
 MOST: Final = 65536
 
 
@@ -28,20 +29,26 @@ class BluetoothBoards:
 
     def __init__(self, addresses: Sequence[str]) -> None:
         """Start the child."""
+        self._addresses = tuple(addresses)
         self._problems = {address.upper(): "not connected yet" for address in addresses}
-        self._child = subprocess.Popen([sys.executable, "-m", "procs.suj.bluetooth", *addresses],
+        self._start()
+
+    def _start(self) -> None:
+        self._child = subprocess.Popen([sys.executable, "-m", "procs.suj.bluetooth", *self._addresses],
                                        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
         if self._child.stdout is None:
             raise OSError("no pipe to the Bluetooth reader")
         self._pipe = self._child.stdout.fileno()
         os.set_blocking(self._pipe, False)
-        self._left = b""
-        self._ended = False
+        self._left, self._ended_ns = b"", 0
 
     def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """Readings since the last call."""
+        """Readings since the last call; a child that has ended is started again after a while."""
+        if self._ended_ns and now_ns - self._ended_ns > AGAIN_NS:
+            self.close()
+            self._start()
         found = []
-        for line in self._lines():
+        for line in self._lines(now_ns):
             try:
                 said = json.loads(line)
                 address = str(said["board"]).upper()
@@ -54,14 +61,15 @@ class BluetoothBoards:
                 self._problems[address] = str(said.get("problem", ""))
         return found
 
-    def _lines(self) -> list[bytes]:
+    def _lines(self, now_ns: int) -> list[bytes]:
         try:
-            data = os.read(self._pipe, MOST) if not self._ended else b""
+            data = os.read(self._pipe, MOST) if not self._ended_ns else b""
         except BlockingIOError:
             return []
-        if not data and not self._ended:
-            self._ended = True
-            self._problems = dict.fromkeys(self._problems, "the Bluetooth reader has ended")
+        if not data and not self._ended_ns:
+            self._ended_ns = now_ns
+            ended = "the Bluetooth reader has ended"
+            self._problems = {address: problem or ended for address, problem in self._problems.items()}
         *lines, self._left = (self._left + data).split(b"\n")
         self._left = self._left[-MOST:]
         return lines

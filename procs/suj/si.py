@@ -63,7 +63,7 @@ class Si:
         self._readings = Readings(setups, SI_LIMITS, reports)
         self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
         self._of_base: Array | None = None
-        self._base_ns = 0
+        self._base_ns = self._begun_ns = 0
         self._stamps_ns = [0] * n
         self._settled = [0] * n
         self._told = [""] * n
@@ -77,6 +77,7 @@ class Si:
 
     def step(self, now_ns: int, state: State) -> None:
         """Buttons and readings."""
+        self._begun_ns = self._begun_ns or now_ns
         self._clutch(now_ns)
         for address, reading in self._link.poll(now_ns):
             try:
@@ -89,7 +90,7 @@ class Si:
             elif address.upper() in self._place:
                 self._read(self._place[address.upper()], values, now_ns)
         for place in range(len(self._arms)):
-            if now_ns - min(self._stamps_ns[place], self._base_ns) > STALE_NS:
+            if now_ns - max(self._begun_ns, min(self._stamps_ns[place], self._base_ns)) > STALE_NS:
                 self._miss(place)
 
     def _clutch(self, now_ns: int) -> None:

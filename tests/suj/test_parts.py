@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.lib.cart import Cart, SetupArm
+from procs.suj import bluetooth
 from procs.suj.brakes import Brakes
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
@@ -237,3 +238,28 @@ def test_the_bluetooth_reader_tells_readings_and_why_there_are_none() -> None:
     assert {"board": "FF:BB:CC:DD:EE:02", "problem": "OSError: no adapter"} in said
     readings = [row["reading"] for row in said if "reading" in row]
     assert readings and np.array_equal(counts(readings[0].encode()), [[1, 2, 3], [4, 5, 6]])
+
+
+def test_the_reading_end_tells_why_nothing_comes_and_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = [b'{"board": "aa:bb", "problem": "no adapter"}\n', b'nonsense\n{"board": "aa:bb", "reading": "{}"}\n']
+    started = []
+
+    def start(self: bluetooth.BluetoothBoards) -> None:
+        started.append(self)
+        output = said.pop(0) if said else b""
+        self._child = subprocess.Popen([sys.executable, "-c", f"import os; os.write(1, {output!r})"],
+                                       stdout=subprocess.PIPE)
+        self._pipe, self._left, self._ended_ns = self._child.stdout.fileno(), b"", 0
+
+    monkeypatch.setattr(bluetooth.BluetoothBoards, "_start", start)
+    boards = bluetooth.BluetoothBoards(("AA:BB",))
+    assert boards.problem("aa:bb") == "not connected yet"
+    assert boards.poll(1) == [] and boards.problem("AA:BB") == "no adapter"
+    boards.poll(2)
+    assert boards._ended_ns == 2 and boards.problem("AA:BB") == "no adapter", "the reason stays"
+    boards.poll(3)
+    assert len(started) == 1
+    assert boards.poll(3 + bluetooth.AGAIN_NS) == [("AA:BB", b"{}")] and boards.problem("AA:BB") == ""
+    boards.poll(4 + bluetooth.AGAIN_NS)
+    assert boards.problem("AA:BB") == "the Bluetooth reader has ended" and len(started) == 2
+    boards.close()
