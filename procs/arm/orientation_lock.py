@@ -1,8 +1,9 @@
 """A master whose tip is free in its place, but not in its orientation: the arm in effort mode, the wrist following.
 
-The first three joints place the tip; whatever they do, the other four are brought to where the tip's axes are those
-that were locked, through a trajectory, so that nothing jumps. The platform stays where it was when locked, as far as
-the limits of the wrist yaw allow. Any other mode or space ends it.
+The first three joints place the tip; whatever they do, the other four go where the tip's axes are those that were
+locked. What is missing at first, and wherever that place jumps, is made up for by a trajectory, so that nothing else
+does. The platform stays where it was when locked, as far as the limits of the wrist yaw allow. Any other mode or space
+ends it.
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ class OrientationLock:
         self._master = Master(control.arm.chain)
         self.locked = False
         self._rotation, self._seed = np.eye(3), np.zeros(control.joints.size)
-        self._trajectory = Trajectory(FOLLOWING)
-        self._position, self._velocity, self._goal = np.zeros((3, FOLLOWING))
-        self._start_ns = 0
+        self._goal, self._velocity = np.zeros((2, FOLLOWING))
+        self._trajectory = Trajectory(FOLLOWING)  # of what is missing
+        self._missing, self._missing_velocity, self._nothing = np.zeros((3, FOLLOWING))
+        self._start_ns = self._stepped_ns = 0
         self._failing = False
         self.table: Table = {
             "lock_orientation": Row(self._lock, Ready.CARTESIAN, (0, 4)),
@@ -69,6 +71,7 @@ class OrientationLock:
         self._seed[WRIST] = here[WRIST]
         self._failing = False
         if not self.locked:
+            self._goal[...] = found[WRIST:]
             self._begin(here[WRIST:], control.io.velocity[WRIST:])
             self._tell(True)
         return ""
@@ -107,18 +110,33 @@ class OrientationLock:
         self._advance(control.now_ns)
         motion.in_effort[WRIST:] = False
         motion.effort[WRIST:] = 0.0
-        motion.goal[WRIST:] = self._position
-        motion.velocity[WRIST:] = self._velocity
+        np.add(self._goal, self._missing, out=motion.goal[WRIST:])
+        np.add(self._velocity, self._missing_velocity, out=motion.velocity[WRIST:])
         motion.velocity[:WRIST] = control.io.velocity[:WRIST]  # an actuator that follows may move two joints
         motion.has_velocity = True
 
     def _advance(self, now_ns: int) -> None:
-        """Along the trajectory, and bend it where its end has moved."""
-        self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self._position, self._velocity)
-        goal = self._solve()
-        if float(np.abs(goal - self._goal).max()) > SAME:
-            self._goal[...] = goal
+        """The goal of this cycle; how far it is further away than the joints may go is missing from then on."""
+        self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self._missing, self._missing_velocity)
+        most = self._control.joints.v_max[WRIST:] * ((now_ns - self._stepped_ns) * 1e-9)
+        self._stepped_ns = now_ns
+        change = self._solve() - self._goal
+        jump = change - np.clip(change, -most, most)
+        self._goal += change
+        self._follow_hand()
+        if float(np.abs(jump).max()) > SAME:
+            self._missing -= jump
             self._plan(now_ns)
+
+    def _follow_hand(self) -> None:
+        """How fast pitch, yaw and roll have to turn for the tip not to, with the platform resting."""
+        control = self._control
+        turning, rates = control.cartesian.jacobian[3:], control.io.velocity[:WRIST]
+        self._velocity[...] = 0.0
+        if not self._failing:
+            v_max = control.joints.v_max[WRIST + 1 :]
+            needed = np.linalg.solve(turning[:, WRIST + 1 :], -(turning[:, :WRIST] @ rates))
+            np.clip(needed, -v_max, v_max, out=self._velocity[1:])
 
     def _solve(self) -> Array:
         """Joints (4,) for the locked orientation where the tip is now; where there are none, those of before."""
@@ -143,15 +161,18 @@ class OrientationLock:
         self._control.reports.emit("orientation_locked", value=float(locked))
 
     def _begin(self, position: Array, velocity: Array) -> None:
-        limit = self._control.joints.v_max[WRIST:] * self._control.motion.ratio_v
-        self._position[...] = self._goal[...] = position
-        self._velocity[...] = np.clip(velocity, -limit, limit)
+        """The joints (4,) are here, and go at this velocity."""
+        limit = self._control.joints.v_max[WRIST:]
+        self._follow_hand()
+        np.subtract(position, self._goal, out=self._missing)
+        self._missing_velocity[...] = np.clip(velocity - self._velocity, -limit, limit)
+        self._stepped_ns = self._control.now_ns
         self._plan(self._control.now_ns)
 
     def _plan(self, now_ns: int) -> None:
         joints, motion = self._control.joints, self._control.motion
         v_max, a_max = joints.v_max[WRIST:] * motion.ratio_v, joints.a_max[WRIST:] * motion.ratio_a
-        error = self._trajectory.start(self._position, self._velocity, self._goal, v_max, a_max, 0.0)
+        error = self._trajectory.start(self._missing, self._missing_velocity, self._nothing, v_max, a_max, 0.0)
         if error is None:  # else the one before goes on
             self._start_ns = now_ns
 

@@ -1,0 +1,117 @@
+"""An arm, its io and emulated boards with their plant on one stepped clock: all of a robot but the processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from procs.arm.arm import Surroundings
+from procs.arm.loop import TYPES, gripper_in, place_in
+from procs.lib.document import System
+from shm.client import Reply
+from shm.topics import ARM_STATE, SETPOINT
+from tests.arm.fake_io import FakeReports, FakeRequest, Record
+from tests.arm.test_kinematic_arm import Order
+from tests.io.rig import Rig
+
+SETPOINTS = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
+             "effort", "feed_forward")
+
+
+class OnBoards:
+    """One arm of a system; `truth` is where its actuators really are."""
+
+    def __init__(self, system: System, name: str) -> None:
+        self.document = system.emulated().arm(name)
+        self.rig = Rig(system, self.document.io)
+        self.io, self.clock = self.rig.record, self.rig.clock
+        self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
+        self.source = self.rig.arms[self.document.robot]
+        for field in SETPOINTS:
+            setattr(self.source, field, self.setpoint[field])
+        self.place, first = place_in(self.rig.io, self.document)
+        self.axes = slice(first, first + len(self.rig.io.robots[self.place].actuators))
+        self.period_s = self.rig.io.period_s
+        self.orders: list[Order] = []
+        self.replies: list[Reply] = []
+        self.count = 0
+        self.start_arm()
+
+    def start_arm(self) -> None:
+        """A new arm process on the records as they are."""
+        io, robot = self.rig.io, self.rig.io.robots[self.place]
+        self.reports = FakeReports()
+        self.arm: Any = TYPES[self.document.type](self.document, Surroundings(
+            lambda name: getattr(self.io, name), self.place, self.axes.start,
+            {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
+            self.setpoint.field, self.reports, lambda code: f"fault number {code}",
+            gripper=gripper_in(io, self.document)))
+
+    def send(self, name: str, values: Any, text: str) -> int:
+        """The arm asks io."""
+        self.count += 1
+        self.orders.append(Order(self.count, name, values, text, self.replies))
+        return self.count
+
+    def poll(self) -> list[Reply]:
+        """io answers."""
+        replies, self.replies[:] = self.replies[:], []
+        return replies
+
+    @property
+    def truth(self) -> np.ndarray:
+        return self.rig.plant.position[self.rig.world.wiring.robots[self.document.robot]]
+
+    def step(self, *requests: FakeRequest, alive: bool = True) -> None:
+        """One cycle of boards, io and arm; not `alive`: the arm's process is away."""
+        self.clock.ns += self.rig.period_ns
+        self.rig.world.advance(self.clock.ns)
+        orders, self.orders[:] = self.orders[:], []
+        self.rig.core.cycle(orders)
+        self.rig.events += self.rig.core.reports.events
+        self.rig.core.reports.events.clear()
+        if alive:
+            self.arm.step(self.clock.ns, self.clock.ns, 1, requests)
+            self.source.stamp_ns = self.clock.ns
+
+    def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds / self.period_s)):
+            self.step()
+            each()
+
+    def do(self, name: str, values: Any = (), text: str = "") -> FakeRequest:
+        """One cycle with a command in it."""
+        request = FakeRequest(name, values, text)
+        self.step(request)
+        return request
+
+    def until(self, condition: Callable[[], object], seconds: float = 30.0) -> float:
+        """Let time pass until the condition holds; returns how long that took in s."""
+        start = self.clock.ns
+        while not condition():
+            assert self.clock.ns - start < seconds * 1e9, (self.arm.state, self.rig.errors(), self.reports.events[-3:])
+            self.step()
+        return (self.clock.ns - start) * 1e-9
+
+    def homed(self) -> dict[str, float]:
+        """From nothing to homed; returns the seconds spent in each state on the way."""
+        self.run(0.1)
+        if self.arm.state == "DISABLED":
+            self.do("state_command", (), "enable")
+        self.until(lambda: self.arm.state == "ENABLED")
+        self.do("state_command", (), "home")
+        spent: dict[str, float] = {}
+        while self.arm.state != "HOMED":
+            state = str(self.arm.state)
+            assert state != "FAULT", (self.reports.of("error"), self.rig.errors())
+            spent[state] = self.until(lambda before=state: self.arm.state != before)
+        return spent
+
+    def away(self, seconds: float) -> None:
+        """kill -9, and a new process after a while."""
+        for _ in range(round(seconds / self.period_s)):
+            self.step(alive=False)
+        self.start_arm()

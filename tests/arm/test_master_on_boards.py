@@ -1,0 +1,111 @@
+"""Masters of a real site on emulated boards, stepped: homed, left alone by their process, free, and locked."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from procs.lib.config import load_system
+from procs.lib.document import System
+from procs.lib.kinematics import Kinematics
+from procs.lib.poses import rotation_vector
+from tests import stock
+from tests.arm.fake_io import FakeRequest
+from tests.arm.on_boards import OnBoards
+
+pytestmark = pytest.mark.slow
+WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"]
+MOST_JUMP = 0.5e-3  # m
+
+
+def site(name: str) -> System:
+    loaded = load_system(stock.find(f"dvrk-site/jhu-dVRK/system-{name}.json"), search=[stock.find("dvrk-share")],
+                         boards="emulated")
+    assert loaded.system is not None
+    return loaded.system
+
+
+def tip(robot: OnBoards) -> np.ndarray:
+    """Where the tip really is."""
+    joints = robot.arm.joints
+    return Kinematics(robot.document.chain).fk(joints.to_joint @ robot.truth, np.eye(4))
+
+
+@pytest.fixture
+def robot() -> OnBoards:
+    return OnBoards(site("MTML"), "MTML")
+
+
+@pytest.mark.parametrize("name", ("MTML", "MTMR"))
+def test_a_master_of_a_real_site_homes(name: str) -> None:
+    robot = OnBoards(site(name), name)
+    spent = robot.homed()
+    assert list(spent) == WAY
+    assert spent["CALIBRATING_ROLL"] < 4.5 and spent["RESETTING_ROLL_ENCODER"] < 0.1
+    assert spent["HOMING"] == pytest.approx(480 / 360 + 1, abs=0.1)
+    assert np.abs(robot.truth).max() < math.radians(3.0)
+    assert robot.rig.errors() == [] and not robot.reports.of("error", "warning")
+    assert robot.state["gripper_valid"] and robot.state["is_homed"]
+
+
+@pytest.mark.parametrize("state", ("CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"))
+def test_a_process_that_dies_on_the_way_home_jerks_nothing(robot: OnBoards, state: str) -> None:
+    robot.run(0.1)
+    robot.do("state_command", (), "enable")
+    robot.until(lambda: robot.arm.state == "ENABLED")
+    robot.do("state_command", (), "home")
+    robot.until(lambda: robot.arm.state == state)
+    if state != "RESETTING_ROLL_ENCODER":
+        robot.run(1.0)
+    asked, before = robot.io.setpoint_position[robot.axes].copy(), tip(robot)[:3, 3]
+    robot.away(0.5)
+    robot.run(0.5)
+    assert robot.arm.state == "ENABLED"
+    if state == "HOMING":  # it was moving: it stops where it was asked to be
+        chain = Kinematics(robot.document.chain)
+        before = chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]
+    assert np.abs(tip(robot)[:3, 3] - before).max() < (2e-3 if state == "HOMING" else MOST_JUMP)
+    robot.homed()
+    assert np.abs(robot.truth).max() < math.radians(3.0) and robot.rig.errors() == []
+
+
+def free(robot: OnBoards) -> None:
+    robot.arm.control.gravity.used = False
+    assert robot.do("body/servo_cf", (0.0,) * 6).outcomes == ["done"]
+
+
+@pytest.mark.parametrize("locked", (False, True))
+def test_a_process_that_dies_in_effort_mode_jerks_nothing(robot: OnBoards, locked: bool) -> None:
+    robot.homed()
+    free(robot)
+    if locked:
+        robot.do("lock_orientation")
+    robot.run(0.5)
+    before = tip(robot)[:3, 3]
+    jump = 0.0
+    for _ in range(1500):
+        robot.step(alive=False)
+        jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
+    robot.start_arm()
+    for _ in range(1500):
+        robot.step()
+        jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
+    assert robot.arm.state == "HOMED" and jump < MOST_JUMP
+    assert not robot.setpoint["in_effort"].any() and robot.rig.errors() == []
+
+
+def test_a_locked_orientation_is_kept_while_a_hand_pulls(robot: OnBoards) -> None:
+    robot.homed()
+    free(robot)
+    robot.run(0.3)
+    before = tip(robot)
+    robot.do("lock_orientation")
+    request = FakeRequest("body/set_cf_orientation_absolute", (1,))
+    robot.step(request)
+    robot.do("body/servo_cf", (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
+    robot.run(1.0)
+    after = tip(robot)
+    assert np.linalg.norm(after[:3, 3] - before[:3, 3]) > 0.2
+    assert np.linalg.norm(rotation_vector(before[:3, :3].T @ after[:3, :3])) < math.radians(1.0)
