@@ -30,6 +30,7 @@ from procs.boards.robots.inertia import (
 from procs.boards.robots.play import SHARE
 from procs.lib.denavit import split_row
 from procs.lib.document import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
+from procs.lib.endoscopes import endoscope
 from procs.lib.poses import renormalised
 
 Array = NDArray[np.float64]
@@ -107,6 +108,22 @@ def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | N
 def parallelogram(arm: Arm) -> Chain | None:
     """The links of an arm as they really are, where they are more than its kinematics know."""
     return arm.links if arm.links is not None and len(arm.links.links) > len(arm.chain.links) else None
+
+
+def laden(arm: Arm) -> Arm:
+    """An arm with the mass of its endoscope on the link that carries it; others as they are."""
+    if not arm.endoscope:
+        return arm
+    mass = endoscope(arm.endoscope).mass
+    if arm.links is not None and parallelogram(arm) is not None:
+        return dataclasses.replace(arm, links=_weighted(arm.links, len(arm.links.links) - 1, mass))
+    return dataclasses.replace(arm, chain=_weighted(arm.chain, INSERTION, mass))
+
+
+def _weighted(chain: Chain, place: int, mass: float) -> Chain:
+    links = list(chain.links)
+    links[place] = dataclasses.replace(links[place], mass=mass)
+    return dataclasses.replace(chain, links=tuple(links))
 
 
 def description(arm: Arm | None, actuators: int) -> ArmInertia | None:

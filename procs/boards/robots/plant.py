@@ -24,6 +24,7 @@ from procs.boards.robots.mechanics import (
     description,
     has_play,
     is_gripper,
+    laden,
     mechanism,
     parallelogram,
 )
@@ -50,9 +51,10 @@ class Plant:
         self.period_s = system.emulation.period_s
         self.before_step: list[Callable[[], None]] = []  # called at the beginning of every step
         self._robots = tuple(robot for io in system.ios for robot in io.robots)
-        self._arms = {arm.robot: arm for arm in system.arms if arm.robot}
-        self._by_name = {arm.name: arm for arm in system.arms}
-        self._links = {arm.name: chain for arm in system.arms if (chain := parallelogram(arm))} | dict(links or {})
+        arms = tuple(laden(arm) for arm in system.arms)
+        self._arms = {arm.robot: arm for arm in arms if arm.robot}
+        self._by_name = {arm.name: arm for arm in arms}
+        self._links = {arm.name: chain for arm in arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
         self._slices = _slices(self._robots)
         self._like = _likenesses(system.emulation, self._robots)

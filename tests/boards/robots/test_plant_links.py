@@ -193,3 +193,16 @@ def test_a_file_with_other_links_is_refused() -> None:
     one = arm("PSM", "PSM", "PSM_Si")
     with pytest.raises(ValueError, match="3 links with masses; allowed: 7"):
         Plant(system((robot("PSM", "RRPRRRR"),), (one,)), {"PSM": stock.chain("PSM_Si")})
+
+
+@pytest.mark.parametrize(("file", "name", "expected"), [
+    ("ECM", "Classic_SD_STRAIGHT", (-0.9278, 1.41582, -13.77753, 0.0)),
+    ("ECM_Si", "Si_HD_STRAIGHT", (-2.7534, 10.11702, -16.53305, 0.0)),
+])
+def test_a_camera_arm_bears_the_endoscope_its_file_names(file: str, name: str, expected: tuple[float, ...]) -> None:
+    one = dataclasses.replace(arm("ECM", "ECM", file), endoscope=name, mounting_pitch=0.0,
+                              generation="Si" if file.endswith("Si") else "Classic",
+                              links=stock.chain("ECM_Si_physical") if file.endswith("Si") else stock.chain("ECM"))
+    plant = Plant(system((robot("ECM", "RRPR"),), (one,)))
+    held = holding(plant, "ECM", np.array((0.2, -0.3, 0.15, 0.4)))
+    np.testing.assert_allclose(held, expected, atol=1e-4)
