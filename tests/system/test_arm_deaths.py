@@ -1,0 +1,120 @@
+"""kill -9 of an arm's process in every state: the tip stays where it is, and the next process goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from procs.arm.joints import joints
+from procs.lib.config import load_system
+from shm import directory
+from shm.client import Client
+from tests.system.robot import DEMO, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+
+MOST_MM = 0.5
+MOST_RAD = np.radians(0.5)
+AWAY = {"ECM": (0.5, 0.3, 0.15, 0.5), "MTML": (0.3, 0.3, 0.2, 0.3, 0.2, 0.2, 0.5)}
+STATES = {
+    "ECM": ("POWERING", "CALIBRATING_ENCODERS_FROM_POTS", "HOMING", "moving", "effort"),
+    "MTML": ("CALIBRATING_ROLL", "HOMING", "effort"),
+}
+FILES = {"ECM": "demo-ecm.yaml", "MTML": "demo-mtm.yaml"}
+
+
+class Watched:
+    """One arm of a running system, in lock-step so that nothing depends on this machine's speed."""
+
+    def __init__(self, robot: Robot, name: str) -> None:
+        file = DEMO.parent / FILES[name]
+        robot.up(file, "--set", "clock=lockstep")
+        self.robot, self.name = robot, name
+        document = load_system(file).system
+        assert document is not None
+        row = document.arm(name)
+        self.space = joints(row)
+        self.client = Client(robot.name, name)
+        self.state = directory.reader(robot.name, name, "state")
+        self.boards = directory.reader(robot.name, "boards", "state")
+
+    def close(self) -> None:
+        for each in (self.client, self.state, self.boards):
+            each.close()
+
+    def sub_state(self) -> str:
+        return self.state.field("sub_state").item().decode() if self.state.newest() else ""
+
+    def ask(self, name: str, values: tuple[float, ...] = (), text: str = "") -> None:
+        self.client.poll()
+        self.client.send(name, values, text)
+
+    def reach(self, state: str) -> None:
+        wait_for(lambda: self.sub_state() == state, 120, f"{self.name} in {state}; it is in {self.sub_state()}")
+
+    def bring(self, state: str) -> None:
+        """Into a state by the ordinary way, and some way into it."""
+        self.ask("state_command", (), "enable")
+        if state != "POWERING":
+            self.reach("ENABLED")
+            self.ask("state_command", (), "home")
+        if state in ("moving", "effort"):
+            self.reach("HOMED")
+            self.ask("move_jp", AWAY[self.name]) if state == "moving" else self.ask("free")
+            mode = 2 if state == "moving" else 3
+            wait_for(lambda: self.state.newest() and int(self.state.field("control_mode")) == mode, 60, state)
+            start = self.state.stamp_ns
+            wait_for(lambda: self.state.newest() and self.state.stamp_ns > start + 400_000_000, 120, "0.4 s of it")
+        else:
+            self.reach(state)
+
+    def tips(self, since_ns: int) -> NDArray[np.float64]:
+        """Where the tip truly was (k, 3) m, from the boards' own physics, and the joints at both ends."""
+        rows = self.boards.since(since_ns)
+        kinematics = self.space.kinematics
+        assert kinematics is not None and len(rows)
+        axes = self.space.axes
+        actual = rows["position"][::10, :axes] @ self.space.to_joint.T
+        return np.array([kinematics.fk(np.ascontiguousarray(q), np.eye(4))[:3, 3] for q in actual])
+
+
+@pytest.fixture
+def watched(robot: Robot) -> Callable[[str], Watched]:
+    return lambda name: Watched(robot, name)
+
+
+@pytest.mark.parametrize(("arm", "state"), [(arm, state) for arm, states in STATES.items() for state in states])
+def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
+    robot: Robot, watched: Callable[[str], Watched], arm: str, state: str
+) -> None:
+    one = watched(arm)
+    one.bring(state)
+    one.boards.newest()
+    before_ns = one.boards.stamp_ns
+    setpoint = one.state.field("setpoint_position").copy()
+    old = robot.kill(arm)
+    wait_for(lambda: robot.pid(arm) != old and robot.state(arm) == "RUNNING", 60, "the arm's restart")
+    wait_for(lambda: one.state.newest() and one.state.epoch > 1, 60, "its record")
+    start = one.state.stamp_ns
+    wait_for(lambda: one.state.newest() and one.state.stamp_ns > start + 300_000_000, 120, "0.3 s of the successor")
+    path = one.tips(before_ns)
+    moving = state in ("moving", "HOMING", "CALIBRATING_ROLL")
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1) * 1e3
+    if moving:  # what was under way runs out within the time io needs to notice, and stands then
+        assert steps.max() < MOST_MM, "no jump"
+        assert np.linalg.norm(path[-20:] - path[-1], axis=1).max() * 1e3 < MOST_MM
+    else:
+        assert np.linalg.norm(path - path[0], axis=1).max() * 1e3 < MOST_MM
+    sub_state = one.sub_state()
+    if state in ("moving", "effort"):
+        assert sub_state == "HOMED" and bool(one.state.field("is_homed"))
+        one.ask("move_jp", tuple(setpoint[: one.space.count]))
+    else:
+        assert sub_state in ("ENABLED", "POWERING")
+        one.reach("ENABLED")
+        one.ask("state_command", (), "home")
+        one.reach("HOMED")
+    one.close()
