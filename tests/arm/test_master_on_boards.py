@@ -63,6 +63,8 @@ def test_a_process_that_dies_on_the_way_home_jerks_nothing(robot: OnBoards, stat
     robot.away(0.5)
     robot.run(0.5)
     assert robot.arm.state == "ENABLED"
+    if state == "RESETTING_ROLL_ENCODER":  # the joint controller is off for these few cycles: as with power alone
+        before = tip(robot)[:3, 3]
     if state == "HOMING":  # it was moving: it stops where it was asked to be
         chain = Kinematics(robot.document.chain)
         before = chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]
@@ -72,8 +74,18 @@ def test_a_process_that_dies_on_the_way_home_jerks_nothing(robot: OnBoards, stat
 
 
 def free(robot: OnBoards) -> None:
-    robot.arm.control.gravity.used = False
     assert robot.do("body/servo_cf", (0.0,) * 6).outcomes == ["done"]
+
+
+@pytest.mark.parametrize(("borne", "least", "most"), ((True, 0.0, 0.005), (False, 0.05, 1.0)))
+def test_a_free_master_stays_where_it_is_as_long_as_its_weight_is_borne(robot, borne, least, most) -> None:
+    robot.homed()
+    free(robot)
+    robot.do("use_gravity_compensation", (float(borne),))
+    before = tip(robot)[:3, 3]
+    robot.run(1.0)
+    way = np.linalg.norm(tip(robot)[:3, 3] - before)
+    assert least <= way < most
 
 
 @pytest.mark.parametrize("locked", (False, True))

@@ -53,10 +53,9 @@ class Hand:
             self.rig.cycle()
 
     def find_stop(self) -> float:
-        """Roll down until it lags by half a turn, the other actuators free; returns how far it was asked to go."""
+        """Roll down until it lags by half a turn, the other actuators held; returns how far it was asked to go."""
         self.begin_here()
         start = float(self.arm.position[ROLL])
-        self.arm.in_effort[:ROLL] = True
         way = 0.0
         while way < SEARCH:
             way += SPEED * self.rig.io.period_s
@@ -85,7 +84,7 @@ def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, 
     hand.ask("pid_enable", 1)
     assert hand.find_stop() < SEARCH
     assert hand.truth[ROLL] == pytest.approx(STOP, abs=0.01) and rig.errors() == []
-    np.testing.assert_allclose(hand.truth[:ROLL], somewhere[:ROLL], atol=0.02)
+    np.testing.assert_allclose(hand.truth[:ROLL], somewhere[:ROLL], atol=0.04)  # nobody compensates its weight
     before = int(record.bias_generation[hand.place])
     hand.ask("pid_enable", 0)
     hand.ask("set_encoder", ROLL, STOP)

@@ -30,6 +30,7 @@ from procs.boards.robots.mechanics import (
 )
 from procs.boards.robots.play import SHARE, Play
 from procs.boards.robots.tips import Tips
+from procs.boards.robots.weight import weights_of
 from procs.lib.coupling import Coupling, coupling
 from procs.lib.document import Chain, Emulation, Likeness, Robot, System, Tool
 
@@ -92,6 +93,8 @@ class Plant:
             effort_actuator = self._through_play(self._play, effort_actuator)
         self._to_joint_effort.dot(effort_actuator, self.effort)  # half the price of np.matmul at this size
         np.subtract(self.effort, self.friction.oppose(self._joint_velocity), applied)
+        if self._weights is not None:
+            np.subtract(applied, self._weights.effort, applied)
         if self._is_pushed:
             np.add(applied, self._push, applied)
         if self._is_pulled:
@@ -106,6 +109,8 @@ class Plant:
 
     def step_current(self, current: Array) -> None:
         """One period under motor currents (axes,), A; 0 where the amplifier is off."""
+        if self._weights is not None:
+            self._weights.step(current, self._joint_position)
         self.step(np.multiply(current, self._effort_per_current, self._current_effort))
 
     def _through_play(self, play: Play, effort: Array) -> Array:
@@ -222,6 +227,9 @@ class Plant:
         self.friction: Friction = Friction(assembly.coulomb, self.model.dof_armature, self.period_s)
         self._tips: Tips = Tips(assembly, self.data, mechanisms)
         self._play = self._drives(self._play)
+        self._weights = weights_of(self._arms, self._slices, assembly.joints,
+                                   {robot: like.mass for robot, like in self._like.items()}, self.model.nv,
+                                   self.period_s)
         self._take_push()
         self._take_state()
         self._constrain()
