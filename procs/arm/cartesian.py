@@ -64,6 +64,7 @@ class Cartesian:
         self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
         if kinematics is not None:
             self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the set-point for a moment, see update
+        self._free = joints.free
         self._damping = DAMPING * np.eye(min(n, 6))
         self.clear()
 
@@ -126,6 +127,8 @@ class Cartesian:
     def _show_wrench(self, kinematics: Kinematics) -> None:
         """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
         body, effort = kinematics.body, self._effort
+        if self._free is not None:  # joints that bend together are pushed together
+            body, effort = body @ self._free, effort @ self._free
         if len(effort) < 6:
             self._wrench[...] = body @ self._ldlt.compute(body.T @ body + self._damping).solve(effort)
         else:

@@ -121,8 +121,10 @@ class CartesianCommands:
 
     def _rates(self, twist: Array) -> Array:
         """Joint velocities (count,) for a twist (6,) of the tip in the reference frame."""
-        cartesian = self._control.cartesian
+        cartesian, free = self._control.cartesian, self._control.joints.free
         body = (twist.reshape(2, 3) @ cartesian.rotation).reshape(6)  # Rᵀ · v, in rows
+        if free is not None:
+            return (free @ np.linalg.lstsq(cartesian.jacobian @ free, body, rcond=1e-6)[0]).astype(np.float64)
         return np.linalg.lstsq(cartesian.jacobian, body, rcond=1e-6)[0].astype(np.float64)
 
     def _servo_cs(self, request: Request) -> str:

@@ -125,10 +125,8 @@ class Control:
         """Follow `goal` from now on, with a velocity feed of the arm's joints (count,)."""
         outside, text = self._clip()
         if velocity is not None:
-            self._velocity[...] = 0.0
-            self._velocity[: len(velocity)] = velocity
-            self._velocity[outside] = 0.0
-            velocity = self._velocity
+            velocity = self._feed(velocity)
+            velocity[outside] = 0.0
         self.motion.space = space
         if self.motion.servo(self.goal, velocity, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
@@ -136,14 +134,22 @@ class Control:
 
     def drift(self, velocity: Array) -> str:
         """Go at a velocity of the arm's joints (count,)."""
-        self._velocity[...] = 0.0
-        self._velocity[: len(velocity)] = velocity
+        self._feed(velocity)
         if self.motion.mode is Mode.EFFORT:
             self.motion.hold(self.io.setpoint)
         self.motion.space = Space.JOINT
         if self.motion.drift(self._velocity, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
         return ""
+
+    def _feed(self, velocity: Array) -> Array:
+        """Velocities of all joints (size,) from those of the arm's (count,)."""
+        feed = self._velocity
+        feed[...] = 0.0
+        feed[: len(velocity)] = velocity
+        if self.joints.paired is not None:
+            feed[...] = self.joints.paired @ feed
+        return feed
 
     def adjust(self) -> str:
         """Follow `goal`, of which only the jaw has changed."""

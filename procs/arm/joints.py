@@ -20,7 +20,7 @@ from procs.lib.arm_limits import KINEMATIC_HOME, LIMITS
 from procs.lib.coupling import coupling
 from procs.lib.document import Arm, Tool
 from procs.lib.endoscopes import NONE, endoscope
-from procs.lib.inverse.arms import inverse_of
+from procs.lib.inverse.arms import BENDS, inverse_of
 from procs.lib.inverse.solver import Inverse
 from procs.lib.kinematics import Kinematics
 
@@ -59,6 +59,10 @@ class Joints:
     """So many joints are actuators themselves; the others are coupled."""
     none: NDArray[np.bool_]
     """The mask of no joint (size,)."""
+    free: Array | None = None
+    """Of a snake (8, 6): its joints for so many independent ones."""
+    paired: Array | None = None
+    """Of a snake (9, 9): what joints that bend together make of a vector of them."""
 
     @property
     def size(self) -> int:
@@ -78,8 +82,11 @@ class Joints:
     def clip(self, values: Array, here: Array | None = None) -> NDArray[np.bool_]:
         """Bring `values` (size,) into the limits, in place; returns which ones were outside.
 
+        Joints of a snake that bend together get their mean.
         What is `here` already may stay: an instrument may have been put on beyond its limits, and must not jump.
         """
+        if self.paired is not None:
+            values[...] = self.paired @ values
         clipped = np.maximum(values, self.lower)
         np.minimum(clipped, self.upper, out=clipped)
         if clipped.tobytes() == values.tobytes():
@@ -136,14 +143,17 @@ def _with_tool(arm: Arm, tool: Tool) -> Joints:
     limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain, tool)
     spread, gather = np.eye(axes), np.eye(axes)
     v_max, a_max = np.array(limits.velocity), np.array(limits.acceleration)
+    free = paired = None
     if tool.snake:
         spread, gather = _snake(axes)
+        free, paired = BENDS, spread @ gather
         v_max, a_max = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in (v_max, a_max))
     return Joints(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
                   np.append(kinematics.upper, tool.jaw.upper), v_max, a_max,
                   np.matmul(spread, map_.actuator_to_joint),
                   np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
-                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type], np.zeros(n + 1, np.bool_))
+                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type], np.zeros(n + 1, np.bool_),
+                  free, paired)
 
 
 def _snake(axes: int) -> tuple[Array, Array]:
