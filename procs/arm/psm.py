@@ -64,6 +64,8 @@ class Psm(Arm):
         self._shown_name = field("tool")
         self.cannula = Cannula(control)
         self._was_ready = False
+        if before is None and self.detection.tool is not None:
+            control.reports.emit("tool_type", full_name(self.detection.tool))
         known = self._known(before.tool) if before is not None and self.tool.present else None
         if known is not None:
             self.detection.take(known)
