@@ -114,10 +114,14 @@ class Watch:
         self._since = self._events.head
 
     def last_error(self) -> str:
-        """Text of the newest error since we attached (or `forget_errors`); empty: there was none."""
+        """Text of the newest error, else warning, since we attached (or `forget_errors`); empty: there was none."""
         kept: NDArray[Any] = self._events.last(1024)
-        ours = kept[(kept["sequence"] > self._since) & (kept["event"] == b"error")]
-        return str(plain(bytes(ours[-1]["text"]))) if len(ours) else ""
+        ours = kept[kept["sequence"] > self._since]
+        for event in (b"error", b"warning"):
+            texts = ours["text"][ours["event"] == event]
+            if len(texts):
+                return str(plain(bytes(texts[-1])))
+        return ""
 
     def close(self) -> None:
         """Unmap."""
