@@ -118,6 +118,10 @@ class Cartesian:
         self._show_wrench(kinematics)
 
     def _show_setpoint(self, kinematics: Kinematics) -> None:
+        if not self._setpoint_velocity.any():  # the Jacobian is not needed
+            self._fill(kinematics.fk(self._setpoint_position), self._local_setpoint, self._setpoint)
+            self._setpoint_twist[...] = 0.0
+            return
         kinematics.update(self._setpoint_position)
         self._fill(kinematics.tip, self._local_setpoint, self._setpoint)
         rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
@@ -140,8 +144,8 @@ class Cartesian:
             self._body_wrench[...] = self._wrench
         np.matmul(self._wrench_rows, local.T, out=self._spatial_rows)
         x, y, z = kinematics.tip[:3, 3].tolist()
-        a, b, c, *_ = self._spatial_wrench.tolist()
-        self._spatial_wrench[3:] += (y * c - z * b, z * a - x * c, x * b - y * a)
+        a, b, c, d, e, f = self._spatial_wrench.tolist()
+        self._spatial_wrench[3:] = (d + y * c - z * b, e + z * a - x * c, f + x * b - y * a)
 
     def _fill(self, local: Array, local_out: Array, out: Array) -> None:
         pose_from_matrix(local, local_out)

@@ -28,7 +28,7 @@ def unit_quaternion(quaternion: Array, tolerance: float = QUATERNION_TOLERANCE) 
     """
     if len(quaternion) != 4:
         raise PoseError(f"a quaternion has 4 numbers, not {len(quaternion)}")
-    x, y, z, w = (float(v) for v in quaternion)
+    x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(length - 1.0) <= tolerance:
         raise PoseError(f"quaternion has length {length:.6g}, must be 1 within {tolerance:g}")
