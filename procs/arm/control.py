@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 CLIP_EPISODE_NS: Final = 500_000_000
 SAID_NS: Final = 2_000_000_000
+NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
 
@@ -78,13 +79,13 @@ class Control:
 
     def warn(self, code: str, text: str, every_ns: int = 0) -> None:
         """Warn of something about this arm; the same code again only after `every_ns`."""
-        if self.now_ns - self._said_ns.get(code, -SAID_NS) >= every_ns:
+        if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
             self._said_ns[code] = self.now_ns
             self.reports.warning(code, f"{self.arm.name}: {text}", self.arm.name)
 
     def error(self, code: str, text: str, every_ns: int = 0) -> None:
         """Tell an error of this arm that does not stop it; the same code again only after `every_ns`."""
-        if self.now_ns - self._said_ns.get(code, -SAID_NS) >= every_ns:
+        if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
             self._said_ns[code] = self.now_ns
             self.reports.error(code, f"{self.arm.name}: {text}", self.arm.name)
 

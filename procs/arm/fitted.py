@@ -32,6 +32,7 @@ class Fitted:
         `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
         """
         self._cell, self._said = cell, said
+        self._fit = Fit(min(int(cell.item()), Fit.ENGAGED))
         self.has_switch, self._always = has_switch, always
         self._settled_ns = 0
         if always and self.fit is Fit.UNKNOWN:
@@ -40,26 +41,27 @@ class Fitted:
     @property
     def fit(self) -> Fit:
         """How it is with it."""
-        return Fit(min(int(self._cell.item()), Fit.ENGAGED))
+        return self._fit
 
     @fit.setter
     def fit(self, fit: Fit) -> None:
+        self._fit = fit
         self._cell[...] = fit
 
     @property
     def present(self) -> bool:
         """It is on."""
-        return self.fit >= Fit.FOUND
+        return self._fit >= Fit.FOUND
 
     @property
     def waits(self) -> bool:
         """It is on, and not engaged."""
-        return self.fit in (Fit.FOUND, Fit.NEW)
+        return self._fit is Fit.FOUND or self._fit is Fit.NEW
 
     @property
     def is_settled(self) -> bool:
         """It is engaged, or not there."""
-        return self.fit in (Fit.ABSENT, Fit.ENGAGED)
+        return self._fit is Fit.ENGAGED or self._fit is Fit.ABSENT
 
     def say(self, on: bool) -> None:
         """It is on from now on whatever its switch says; or the switch counts again."""
@@ -67,7 +69,7 @@ class Fitted:
 
     def look(self, pressed: bool, now_ns: int) -> bool:
         """Its switch is `pressed`; True when it was put on, found or taken off."""
-        before = self.fit
+        before = self._fit
         if before is Fit.UNKNOWN and self.has_switch:
             self._settled_ns = self._settled_ns or now_ns + SETTLE_NS
             if now_ns < self._settled_ns:

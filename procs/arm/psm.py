@@ -79,7 +79,9 @@ class Psm(Arm):
 
     def _known(self, name: str) -> Tool | None:
         arm = self.control.arm
-        return next((tool for tool in (*arm.tools, arm.tool) if tool is not None and name and tool.name == name), None)
+        longest = self._shown_name.dtype.itemsize
+        known = (tool for tool in (*arm.tools, arm.tool) if tool is not None and name)
+        return next((tool for tool in known if tool.name.encode()[:longest] == name.encode()), None)
 
     def stages(self) -> Mapping[State, Stage]:
         """See Arm."""

@@ -476,3 +476,40 @@ def test_an_arm_that_waits_for_a_type_stays_homed_in_its_successor() -> None:
     restart(cart)
     cart.run(0.1)
     assert cart.arm.state == "HOMED" and cart.types == [("tool_type_request", "")]
+
+
+def test_a_move_ends_when_something_is_to_be_engaged() -> None:
+    cart = Cart().homed()
+    move = cart.send("move_jp", (1.0, 0.5, 0.2, 0.0, 0.0, 0.0, 0.0))
+    cart.run(0.3)
+    cart.put_on("adapter")
+    assert move.outcomes == ["accepted", "failed"] and "being engaged" in move.replies[-1][1]
+    cart.until(lambda: cart.homed_flag)
+    assert cart.io.setpoint[2:] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("word", ("pause", "disable"))
+def test_engaging_is_begun_again_after_an_interruption(word: str) -> None:
+    cart = Cart().homed()
+    cart.put_on("adapter")
+    cart.run(2.0)
+    cart.state_command(word)
+    held = cart.io.setpoint.copy()
+    cart.run(0.3)
+    assert cart.arm.state == ("PAUSED" if word == "pause" else "DISABLED")
+    assert word == "disable" or np.allclose(cart.io.setpoint, held, atol=0.04)
+    if word == "pause":
+        cart.state_command("resume")
+    else:
+        cart.reach("ENGAGING_ADAPTER")
+    cart.until(lambda: cart.state["adapter"] == 4)
+    cart.run(0.1)
+    assert cart.homed_flag and not cart.reports.of("error")
+
+
+def test_an_instrument_without_an_adapter_is_told_and_not_turned() -> None:
+    cart = Cart(tool_detection="FIXED", tool=TOOL).homed()
+    cart.put_on("tool")
+    cart.run(1.0)
+    assert cart.arm.state == "HOMED" and cart.state["count"] == 7 and not cart.homed_flag
+    assert [e[1] for e in cart.reports.of("warning")] == ["adapter"]

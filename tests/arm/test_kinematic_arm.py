@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -62,8 +63,10 @@ class Order:
 class Pair:
     """Both, and a sender between them."""
 
-    def __init__(self) -> None:
+    def __init__(self, **changes: Any) -> None:
+        """`changes` of the arm's document."""
         self.system, self.now_ns, self.epoch = played_system(), 5_000_000_000, 1
+        self.document = dataclasses.replace(self.system.arm("PSM1"), **changes)
         self.memory = Record(IO_STATE, axes=7, drives=7, robots=1, inputs=0, outputs=0)
         self.state, self.setpoint = Record(ARM_STATE), Record(SETPOINT)
         self.source, self.orders, self.replies = Source(self.setpoint), [], []
@@ -79,7 +82,7 @@ class Pair:
 
     def start_arm(self) -> None:
         self.reports = FakeReports()
-        self.arm: Psm | None = Psm(self.system.arm("PSM1"), Surroundings(
+        self.arm: Psm | None = Psm(self.document, Surroundings(
             self.memory.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, self.reports, str))
 
     def send(self, name: str, values: Any, text: str) -> int:
@@ -217,3 +220,29 @@ def test_unhome_keeps_power_and_holds() -> None:
     pair.ask("state_command", text="home")
     pair.until("HOMED")
     assert not pair.reports.of("error")
+
+
+def test_adapter_and_instrument_are_engaged_at_once_and_nobody_sees_it_busy() -> None:
+    tool = played_system().arm("PSM1").tool
+    pair = Pair(tool_detection="MANUAL", tool=None, tools=(tool,)).homed()
+    assert pair.state["count"] == 7 and pair.state["is_homed"]
+    pair.reports.events.clear()
+    pair.steps.clear()
+    pair.ask("emulate_adapter_present", (1.0,))
+    pair.ask("emulate_tool_present", (1.0,))
+    pair.run(0.1)
+    assert pair.reports.of("tool_type_request") and not pair.state["is_homed"]
+    assert pair.ask("set_tool_type", text="LARGE_NEEDLE_DRIVER:400006").outcomes == ["done"]
+    assert pair.state["count"] == 6 and pair.state["cartesian_valid"] and pair.state["is_homed"]
+    assert pair.state["adapter"] == pair.state["instrument"] == 4
+    assert not any(busy for *_, busy in pair.reports.of("operating_state")) and max(pair.steps) < 1e-12
+    pair.ask("emulate_tool_present", (0.0,))
+    pair.run(0.1)
+    assert pair.state["count"] == 7 and pair.state["is_homed"] and max(pair.steps) < 1e-12
+
+
+def test_a_kinematic_arm_comes_home_with_its_instrument() -> None:
+    pair = Pair()
+    pair.homed()
+    homed = [event for event in pair.reports.of("operating_state") if event[2] == "HOMED"]
+    assert len(homed) <= 2 and all(event[3:] == (True, False) for event in homed), "entered, and the answer to home"
