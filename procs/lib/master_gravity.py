@@ -53,29 +53,33 @@ class MasterGravity:
     """Efforts (7,) that hold a master; the next call overwrites them."""
 
     def __init__(self, parameters: MasterGravityParameters) -> None:
-        self._sets = np.array((parameters.positive, parameters.negative)).T.copy()
+        up, down = np.array(parameters.positive), np.array(parameters.negative)
+        sets = np.column_stack((0.5 * (up + down), 0.5 * (up - down)))  # the mean, and what motion adds to it
+        self._masses = sets[:TERMS].copy()
+        self._cables = sets[TERMS:].reshape(MODELLED, ORDERS, 2).copy()
         self._lower, self._upper = np.array(parameters.lower), np.array(parameters.upper)
-        self._band, self._full = np.array(parameters.dead_band), np.array(parameters.saturation)
-        self._friction = np.array(parameters.friction)
-        self._regressor = np.zeros((MODELLED, PARAMETERS))
+        self._band = np.array(parameters.dead_band)[:MODELLED]
+        self._room = np.array(parameters.saturation)[:MODELLED] - self._band
+        self._friction = np.array(parameters.friction)[:MODELLED]
+        self._powers = np.ones((MODELLED, 1, ORDERS))  # of the joints, 0 to 4
         self._effort = np.zeros(JOINTS)
 
     def effort(self, q: Array, velocity: Array) -> Array:
         """At joint positions q and velocities (7,) [rad, rad/s]."""
-        y = self._regressor
-        masses, polynomials = mass_terms(q), _polynomials(q)
-        y[:, :TERMS] = masses
-        for joint in range(MODELLED):
-            y[joint, TERMS + ORDERS * joint : TERMS + ORDERS * (joint + 1)] = polynomials[joint]
-        both = y @ self._sets
-        speed = np.abs(velocity[:MODELLED])
-        band, full = self._band[:MODELLED], self._full[:MODELLED]
-        share = np.clip((speed - band) / (full - band), 0.0, 1.0) * self._friction[:MODELLED]
-        blend = 0.5 + 0.5 * np.sign(velocity[:MODELLED]) * share
-        self._effort[:MODELLED] = blend * both[:, 0] + (1.0 - blend) * both[:, 1]
-        np.clip(self._effort, self._lower, self._upper, out=self._effort)
-        self._effort[MODELLED:] = 0.0
-        return self._effort
+        joints, powers, speed = q[:MODELLED], self._powers[:, 0], velocity[:MODELLED]
+        powers[:, 1] = joints
+        np.multiply(joints, joints, out=powers[:, 2])
+        np.multiply(powers[:, 2], powers[:, 1:3].T, out=powers[:, 3:].T)
+        both = np.matmul(mass_terms(q), self._masses)
+        both += np.matmul(self._powers, self._cables)[:, 0]
+        share = (np.abs(speed) - self._band) / self._room
+        np.minimum(np.maximum(share, 0.0, out=share), 1.0, out=share)
+        share *= self._friction
+        effort = self._effort
+        np.add(both[:, 0], np.copysign(share, speed) * both[:, 1], out=effort[:MODELLED])
+        np.minimum(np.maximum(effort, self._lower, out=effort), self._upper, out=effort)
+        effort[MODELLED:] = 0.0
+        return effort
 
 
 def mass_terms(q: Array) -> Array:
@@ -96,11 +100,3 @@ def mass_terms(q: Array) -> Array:
             terms[joint, TERMS - len(row) :] = row
     terms *= GRAVITY
     return terms
-
-
-def _polynomials(q: Array) -> Array:
-    """(6, 5): powers 0 to 4 of the joints."""
-    powers = np.ones((MODELLED, ORDERS))
-    for order in range(1, ORDERS):
-        powers[:, order] = powers[:, order - 1] * q[:MODELLED]
-    return powers
