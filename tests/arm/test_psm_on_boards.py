@@ -1,0 +1,130 @@
+"""PSMs of real sites on emulated boards, stepped: what is put on is engaged, and kept when their process dies."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from procs.boards.incidents import Incidents
+from procs.boards.instruments import Instruments
+from procs.lib.config import load_system
+from procs.lib.kinematics import Kinematics
+from tests import stock
+from tests.arm.on_boards import OnBoards
+
+pytestmark = pytest.mark.slow
+MOST_JUMP = 0.5e-3  # m
+SITES = (("jhu-dVRK", "LARGE_NEEDLE_DRIVER:400006"), ("jhu-dVRK", "5MM_NEEDLE_DRIVER:400117"),
+         ("jhu-daVinci-Si", "LARGE_NEEDLE_DRIVER:420006[11]"))
+
+
+class Site:
+    """The PSM1 of a site, with somebody who puts things on it."""
+
+    def __init__(self, site: str) -> None:
+        loaded = load_system(stock.find(f"dvrk-site/{site}/system-PSM1.json"), search=[stock.find("dvrk-share")],
+                             boards="emulated")
+        assert loaded.system is not None, loaded
+        self.robot = robot = OnBoards(loaded.system, "PSM1")
+        robot.document = dataclasses.replace(robot.document, tool_detection="MANUAL")
+        robot.start_arm()
+        world, plant = robot.rig.world, robot.rig.plant
+        self.incidents = Incidents(world, plant)
+        self.hands = Instruments(loaded.system.emulated(), world, self.incidents, plant)
+
+    def homed(self) -> OnBoards:
+        """With its adapter engaged."""
+        self.robot.run(0.6)
+        self.robot.homed()
+        self.incidents.press("PSM1_adapter", True)
+        self.robot.until(lambda: self.robot.arm.state == "ENGAGING_ADAPTER", 3.0)
+        self.robot.until(lambda: self.robot.state["is_homed"])
+        return self.robot
+
+    def put_on(self, name: str) -> None:
+        """Named when the arm asks; the arm begins to engage it."""
+        self.hands.insert("PSM1", name)
+        self.robot.until(lambda: self.robot.reports.of("tool_type_request"), 3.0)
+        assert self.robot.do("set_tool_type", (), name).outcomes == ["done"]
+        assert self.robot.arm.state == "ENGAGING_TOOL"
+
+
+def troubles(robot: OnBoards) -> list[object]:
+    return [*robot.rig.errors(), *robot.reports.of("error")]
+
+
+def tip(robot: OnBoards) -> np.ndarray:
+    """Where the tip really is."""
+    space = robot.arm.joints
+    return Kinematics(robot.document.chain, robot.arm.detection.tool).fk(
+        (space.to_joint @ robot.truth)[: space.count].copy(), np.eye(4))[:3, 3]
+
+
+@pytest.mark.parametrize(("site", "name"), SITES)
+def test_adapter_and_instrument_of_a_real_site_are_engaged(site: str, name: str) -> None:
+    made = Site(site)
+    robot = made.homed()
+    assert robot.state["count"] == 7 and not troubles(robot)
+    made.put_on(name)
+    robot.until(lambda: robot.state["is_homed"])
+    robot.run(0.2)
+    assert robot.state["count"] == (8 if "5MM" in name else 6) and robot.state["cartesian_valid"]
+    assert not troubles(robot) and not robot.reports.of("goal_reached")
+    assert np.abs(robot.truth[3:]).max() < 0.03
+
+
+@pytest.mark.parametrize("state", ("ENGAGING_ADAPTER", "ENGAGING_TOOL"))
+def test_a_process_that_dies_while_engaging_begins_it_again(state: str) -> None:
+    made = Site("jhu-dVRK")
+    robot = made.robot
+    if state == "ENGAGING_ADAPTER":
+        robot.run(0.6)
+        robot.homed()
+        made.incidents.press("PSM1_adapter", True)
+        robot.until(lambda: robot.arm.state == state, 3.0)
+    else:
+        made.homed()
+        made.put_on("LARGE_NEEDLE_DRIVER:400006")
+    robot.run(2.0)
+    robot.away(0.3)
+    held = robot.truth.copy()
+    robot.until(lambda: robot.arm.state == state, 0.1)
+    assert np.abs(robot.truth - held).max() < 1e-3
+    robot.until(lambda: robot.state["is_homed"])
+    assert not troubles(robot)
+
+
+@pytest.mark.parametrize("doing", ("holding", "moving", "effort", "clutched"))
+def test_a_process_that_dies_with_an_instrument_on_jerks_nothing(doing: str) -> None:
+    made = Site("jhu-dVRK")
+    robot = made.homed()
+    made.put_on("LARGE_NEEDLE_DRIVER:400006")
+    robot.until(lambda: robot.state["is_homed"])
+    move = robot.do("move_jp", (0.1, -0.1, 0.12, 0.2, 0.1, -0.1))
+    robot.until(lambda: "done" in move.outcomes)
+    robot.run(0.3)
+    if doing == "moving":
+        robot.do("move_jp", (0.5, 0.3, 0.2, 0.2, 0.1, -0.1))
+    elif doing == "effort":
+        robot.do("body/servo_cf", (0.0,) * 6)
+    elif doing == "clutched":
+        made.incidents.press("PSM1_arm_clutch", True)
+    robot.run(0.4)
+    before, jumps = tip(robot), [0.0]
+
+    def look() -> None:
+        jumps.append(float(np.linalg.norm(tip(robot) - last[0])))
+        last[0] = tip(robot)
+
+    for _ in range(round(0.3 / robot.period_s)):
+        robot.step(alive=False)
+    robot.start_arm()
+    last = [tip(robot)]
+    robot.run(0.2, look)
+    assert robot.arm.state == ("MANUAL" if doing == "clutched" else "HOMED")
+    assert max(jumps) < MOST_JUMP / 5 and robot.state["count"] == 6 and robot.state["instrument"] == 4
+    if doing != "moving":
+        assert np.linalg.norm(last[0] - before) < MOST_JUMP
+    assert not troubles(robot)
