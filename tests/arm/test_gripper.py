@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -105,3 +106,14 @@ def test_a_master_without_a_gripper_shows_none() -> None:
     rig = MasterRig()
     rig.run(0.1)
     assert not rig.state["gripper_valid"]
+
+
+def test_a_kinematic_master_has_a_gripper_at_zero_and_no_roll_to_find() -> None:
+    rig = MasterRig(dataclasses.replace(master(), simulation="KINEMATIC"))
+    rig.io.flag("biased", True)  # as those that are played always are
+    rig.io.flag("bias_generation", 1)
+    rig.homed()
+    assert rig.state["gripper_valid"] and rig.state["gripper_position"] == 0.0
+    assert not [command for command in rig.io.sent if command[0] in ("set_encoder", "bias_encoders")]
+    rig.run(0.02)
+    assert rig.state["cartesian_valid"] and rig.state["is_homed"]
