@@ -61,7 +61,7 @@ class Psm(Arm):
         self.tool = Fitted(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
                            always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
         self.detection = Detection(control, self._around.reading)
-        self._shown_name = field("tool")
+        self._shown_name, self._sampled = field("tool"), self._around.field("valid")
         self.cannula = Cannula(control)
         self._was_ready = False
         if before is None and self.detection.tool is not None:
@@ -76,6 +76,7 @@ class Psm(Arm):
         elif self.detection.joints is not None:
             control.use(self.detection.joints)
         self.cannula.measure()
+        self._show_name()
 
     def _known(self, name: str) -> Tool | None:
         arm = self.control.arm
@@ -116,8 +117,8 @@ class Psm(Arm):
 
     def watch(self) -> None:
         """See Arm."""
-        if not self.io.fresh:
-            return
+        if not (self.io.fresh and self._sampled.item()):
+            return  # an io that has just started has not looked at its inputs yet
         now, inputs = self.control.now_ns, self.control.arm.inputs
         if self.adapter.look(self.pressed(inputs.adapter), now):
             self.control.status(f"sterile adapter {'on' if self.adapter.present else 'off'}")

@@ -99,7 +99,7 @@ class FakeIo:
         self.epoch = 1
         self.power_cycles, self.bias_cycles, self.read_cycles = 5, 20, 50
         self._now_ns = 0
-        self.never_powers = self.never_biases = self.deaf = self.stuck = False
+        self.never_powers = self.never_biases = self.deaf = self.stuck = self.blind = False
         self.sent: list[tuple[str, tuple[float, ...]]] = []
         self.refuses: dict[str, str] = {}
         self.loses: dict[str, int] = {}
@@ -167,7 +167,7 @@ class FakeIo:
         self._power_and_bias()
         self._control(setpoint)
         self.stamp_ns = now_ns
-        self.record.set("valid", True)
+        self.record.set("valid", not self.blind)
 
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:

@@ -121,3 +121,23 @@ def test_engaging_is_begun_again_after_an_interruption(word: str) -> None:
     psm.until(lambda: psm.state["adapter"] == 4)
     psm.run(0.1)
     assert psm.homed_flag and not psm.reports.of("error")
+
+
+def test_an_io_that_has_not_looked_at_its_inputs_yet_takes_nothing_off() -> None:
+    psm = with_adapter().retracted()
+    psm.put_on("tool")
+    psm.send("set_tool_type", (), DRIVER)
+    psm.until(lambda: psm.homed_flag)
+    psm.io.restart()
+    psm.io.blind = True
+    psm.io.record.set("input", False)
+    psm.run(0.1)
+    assert psm.arm.state == "FAULT" and psm.state["count"] == 6
+    psm.io.blind = False
+    psm.io.record["input"][1:3] = True
+    psm.reports.events.clear()
+    psm.state_command("enable")
+    psm.until(lambda: psm.arm.state == "ENABLED")
+    psm.state_command("home")
+    psm.until(lambda: psm.homed_flag)
+    assert psm.state["count"] == 6 and not psm.told and not psm.types
