@@ -58,13 +58,12 @@ class Remote:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
         return self._reply_to(self.post(command, values, text), command, timeout, ENDINGS)
 
-    def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> int:
-        """Send and make sure that it was accepted: Refused carries the reason. Returns the command's number."""
-        number = self.post(command, values, text)
-        reply = self._reply_to(number, command, timeout, ())
+    def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+        """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
+        reply = self.answered(command, values, text, timeout)
         if reply.outcome not in ("accepted", "done"):
             raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
-        return number
+        return reply
 
     def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
         end = monotonic_ns() + round(timeout * 1e9)

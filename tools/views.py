@@ -29,11 +29,11 @@ JS = ("position", "velocity", "effort")
 class Source:
     """One topic, open for reading; a context manager."""
 
-    def __init__(self, system: str, entry: Entry) -> None:
-        """Attach to the ring of `entry`."""
+    def __init__(self, system: str, entry: Entry, reader: RingReader | None = None) -> None:
+        """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
         self.entry = entry
         self._simulated = is_lockstep(system)
-        self._reader: RingReader = directory.reader(system, entry.instance, entry.ring)
+        self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,22 +20,31 @@ def played(world: Any) -> Iterator[Played]:
         yield made
 
 
-def answering(played: Played, *outcomes: str) -> threading.Thread:
-    """The arm answers one command with each of the outcomes in turn."""
+def told(played: Played, answer: Callable[[Any], object]) -> threading.Thread:
+    """The arm answers one command."""
 
     def loop() -> None:
         end = monotonic_ns() + 10 * 10**9
         while monotonic_ns() < end:
             for command in played.mailbox.drain():
-                for outcome in outcomes:
-                    played.show_arm(0.3, state="ENABLED")
-                    getattr(command, outcome)()
+                answer(command)
                 return
             pause(0.001)
 
     thread = threading.Thread(target=loop)
     thread.start()
     return thread
+
+
+def answering(played: Played, *outcomes: str) -> threading.Thread:
+    """The arm answers one command with each of the outcomes in turn."""
+
+    def each(command: Any) -> None:
+        for outcome in outcomes:
+            played.show_arm(0.3, state="ENABLED")
+            getattr(command, outcome)()
+
+    return told(played, each)
 
 
 def test_reads_return_value_and_stamp(played: Played) -> None:
@@ -47,7 +56,7 @@ def test_reads_return_value_and_stamp(played: Played) -> None:
         pose, _ = psm.measured_cp()
         assert np.allclose(pose[:3, 3], (1, 2, 3))
         assert pose.shape == (4, 4)
-        assert psm.jacobian()[0].shape == (6, 6)
+        assert psm.body.jacobian()[0].shape == (6, 6)
         assert psm.jaw.measured_jp()[0].tolist() == [0.25]
         assert psm.jaw.setpoint_js()[0].velocity.size == 0
         assert psm.operating_state()[0] == "ENABLED"
@@ -92,24 +101,65 @@ def test_a_move_that_is_not_done_times_out(played: Played) -> None:
             handle.wait(0.02)
 
 
-def test_a_refused_command_raises_the_reason(played: Played) -> None:
-    played.show_arm()
+def test_a_move_that_is_done_at_once_is_not_waited_for(played: Played) -> None:
+    played.show_arm(state="ENABLED")
     with trocar.arm("PSM1", played.name) as psm:
-        thread = threading.Thread(target=lambda: _refuse(played, "arm not ready"))
-        thread.start()
-        with pytest.raises(trocar.Refused, match="arm not ready"):
-            psm.servo_jp([0] * 6, [0] * 6)
+        thread = answering(played, "done")
+        assert not psm.move_jp([0] * 6).is_busy()
         thread.join()
 
 
-def _refuse(played: Played, reason: str) -> None:
-    end = monotonic_ns() + 10 * 10**9
-    while monotonic_ns() < end:
-        for command in played.mailbox.drain():
-            assert len(command.values) == 12
-            command.refuse(reason)
-            return
-        pause(0.001)
+def test_a_move_that_fails_says_why(played: Played) -> None:
+    played.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", played.name) as psm:
+        thread = told(played, lambda command: (command.accept(), command.fail("replaced by hold")))
+        handle = psm.jaw.open()
+        thread.join()
+        with pytest.raises(trocar.Refused, match="PSM1 jaw/move_jp was failed: replaced by hold"):
+            handle.wait(5.0)
+
+
+def test_a_refused_command_raises_the_reason(played: Played) -> None:
+    played.show_arm()
+    with trocar.arm("PSM1", played.name) as psm:
+        asked: list[int] = []
+        thread = told(played, lambda command: (asked.append(len(command.values)), command.refuse("arm not ready")))
+        with pytest.raises(trocar.Refused, match="arm not ready"):
+            psm.servo_jp([0] * 6, [0] * 6)
+        thread.join()
+        assert asked == [12]
+
+
+@pytest.mark.parametrize("answer", ["", "{}", "[1, 2, 3]", '["one", 0, 0, 0, 0, 0, 1]', "[[0], 1]"])
+def test_an_answer_that_is_no_pose_is_a_problem(played: Played, answer: str) -> None:
+    played.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", played.name) as psm:
+        thread = told(played, lambda command: command.done(answer))
+        with pytest.raises(trocar.Problem, match="which are no"):
+            psm.forward_kinematics([0] * 6)
+        thread.join()
+
+
+def test_what_is_no_pose_is_not_sent(played: Played) -> None:
+    played.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", played.name) as psm:
+        for command in (psm.move_cp, psm.servo_cp, psm.servo_cr, psm.servo_cs, psm.set_base_frame):
+            with pytest.raises(ValueError, match=r"transform|rotation"):
+                command(2.0 * np.eye(4))
+        for command in (psm.servo_cf, psm.body.servo_cf, psm.spatial.servo_cf):
+            with pytest.raises(ValueError, match="6 numbers"):
+                command([1.0, 2.0])
+        assert not list(played.mailbox.drain())
+
+
+def test_an_arm_is_of_the_kind_that_is_asked_for(played: Played) -> None:
+    played.show_arm()
+    with trocar.psm("PSM1", played.name) as psm:
+        assert isinstance(psm, trocar.Psm)
+    with pytest.raises(trocar.Problem, match="PSM1 is no MTM, it is a PSM"):
+        trocar.mtm("PSM1", played.name)
+    with pytest.raises(TimeoutError, match="no suj SUJ"):
+        trocar.suj("SUJ", played.name, timeout=0.0)
 
 
 def test_a_system_lists_arms_and_processes(played: Played) -> None:

@@ -1,0 +1,192 @@
+"""One arm of a running system, with what every kind of arm has."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tools.client.impedance import Impedance
+from tools.client.instance import Instance
+from tools.client.joints import Joints, Setpoint
+from tools.client.moves import MoveHandle, move
+from tools.client.record import Stamped
+from tools.client.tip import Body, Frame, Local, asked, asked_pose
+from tools.client.values import Array, numbers, pose_numbers, six_numbers
+
+
+class Arm(Instance, Joints):
+    """Reads and commands of an arm. Poses are in the reference frame, those of `local` in the arm's base."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Attach; Problem or SegmentError when the arm is not there (yet)."""
+        Instance.__init__(self, system, name)
+        Joints.__init__(self, self._record, "")
+        self.local = Local(self._record, self._remote)
+        self.body = Body(self._record, self._remote, "body")
+        self.spatial = Frame(self._record, self._remote, "spatial")
+        self.gravity_compensation = Setpoint(self._record, "gravity_compensation/")
+
+    # the tip
+
+    def measured_cp(self) -> Stamped:
+        """Measured tip pose (4, 4)."""
+        return self._record.pose("measured_cp")
+
+    def setpoint_cp(self) -> Stamped:
+        """Set-point tip pose (4, 4)."""
+        return self._record.pose("setpoint_cp")
+
+    def measured_cv(self) -> Stamped:
+        """Measured twist (6,) of the tip, linear then angular."""
+        return self._record.part("measured_cv", "twist")
+
+    def setpoint_cv(self) -> Stamped:
+        """Twist (6,) of the set-point tip."""
+        return self._record.part("setpoint_cv", "twist")
+
+    def move_cp(self, pose: ArrayLike) -> MoveHandle:
+        """Move to a tip pose (4, 4), joints in a straight line."""
+        return move(self._remote, "move_cp", pose_numbers(pose))
+
+    def move_cr(self, change: ArrayLike) -> MoveHandle:
+        """Move the tip by a shift and a turn about itself (4, 4)."""
+        return move(self._remote, "move_cr", pose_numbers(change))
+
+    def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
+        """Follow a tip pose (4, 4) now, with its twist (6,) where given."""
+        values = pose_numbers(pose)
+        if twist is not None:
+            values = np.concatenate((values, six_numbers(twist, "a twist")))
+        self._remote.ask("servo_cp", values)
+
+    def servo_cr(self, change: ArrayLike) -> None:
+        """Follow the set-point pose, shifted and turned about its tip (4, 4)."""
+        self._remote.ask("servo_cr", pose_numbers(change))
+
+    def servo_cs(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None,
+                 wrench: ArrayLike | None = None) -> None:
+        """Follow a pose (4, 4), with twist (6,) and wrench (6,) where given; without a pose: apply the wrench."""
+        values = np.zeros(7 + 6 + 6 + 3)
+        if pose is not None:
+            values[:7] = pose_numbers(pose)
+        if twist is not None:
+            values[7:13] = six_numbers(twist, "a twist")
+        if wrench is not None:
+            values[13:19] = six_numbers(wrench, "a wrench")
+        values[19:] = pose is not None, twist is not None, wrench is not None
+        self._remote.ask("servo_cs", values)
+
+    def servo_cf(self, wrench: ArrayLike) -> None:
+        """The same as `body.servo_cf`."""
+        self._remote.ask("servo_cf", six_numbers(wrench, "a wrench"))
+
+    def servo_ci(self, impedance: Impedance) -> None:
+        """Push as springs and dampers about a place and an orientation do, until another command."""
+        self._remote.ask("servo_ci", impedance.numbers())
+
+    # joints
+
+    def move_jp(self, position: ArrayLike) -> MoveHandle:
+        """Move to joint positions (n,) and stop there."""
+        return move(self._remote, "move_jp", position)
+
+    def move_jr(self, increment: ArrayLike) -> MoveHandle:
+        """Move by joint increments (n,)."""
+        return move(self._remote, "move_jr", increment)
+
+    def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
+        """Follow joint positions (n,) now, with their velocities (n,) where given."""
+        values = numbers(position)
+        self._remote.ask("servo_jp", values if velocity is None else np.concatenate((values, numbers(velocity))))
+
+    def servo_jr(self, increment: ArrayLike) -> None:
+        """Follow the set-point plus these increments (n,)."""
+        self._remote.ask("servo_jr", numbers(increment))
+
+    def servo_jv(self, velocity: ArrayLike) -> None:
+        """Go at these joint velocities (n,) until 0.1 s after the last such command."""
+        self._remote.ask("servo_jv", numbers(velocity))
+
+    def servo_jf(self, effort: ArrayLike) -> None:
+        """Apply joint efforts (n,), N·m and N, until another command."""
+        self._remote.ask("servo_jf", numbers(effort))
+
+    def hold(self) -> None:
+        """Stay at the present set-point."""
+        self._remote.ask("hold")
+
+    def free(self) -> None:
+        """Zero efforts but for the arm's weight; it can be moved by hand."""
+        self._remote.ask("free")
+
+    def pause(self, timeout: float = 10.0) -> None:
+        """Pause and wait until it is PAUSED; moves end."""
+        self.state_command("pause")
+        self.wait_for_operating_state("PAUSED", timeout)
+
+    def resume(self, timeout: float = 10.0) -> None:
+        """Go on after a pause and wait until it is ENABLED."""
+        self.state_command("resume")
+        self.wait_for_operating_state("ENABLED", timeout)
+
+    # settings
+
+    def trajectory_j_set_ratio(self, ratio: float) -> None:
+        """Speed and acceleration of moves, above 0 up to 1; also of the move under way."""
+        self._remote.ask("trajectory_j/set_ratio", (ratio,))
+
+    def trajectory_j_set_ratio_v(self, ratio: float) -> None:
+        """Speed alone."""
+        self._remote.ask("trajectory_j/set_ratio_v", (ratio,))
+
+    def trajectory_j_set_ratio_a(self, ratio: float) -> None:
+        """Acceleration alone."""
+        self._remote.ask("trajectory_j/set_ratio_a", (ratio,))
+
+    def trajectory_j_get_ratio(self) -> float:
+        """The ratio in use; 0: speed and acceleration differ."""
+        return self._ratio("trajectory_ratio")
+
+    def trajectory_j_get_ratio_v(self) -> float:
+        """That of the speed."""
+        return self._ratio("trajectory_ratio_v")
+
+    def trajectory_j_get_ratio_a(self) -> float:
+        """That of the acceleration."""
+        return self._ratio("trajectory_ratio_a")
+
+    def _ratio(self, field: str) -> float:
+        return float(self._record.look().reader.field(field))
+
+    def use_gravity_compensation(self, on: bool = True) -> None:
+        """Bear the arm's own weight, or don't; Refused where no model of it is known."""
+        self._remote.ask("use_gravity_compensation", (float(on),))
+
+    def set_base_frame(self, pose: ArrayLike | None, frame: str = "") -> None:
+        """Pose (4, 4) of the arm's base in a reference frame of this name; None: unknown, only `local` is valid."""
+        self._remote.ask("set_base_frame", () if pose is None else pose_numbers(pose), frame)
+
+    def reference_frame(self) -> str:
+        """Name of the frame that poses are given in."""
+        return self._record.look().text("reference_frame")
+
+    # questions; nothing moves
+
+    def forward_kinematics(self, position: ArrayLike) -> Array:
+        """Pose (4, 4) of the tip at joint positions (n,); with fewer of them, of the frame after the last."""
+        return asked_pose(self._remote, "forward_kinematics", position)
+
+    def inverse_kinematics(self, seed: ArrayLike, pose: ArrayLike) -> Array:
+        """Joints (n,) for a tip pose (4, 4) in the arm's base (not the reference frame), near the seed (n,).
+
+        Refused with the reason where there are none.
+        """
+        return asked(self._remote, "inverse_kinematics", np.concatenate((numbers(seed), pose_numbers(pose))))
+
+    def actuator_to_joint_position(self, position: ArrayLike) -> Array:
+        """Joint positions for positions of all actuators."""
+        return asked(self._remote, "actuator_to_joint_position", position)
+
+    def crtk_version(self) -> str:
+        """Version of the commands' meaning."""
+        return self._remote.ask("crtk_version").text

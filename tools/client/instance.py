@@ -1,0 +1,98 @@
+"""What arms and set-up joints have in common: an operating state, and commands that change it."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Self
+
+from tools import arms
+from tools.client.moves import until
+from tools.client.record import Record
+from tools.processes import lives
+from tools.remote import Remote
+
+
+class Instance:
+    """One arm, or set of set-up joints, of a running system; a context manager. Each thread has to make its own."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Attach; Problem or SegmentError when it is not there (yet)."""
+        self.name, self.system = name, system
+        with contextlib.ExitStack() as stack:
+            self._record = Record(system, name)
+            stack.callback(self._record.close)
+            self._remote = stack.enter_context(Remote(system, name))
+            self._open = stack.pop_all()
+
+    def connected(self) -> bool:
+        """Whether it shows fresh records."""
+        return self._record.is_fresh()
+
+    def operating_state(self) -> tuple[str, int]:
+        """DISABLED, ENABLED, PAUSED or FAULT."""
+        watch = self._record.look()
+        return watch.state, watch.reader.stamp_ns
+
+    def desired_state(self) -> tuple[str, int]:
+        """The state that was asked for."""
+        watch = self._record.look()
+        return watch.text("desired_state"), watch.reader.stamp_ns
+
+    def is_enabled(self) -> bool:
+        """Powered, and not paused."""
+        return self._record.look().state == "ENABLED"
+
+    def is_disabled(self) -> bool:
+        """Without power, or on the way to it."""
+        return self._record.look().state == "DISABLED"
+
+    def is_homed(self) -> bool:
+        """Homed, and powered."""
+        return self._record.look().homed
+
+    def is_busy(self) -> bool:
+        """A move or a transition is under way."""
+        return self._record.look().busy
+
+    def wait_for_operating_state(self, state: str, timeout: float = 10.0) -> None:
+        """Until it is DISABLED, ENABLED, PAUSED or FAULT; TimeoutError after `timeout` s."""
+        until(lambda: self._record.look().state == state, timeout, f"{self.name} is not {state}")
+
+    def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> None:
+        """Until it is busy, or no longer is; TimeoutError after `timeout` s."""
+        until(lambda: self.is_busy() == is_busy, timeout, f"{self.name} is {'not' if is_busy else 'still'} busy")
+
+    def state_command(self, word: str) -> None:
+        """enable, disable, home, unhome, pause or resume; Refused when it is not allowed now."""
+        self._remote.ask("state_command", text=word)
+
+    def enable(self, timeout: float = 10.0) -> None:
+        """Power on and wait until it is; Problem says why it is not."""
+        arms.power_on(self.system, [self.name], timeout)
+
+    def disable(self, timeout: float = 10.0) -> None:
+        """Power off and wait until it is."""
+        arms.power_off(self.system, [self.name], timeout)
+
+    def home(self, timeout: float = 60.0) -> None:
+        """Enable where needed, home, and wait until it is homed."""
+        arms.home(self.system, [self.name], timeout)
+
+    def unhome(self, timeout: float = 10.0) -> None:
+        """Forget the homing and wait until it is forgotten."""
+        self.state_command("unhome")
+        until(lambda: not self.is_homed(), timeout, f"{self.name} is still homed")
+
+    def period_statistics(self) -> dict[str, dict[str, float]]:
+        """avg, std, min, max and p99 (s) of the `period` and the `work` of its loop, in its last full second."""
+        return next((life.statistics for life in lives(self.system) if life.name == self.name), {})
+
+    def close(self) -> None:
+        """Detach; it goes on with what it does."""
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -1,0 +1,135 @@
+"""What only a PSM, an ECM or an MTM has."""
+
+from __future__ import annotations
+
+import math
+
+from numpy.typing import ArrayLike
+
+from tools.client.arm import Arm
+from tools.client.joints import Joints, Measured
+from tools.client.moves import MoveHandle, move
+from tools.client.record import Record
+from tools.client.values import numbers, rotation_numbers
+from tools.remote import Remote
+from tools.watch import arm_document
+
+JAW_OPEN, JAW_CLOSED = math.radians(60.0), math.radians(-20.0)
+INSERTION = 2
+
+
+class Jaw(Joints):
+    """The jaw of an instrument: angles in rad, shapes (1,)."""
+
+    def __init__(self, record: Record, remote: Remote) -> None:
+        """Made by `Psm`."""
+        super().__init__(record, "jaw/")
+        self._remote = remote
+
+    def servo_jp(self, position: ArrayLike) -> None:
+        """Follow this angle now."""
+        self._remote.ask("jaw/servo_jp", numbers(position))
+
+    def servo_jf(self, effort: ArrayLike) -> None:
+        """Apply this effort (N·m); the rest of the arm goes limp unless it is in effort mode already."""
+        self._remote.ask("jaw/servo_jf", numbers(effort))
+
+    def move_jp(self, position: ArrayLike) -> MoveHandle:
+        """Move to this angle."""
+        return move(self._remote, "jaw/move_jp", position)
+
+    def open(self, angle: float = JAW_OPEN) -> MoveHandle:
+        """Open, to 60° unless told otherwise."""
+        return self.move_jp(angle)
+
+    def close(self, angle: float = JAW_CLOSED) -> MoveHandle:
+        """Close, to −20° unless told otherwise: the instrument grips."""
+        return self.move_jp(angle)
+
+
+class Psm(Arm):
+    """An arm with an instrument."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """See `Arm`."""
+        super().__init__(system, name)
+        self.jaw = Jaw(self._record, self._remote)
+
+    def insert_jp(self, depth: float) -> MoveHandle:
+        """Move the insertion (m) alone; the other joints go to their present set-points."""
+        position, _ = self.setpoint_jp()
+        position[INSERTION] = depth
+        return self.move_jp(position)
+
+    def tool(self) -> tuple[str, int]:
+        """The instrument as NAME:MODEL[VERSION] and when; empty: none is known to be on."""
+        watch = self._record.look()
+        return watch.text("tool"), watch.reader.stamp_ns
+
+    def set_tool_type(self, name: str) -> None:
+        """Say which instrument is on, NAME:MODEL."""
+        self._remote.ask("set_tool_type", text=name)
+
+    def emulate_tool_present(self, present: bool = True) -> None:
+        """Act as if an instrument were on; False: its switch counts again."""
+        self._remote.ask("emulate_tool_present", (float(present),))
+
+    def emulate_adapter_present(self, present: bool = True) -> None:
+        """Act as if a sterile adapter were on; False: its switch counts again."""
+        self._remote.ask("emulate_adapter_present", (float(present),))
+
+
+class Ecm(Arm):
+    """An arm with an endoscope."""
+
+    def endoscope(self) -> tuple[str, int]:
+        """The endoscope that it takes itself to carry, and when."""
+        watch = self._record.look()
+        return watch.text("tool"), watch.reader.stamp_ns
+
+    def set_endoscope_type(self, name: str) -> None:
+        """Say which endoscope it carries; Refused names those there are."""
+        self._remote.ask("set_endoscope_type", text=name)
+
+
+class Gripper(Measured):
+    """The gripper of a master: angles in rad, shapes (1,), valid without power as well."""
+
+    def __init__(self, record: Record, zero: float) -> None:
+        """`zero` is the angle (rad) above which it is open; made by `Mtm`."""
+        super().__init__(record, "gripper/")
+        self._zero = zero
+
+    def closed(self) -> bool:
+        """Whether it is closed, and has been for the time that its file gives."""
+        position, _ = self.measured_jp()  # an arm that was restarted meanwhile does not tell that it finds it open
+        return self._record.said("gripper/closed") and bool(position[0] <= self._zero)
+
+
+class Mtm(Arm):
+    """A master."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """See `Arm`."""
+        super().__init__(system, name)
+        self.gripper = Gripper(self._record, arm_document(system, name).gripper_zero)
+
+    def lock_orientation(self, rotation: ArrayLike) -> None:
+        """Hold the tip's orientation (3, 3) in the reference frame; the place stays free. In Cartesian effort mode."""
+        self._remote.ask("lock_orientation", rotation_numbers(rotation))
+
+    def lock_orientation_as_is(self) -> None:
+        """Hold the orientation that the tip has now."""
+        self._remote.ask("lock_orientation")
+
+    def unlock_orientation(self) -> None:
+        """Let go of it."""
+        self._remote.ask("unlock_orientation")
+
+    def orientation_locked(self) -> bool:
+        """Whether it is held."""
+        self._record.look()
+        return self._record.said("orientation_locked")
+
+
+KINDS: dict[str, type[Arm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}

@@ -1,0 +1,52 @@
+"""Moves under way, and waiting for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from numpy.typing import ArrayLike
+
+from shm.client import Reply
+from shm.clock import monotonic_ns, pause
+from tools.client.values import numbers
+from tools.errors import Refused
+from tools.remote import ENDINGS, Remote
+
+POLL_S = 0.002
+
+
+class MoveHandle:
+    """A move under way."""
+
+    def __init__(self, remote: Remote, first: Reply, what: str) -> None:
+        """`first` is the first answer to its command."""
+        self._remote, self._number, self._what = remote, first.id, what
+        self._end = first if first.outcome in ENDINGS else None
+
+    def is_busy(self) -> bool:
+        """Whether it still moves; Refused when it ended before its goal."""
+        for reply in self._remote.replies_to(self._number):
+            if reply.outcome in ENDINGS:
+                self._end = reply
+        if self._end is not None and self._end.outcome != "done":
+            raise Refused(f"{self._what} was {self._end.outcome}: {self._end.text}")
+        return self._end is None
+
+    def wait(self, timeout: float = 30.0) -> None:
+        """Until the goal is reached; TimeoutError after `timeout` s, Refused when the move ended before."""
+        until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
+
+
+def move(remote: Remote, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
+    """Send a command that takes its time; Refused with the reason."""
+    words = " ".join(word for word in (remote.instance, text, command) if word)
+    return MoveHandle(remote, remote.ask(command, numbers(values), text), words)
+
+
+def until(done: Callable[[], bool], timeout: float, what: str) -> None:
+    """Wait for a condition; TimeoutError says `what` is not so after `timeout` s."""
+    end = monotonic_ns() + round(timeout * 1e9)
+    while not done():
+        if monotonic_ns() >= end:
+            raise TimeoutError(f"{what} after {timeout:g} s")
+        pause(POLL_S)

@@ -1,0 +1,97 @@
+"""What an arm shows: its newest state record, and the CRTK views on it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.poses import matrix_from_pose
+from tools.errors import Problem
+from tools.topics import EVENT, catalogue
+from tools.views import Source
+from tools.watch import Watch
+
+Array = NDArray[np.float64]
+Stamped = tuple[Array, int]
+
+FRESH_S = 1.0  # a read raises when the newest value is older
+
+
+class JointState(NamedTuple):
+    """Joint positions, velocities and efforts (n,); empty where a topic has none."""
+
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+class Record:
+    """All that one arm, or set of set-up joints, shows; every read looks for the newest record."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        """Attach; SegmentError when there is no such record."""
+        self.watch = Watch(system, instance)
+        self._system, self._name = system, instance
+        self._events: dict[str, Source] = {}  # opened when asked for
+        try:
+            entries = [entry for entry in catalogue(system) if entry.instance == instance]
+            self._views = {entry.name: Source(system, entry, self.watch.reader) for entry in entries if entry.view}
+            self._flags = {entry.name: entry for entry in entries if entry.kind == EVENT}
+        except BaseException:
+            self.watch.close()
+            raise
+
+    def look(self) -> Watch:
+        """The newest record; TimeoutError when it is too old."""
+        if not self.is_fresh():
+            raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
+        return self.watch
+
+    def is_fresh(self) -> bool:
+        """Whether there is a new one."""
+        return self.watch.look() and self.watch.age_s < FRESH_S
+
+    def part(self, view: str, name: str) -> Stamped:
+        """A part of a view; TimeoutError when it is too old or not valid now."""
+        source = self._newest(view)
+        value: Array = source.part(name)
+        return value, source.stamp_ns
+
+    def pose(self, view: str) -> Stamped:
+        """The pose (4, 4) that a view shows."""
+        pose, stamp_ns = self.part(view, "pose")
+        return matrix_from_pose(pose), stamp_ns
+
+    def joint_state(self, view: str) -> tuple[JointState, int]:
+        """What a view shows of joints."""
+        source = self._newest(view)
+        parts: list[Any] = [source.part(name) for name in JointState._fields]
+        return JointState(*parts), source.stamp_ns
+
+    def joint_names(self, view: str) -> list[str]:
+        """Names of the joints of a view."""
+        return self._newest(view).labels()
+
+    def said(self, event: str) -> bool:
+        """The flag that an event of this name told last; False when there was none."""
+        source = self._events.get(event)
+        if source is None:
+            source = self._events[event] = Source(self._system, self._flags[f"{self._name}/{event}"])
+        return source.newest() and bool(source.part("value")[0])
+
+    def _newest(self, view: str) -> Source:
+        source = self._views.get(f"{self._name}/{view}")
+        if source is None:
+            raise Problem(f"{self._name} does not show {view}")
+        self.look()
+        if not source.valid:
+            raise TimeoutError(f"{source.entry.name} is not valid now (is the arm powered and homed?)")
+        return source
+
+    def close(self) -> None:
+        """Unmap."""
+        self.watch.close()
+        for event in self._events.values():
+            event.close()

@@ -1,0 +1,78 @@
+"""One running system, and how to come to its arms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Self, TypeVar
+
+from shm.clock import monotonic_ns, pause
+from shm.segment import SegmentError
+from tools import arms
+from tools.client.instance import Instance
+from tools.errors import Problem
+from tools.processes import Life, lives
+from tools.systems import instances_of_kind, unknown
+from tools.watch import arm_names
+
+TRY_AGAIN_S = 0.05
+
+T = TypeVar("T")
+Found = TypeVar("Found", bound=Instance)
+
+
+class System:
+    """One running system; a context manager. Made by `system`."""
+
+    def __init__(self, name: str) -> None:
+        """`name` must be up."""
+        self.name = name
+
+    def arms(self) -> list[str]:
+        """Names of its arms."""
+        return arm_names(self.name)
+
+    def power_on(self, timeout: float = 10.0) -> None:
+        """Enable every arm, and the set-up joints; Problem says which are not and why."""
+        arms.power_on(self.name, (), timeout)
+
+    def home(self, timeout: float = 60.0) -> None:
+        """Home every arm, enabling those that are not."""
+        arms.home(self.name, (), timeout)
+
+    def power_off(self, timeout: float = 10.0) -> None:
+        """Disable every arm."""
+        arms.power_off(self.name, (), timeout)
+
+    def status(self) -> list[Life]:
+        """Every process: state, rate, missed deadlines, restarts, trouble."""
+        return lives(self.name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Nothing is held open between calls."""
+
+
+def attached(kind: str, make: Callable[[str, str], Found], system: str, name: str) -> Found:
+    """The instance `name`, made by `make(system, name)`; Problem or SegmentError when it is not connected (yet)."""
+    known = instances_of_kind(system, kind)
+    if name not in known:
+        raise unknown(kind, name, known)
+    found = make(system, name)
+    if found.connected():
+        return found
+    found.close()
+    raise Problem(f"{name} does not show its state; is it running?")
+
+
+def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
+    """What `attach` gives as soon as it does; TimeoutError with its last problem after `timeout` s."""
+    end = monotonic_ns() + round(timeout * 1e9)
+    while True:
+        try:
+            return attach()
+        except (Problem, SegmentError) as error:
+            if monotonic_ns() >= end:
+                raise TimeoutError(f"{what} is not connected after {timeout:g} s: {error}") from None
+            pause(TRY_AGAIN_S)

@@ -1,0 +1,83 @@
+"""The tip of an arm: its forces and Jacobians in two frames, and its pose in the arm's base."""
+
+from __future__ import annotations
+
+import json
+
+from numpy.typing import ArrayLike
+
+from procs.lib.poses import matrix_from_pose
+from tools.client.record import Record, Stamped
+from tools.client.values import Array, numbers, six_numbers
+from tools.errors import Problem
+from tools.remote import Remote
+
+
+class Frame:
+    """Wrenches and Jacobian seen from the tip in its axes, or from the origin of the arm's base in that one's."""
+
+    def __init__(self, record: Record, remote: Remote, name: str) -> None:
+        """`name` is body or spatial; made by `Arm`."""
+        self._record, self._remote, self._name = record, remote, name
+
+    def measured_cf(self) -> Stamped:
+        """Force and torque (6,) that the measured efforts amount to."""
+        return self._record.part(f"{self._name}/measured_cf", "wrench")
+
+    def jacobian(self) -> Stamped:
+        """Jacobian (6, n), linear rows first."""
+        return self._record.part(f"{self._name}/jacobian", "data")
+
+    def servo_cf(self, wrench: ArrayLike) -> None:
+        """Apply this force and torque (6,), N and N·m, until another command."""
+        self._remote.ask(f"{self._name}/servo_cf", six_numbers(wrench, "a wrench"))
+
+
+class Body(Frame):
+    """Seen from the tip."""
+
+    def set_cf_orientation_absolute(self, absolute: bool = True) -> None:
+        """Give wrenches of the tip in axes of the reference frame from now on, or in the tip's again."""
+        self._remote.ask("body/set_cf_orientation_absolute", (float(absolute),))
+
+
+class Local:
+    """Seen from the arm's base."""
+
+    def __init__(self, record: Record, remote: Remote) -> None:
+        """Made by `Arm`."""
+        self._record, self._remote = record, remote
+
+    def measured_cp(self) -> Stamped:
+        """Measured tip pose (4, 4)."""
+        return self._record.pose("local/measured_cp")
+
+    def setpoint_cp(self) -> Stamped:
+        """Set-point tip pose (4, 4)."""
+        return self._record.pose("local/setpoint_cp")
+
+    def measured_cv(self) -> Stamped:
+        """Twist (6,) of the tip in its own axes, linear then angular."""
+        return self._record.part("local/measured_cv", "twist")
+
+    def forward_kinematics(self, position: ArrayLike) -> Array:
+        """Pose (4, 4) of the tip at joint positions (n,); with fewer of them, of the frame after the last."""
+        return asked_pose(self._remote, "local/forward_kinematics", position)
+
+
+def asked(remote: Remote, command: str, values: ArrayLike) -> Array:
+    """The numbers (n,) that a question is answered with; Refused with the reason, Problem when they are none."""
+    text = remote.ask(command, numbers(values)).text
+    try:
+        answer = numbers(json.loads(text))
+    except (ValueError, TypeError):
+        raise Problem(f"{remote.instance} answered {command} with {text!r}, which are no numbers") from None
+    return answer
+
+
+def asked_pose(remote: Remote, command: str, values: ArrayLike) -> Array:
+    """The pose (4, 4) that a question is answered with."""
+    answer = asked(remote, command, values)
+    if answer.shape != (7,):
+        raise Problem(f"{remote.instance} answered {command} with {answer.size} numbers, which are no pose")
+    return matrix_from_pose(answer)

@@ -1,0 +1,40 @@
+"""What scripts give as numbers, in the order in which commands take them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from procs.lib.poses import PoseError, check_matrix, pose_from_matrix
+
+Array = NDArray[np.float64]
+
+
+def numbers(values: ArrayLike) -> Array:
+    """Numbers in one row (n,); ValueError when they are none."""
+    return np.asarray(values, dtype=np.float64).reshape(-1)
+
+
+def pose_numbers(matrix: ArrayLike) -> Array:
+    """x y z, quaternion x y z w (7,) of a 4×4 matrix; PoseError, a ValueError, when it is no rigid transform."""
+    given = np.asarray(matrix, dtype=np.float64)
+    check_matrix(given)
+    return pose_from_matrix(given)
+
+
+def rotation_numbers(rotation: ArrayLike) -> Array:
+    """Quaternion x y z w (4,) of a 3×3 matrix; PoseError when it is no rotation."""
+    given = np.asarray(rotation, dtype=np.float64)
+    if given.shape != (3, 3):
+        raise PoseError(f"a rotation is a 3×3 matrix, not one of shape {given.shape}")
+    pose = np.eye(4)
+    pose[:3, :3] = given
+    return pose_numbers(pose)[3:]
+
+
+def six_numbers(values: ArrayLike, what: str) -> Array:
+    """A twist or a wrench (6,), linear part first; ValueError when it has another size."""
+    given = numbers(values)
+    if given.shape != (6,):
+        raise ValueError(f"{what} has 6 numbers, linear then angular, not {given.size}")
+    return given
