@@ -50,6 +50,6 @@ def trouble(
         return "pid-off", "the joint controller was switched off"
     if io.pid_generation.item() != driving.pid:
         return "pid-off", "the joint controller was switched off and on again"
-    if io.bias_generation.item() != driving.bias:
+    if io.bias_generation.item() != driving.bias and state is not State.SETTING_ROLL:
         return "bias-changed", "the encoders were set anew while the joint controller was on"
     return "", ""

@@ -163,6 +163,7 @@ class Commands:
         reason = self._bias.objection(robot, int(samples), left_out)
         if reason:
             raise Refused(reason)
+        self._need_off(robot)
         self._need_rest(robot)
         self._bias.begin(robot, int(samples), left_out)
         command.accept()
@@ -175,10 +176,12 @@ class Commands:
         reason = self._bias.set_objection(robot, axis, position)
         if reason:
             raise Refused(reason)
+        place = self._robots.slices[robot].start + axis
+        if not self._record.effort_mode[place]:  # nobody acts on its position then, and the others go on holding
+            self._need_off(robot)
         self._need_rest(robot)
         self._bias.set_one(robot, axis, position)
         command.accept()
-        place = self._robots.slices[robot].start + axis
         self._biasing.append((robot, self._record.encoder_set[place : place + 1], command))
 
     def _axis(self, robot: int, value: float) -> int:
@@ -188,11 +191,14 @@ class Commands:
             raise Refused(f"axis {value:g}; allowed: 0 to {count - 1}")
         return int(value)
 
-    def _need_rest(self, robot: int) -> None:
-        """Encoders are only set where nobody acts on them, and where they are seen."""
-        record = self._record
-        if record.pid_enabled[robot]:
+    def _need_off(self, robot: int) -> None:
+        """Encoders are only set where nobody acts on them."""
+        if self._record.pid_enabled[robot]:
             raise Refused("the joint controller is on; switch it off first")
+
+    def _need_rest(self, robot: int) -> None:
+        """And where they are seen."""
+        record = self._record
         if record.biasing[robot]:
             raise Refused("a bias is under way")
         if not record.valid:

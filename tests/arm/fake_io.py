@@ -221,6 +221,8 @@ class FakeIo:
         tags = all(int(setpoint[tag].item()) == self.flag(tag) for tag in ("bias_generation", "pid_generation"))
         drive = int(setpoint["mode"].item()) == 1 and tags
         in_effort = setpoint["in_effort"][: self.axes] & drive
+        if not drive:  # what applied efforts is held where it is
+            np.copyto(self.setpoint, self.position, where=self.record["effort_mode"][2:])
         self.record["effort_mode"][2:] = in_effort
         if drive:
             before = self.setpoint.copy()

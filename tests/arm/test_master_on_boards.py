@@ -63,8 +63,6 @@ def test_a_process_that_dies_on_the_way_home_jerks_nothing(robot: OnBoards, stat
     robot.away(0.5)
     robot.run(0.5)
     assert robot.arm.state == "ENABLED"
-    if state == "RESETTING_ROLL_ENCODER":  # the joint controller is off for these few cycles: as with power alone
-        before = tip(robot)[:3, 3]
     if state == "HOMING":  # it was moving: it stops where it was asked to be
         chain = Kinematics(robot.document.chain)
         before = chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]

@@ -123,7 +123,8 @@ def test_homing_that_stays_takes_the_roll_off_its_stop() -> None:
 def test_homing_is_there_within_four_degrees(off: float, fails: bool) -> None:
     rig = MasterRig()
     rig.reach("HOMING")
-    rig.until(lambda: not rig.arm.control.motion.moving and rig.io.flag("pid_enabled"))
+    rig.until(lambda: rig.arm.control.motion.moving)
+    rig.until(lambda: not rig.arm.control.motion.moving)
     rig.io.stuck = True
     rig.io.position[0] += math.radians(off)
     rig.until(lambda: rig.arm.state != "HOMING")

@@ -144,6 +144,21 @@ def test_an_encoder_is_not_set_under_the_joint_controller() -> None:
     assert setting.outcome == "done" and stand.ask("pid_enable", 1).outcome == "done"
 
 
+def test_an_encoder_of_an_axis_that_applies_efforts_is_set_while_the_others_hold() -> None:
+    stand = Stand()
+    stand.control()
+    record = stand.record
+    stand.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
+    stand.run(3)
+    assert record.effort_mode.tolist() == [False] * 6 + [True]
+    assert "joint controller is on" in stand.ask("set_encoder", 5, 0.1).answers[0][1]
+    setting = stand.ask("set_encoder", 6, 0.7)
+    stand.run(6)
+    assert setting.outcome == "done" and record.pid_enabled[0] and stand.codes == []
+    assert record.position[6] == pytest.approx(0.7, abs=1e-4)
+    np.testing.assert_allclose(record.setpoint_position, [0.0] * 6 + [0.7], atol=1e-4)
+
+
 def test_an_encoder_that_takes_nothing_leaves_nothing_to_trust() -> None:
     stand = Stand()
     stand.port.lost_writes = 1000

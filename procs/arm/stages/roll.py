@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from procs.arm.motion import Mode
+import numpy as np
+
+from procs.arm.motion import Mode, Space
 from procs.arm.stages.homing import SETTLE_NS, Driving
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event
+from procs.arm.supervision import Generations
 
 ROLL: Final = 6  # the joint, and its actuator
 LOWER_STOP: Final = math.radians(-480.0)
@@ -52,14 +55,16 @@ class FindingRoll(Driving):
 
 
 class SettingRoll(Stage):
-    """io sets the encoder, for which the joint controller has to be off, and shows that it did."""
+    """io sets the encoder and shows that it did; the roll is limp meanwhile, and the other joints hold."""
 
     def enter(self) -> None:
         """See Stage."""
         control = self.control
-        control.motion.hold(control.io.setpoint, Mode.NONE)
-        control.driving = None
-        control.duties.pid.want(False)
+        control.goal[...] = control.io.setpoint
+        control.motion.hold(control.goal, Mode.NONE)
+        control.efforts.joint()
+        which = np.arange(control.joints.size) == ROLL
+        control.push(Space.NONE, np.zeros(control.joints.size), which)
         self.within(SET_NS)
         self._order = 0
         self._next_ns = 0
@@ -67,11 +72,11 @@ class SettingRoll(Stage):
 
     def run(self) -> None:
         """See Stage."""
-        control, io = self.control, self.control.io
+        io = self.control.io
         if self.is_late:
             why = f" (io says: {self._refusal})" if self._refusal else ""
             self.fail("roll-encoder", f"unable to set the roll encoder at its lower limit{why}")
-        elif not control.duties.pid.settled or io.biasing.item():
+        elif io.biasing.item() or not (io.in_effort[ROLL] or io.encoder_set[ROLL]):
             return
         elif io.encoder_set[ROLL]:
             self._check()
@@ -91,6 +96,8 @@ class SettingRoll(Stage):
         control = self.control
         reads = float(control.io.position[ROLL])
         if abs(reads - LOWER_STOP) < CLOSE:
+            control.driving = Generations.now(control.io)  # positions mean something else from here on
+            control.motion.hold(control.io.setpoint, Mode.NONE)
             control.machine.fire(Event.SET)
         else:
             self.fail("roll-check", f"the roll encoder reads {math.degrees(reads):.1f}° at its lower limit, not -480°")
