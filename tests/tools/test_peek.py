@@ -237,9 +237,9 @@ def test_it_reads_the_arm_of_a_running_system(robot: Robot, peek: Peek) -> None:
     assert sequences == list(range(sequences[0], sequences[0] + 20))
     assert before - 10**9 < records[-1][1] < monotonic_ns()
     values = records[-1][2]
-    assert values["state"] == '"DISABLED"' and int(values["count"]) == 6
+    assert values["state"] == '"DISABLED"' and int(values["count"]) == 7  # discs: no instrument is engaged yet
     names = re.findall(r'"([^"]*)"', values["names"])
-    assert len(names) == 8 and all(names[:6]) and not any(names[6:])
+    assert len(names) == 8 and all(names[:7]) and not names[7]
     shown = peek(robot.name, "IO1", "state", "position", "powered")
     assert list(fields_of(shown.stdout)[2]) == ["position", "powered"]
     assert len(fields_of(shown.stdout)[2]["position"].split(",")) == 7
