@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.arm import Surroundings
+from procs.arm.arm import Arm, Surroundings
+from procs.arm.ecm import Ecm
+from procs.arm.joints import AXES
 from procs.arm.psm import Psm
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
@@ -21,8 +23,8 @@ from tests.arm.fake_io import FakeReports, FakeRequest, Record
 PERIOD_NS = 2_000_000
 
 
-def played_system() -> System:
-    system = load_system(PROJECT_CONFIGS / "systems/kinematic.yaml").system
+def played_system(file: str = "kinematic") -> System:
+    system = load_system(PROJECT_CONFIGS / f"systems/{file}.yaml").system
     assert system is not None
     return system
 
@@ -63,11 +65,12 @@ class Order:
 class Pair:
     """Both, and a sender between them."""
 
-    def __init__(self, **changes: Any) -> None:
+    def __init__(self, file: str = "kinematic", kind: type[Arm] = Psm, **changes: Any) -> None:
         """`changes` of the arm's document."""
-        self.system, self.now_ns, self.epoch = played_system(), 5_000_000_000, 1
-        self.document = dataclasses.replace(self.system.arm("PSM1"), **changes)
-        self.memory = Record(IO_STATE, axes=7, drives=7, robots=1, inputs=0, outputs=0)
+        self.system, self.now_ns, self.epoch = played_system(file), 5_000_000_000, 1
+        self.document, self.kind = dataclasses.replace(self.system.arms[0], **changes), kind
+        axes = AXES[self.document.type]
+        self.memory = Record(IO_STATE, axes=axes, drives=axes, robots=1, inputs=0, outputs=0)
         self.state, self.setpoint = Record(ARM_STATE), Record(SETPOINT)
         self.source, self.orders, self.replies = Source(self.setpoint), [], []
         self.number = 0
@@ -82,7 +85,7 @@ class Pair:
 
     def start_arm(self) -> None:
         self.reports = FakeReports()
-        self.arm: Psm | None = Psm(self.document, Surroundings(
+        self.arm: Arm | None = self.kind(self.document, Surroundings(
             self.memory.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, self.reports, str))
 
     def send(self, name: str, values: Any, text: str) -> int:
@@ -139,6 +142,18 @@ def test_power_comes_within_a_few_cycles_and_the_controller_stays_on() -> None:
     assert pair.record.pid_enabled[0] and pair.state["valid"] and not pair.record.tracking_check[0]
     assert pair.record.pid_generation[0] == 2, "enabled once, with the power"
     assert pair.state["simulated"] and not pair.reports.of("error", "warning")
+
+
+def test_homing_inserts_the_endoscope_in_the_time_of_the_reference() -> None:
+    pair = Pair("kinematic-ecm", Ecm)
+    pair.run(0.02)
+    pair.ask("state_command", text="enable")
+    pair.until("ENABLED")
+    pair.ask("state_command", text="home")
+    assert pair.until("HOMED") == pytest.approx(3.0, abs=0.02)
+    pair.run(0.1)
+    assert pair.state["position"][:4] == pytest.approx((0, 0, 0.12, 0)) and pair.state["is_homed"]
+    assert not pair.reports.of("error", "warning")
 
 
 def test_homing_inserts_the_instrument_in_the_time_of_the_reference() -> None:
