@@ -21,7 +21,7 @@ from procs.arm.detection import Reading
 from procs.arm.duties import Duties, Sender
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import AXES, Joints, joints, kinematic_home
-from procs.arm.machine import Machine, Reports, Request
+from procs.arm.machine import Machine
 from procs.arm.motion import Mode
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
@@ -35,6 +35,7 @@ from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
+from procs.lib.requests import Reports, Request
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
-from procs.arm.machine import Request
 from procs.arm.motion import Space
 from procs.lib.poses import matrix_from_pose, unit_quaternion
+from procs.lib.requests import Request
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from enum import Enum
 from typing import Final
 
 from procs.arm.control import SAID_NS, Control, Refused
-from procs.arm.machine import Request
 from procs.arm.motion import Mode
 from procs.arm.states import State
 from procs.lib.poses import PoseError
+from procs.lib.requests import Request
 
 
 class Ready(Enum):

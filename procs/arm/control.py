@@ -13,12 +13,13 @@ from procs.arm.duties import Duties
 from procs.arm.efforts import Efforts
 from procs.arm.gravity import Weight
 from procs.arm.joints import ARM_JOINTS, Joints
-from procs.arm.machine import Machine, Reports, Request
+from procs.arm.machine import Machine
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.supervision import Generations
 from procs.lib.document import Arm
+from procs.lib.requests import Reports, Request
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from procs.arm.commands import Row, Table
 from procs.arm.control import Refused
 from procs.arm.gravity import Weight
 from procs.arm.joints import ARM_JOINTS, joints
-from procs.arm.machine import Request
 from procs.arm.motion import Mode
 from procs.arm.states import State
 from procs.arm.takeover import Predecessor
 from procs.lib.endoscopes import NAMES
+from procs.lib.requests import Request
 
 Array = NDArray[np.float64]
 

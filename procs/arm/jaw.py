@@ -8,8 +8,8 @@ import numpy as np
 
 from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import JAW_MOVE, Control
-from procs.arm.machine import Request
 from procs.arm.motion import Mode, Space
+from procs.lib.requests import Request
 
 
 class JawCommands:

@@ -6,8 +6,8 @@ import numpy as np
 
 from procs.arm.commands import N, Ready, Row, Table
 from procs.arm.control import Control
-from procs.arm.machine import Request
 from procs.arm.motion import Mode, Space
+from procs.lib.requests import Request
 
 
 class JointCommands:

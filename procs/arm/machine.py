@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from procs.arm.states import (
     BEYOND,
@@ -21,58 +17,7 @@ from procs.arm.states import (
     follow,
     refusal,
 )
-
-
-class Request(Protocol):
-    """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
-
-    @property
-    def name(self) -> str:
-        """The command's name."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers."""
-
-    @property
-    def text(self) -> str:
-        """Its text."""
-
-    def accept(self, text: str = "") -> None:
-        """It is under way."""
-
-    def refuse(self, reason: str) -> None:
-        """It will not be done."""
-
-    def done(self, text: str = "") -> None:
-        """It has been carried out."""
-
-    def fail(self, reason: str) -> None:
-        """It was accepted and has failed."""
-
-
-class Reports(Protocol):
-    """The events an arm raises; stamps increase strictly from one to the next."""
-
-    def status(self, text: str, component: str = "") -> None:
-        """Something a person may like to know."""
-
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-                limit: float = ...) -> None:
-        """Something a person should know."""
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-              limit: float = ...) -> None:
-        """Something failed."""
-
-    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
-        """The operating state, whenever it changes or is asked for."""
-
-    def goal_reached(self, reached: bool) -> None:
-        """A move has ended."""
-
-    def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
-        """An event of its own name."""
+from procs.lib.requests import Reports, Request
 
 
 class Machine:

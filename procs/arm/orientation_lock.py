@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import Control, Refused
-from procs.arm.machine import Request
 from procs.arm.motion import Mode, Space
 from procs.lib.inverse.master import Master
 from procs.lib.poses import matrix_from_pose, unit_quaternion
+from procs.lib.requests import Request
 from procs.lib.trajectory import Trajectory
 
 Array = NDArray[np.float64]

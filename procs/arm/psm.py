@@ -18,7 +18,6 @@ from procs.arm.detection import Detection
 from procs.arm.fitted import Fit, Fitted
 from procs.arm.jaw import JawCommands
 from procs.arm.joints import AXES, Joints, joints
-from procs.arm.machine import Request
 from procs.arm.motion import Mode
 from procs.arm.stages.engaging import Engaging
 from procs.arm.stages.homed import Homed
@@ -28,6 +27,7 @@ from procs.arm.takeover import Predecessor
 from procs.lib.catalogue import full_name
 from procs.lib.coupling import coupling
 from procs.lib.document import Tool
+from procs.lib.requests import Request
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 from procs.arm.cartesian_commands import switch
 from procs.arm.commands import Row, Table
 from procs.arm.control import Control, Refused
-from procs.arm.machine import Request
 from procs.lib.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
+from procs.lib.requests import Request
 
 CRTK_VERSION: Final = "1.1.0"
 QUATERNION_SLACK: Final = 0.1

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.cart import Cart
+from procs.lib.requests import Reports
 from procs.suj.brakes import Brakes
 from procs.suj.interface_board import InterfaceBoard
-from procs.suj.machine import Reports, State
+from procs.suj.machine import State
 from procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Readings
 from procs.suj.setups import Array, Fields, Setups

@@ -9,7 +9,8 @@ import numpy as np
 
 from procs.lib.cart import FIXED, Cart
 from procs.lib.poses import PoseError, matrix_from_pose, normalised
-from procs.suj.machine import Machine, Request, State
+from procs.lib.requests import Request
+from procs.suj.machine import Machine, State
 from procs.suj.setups import Setups
 
 FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further

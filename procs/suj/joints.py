@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 
 from procs.lib.cart import Cart
+from procs.lib.requests import Reports, Request
 from procs.suj.classic import Classic
 from procs.suj.commands import Commands
 from procs.suj.frames import Frames
-from procs.suj.machine import Machine, NoPower, Reports, Request, State
+from procs.suj.machine import Machine, NoPower, State
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Fields, Setups
 from procs.suj.si import Si

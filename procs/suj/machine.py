@@ -6,8 +6,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from procs.lib.requests import Reports, Request
 
 
 class State(StrEnum):
@@ -22,52 +21,6 @@ class State(StrEnum):
 ENABLE, DISABLE, HOME, UNHOME = "enable", "disable", "home", "unhome"
 WORDS: Final = (ENABLE, DISABLE, HOME, UNHOME)
 PUBLISHED: Final = {State.POWERING: "DISABLED"}  # the others under their own names
-
-
-class Request(Protocol):
-    """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
-
-    @property
-    def name(self) -> str:
-        """The command's name."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers."""
-
-    @property
-    def text(self) -> str:
-        """Its text."""
-
-    def accept(self, text: str = "") -> None:
-        """It is under way."""
-
-    def refuse(self, reason: str) -> None:
-        """It will not be done."""
-
-    def done(self, text: str = "") -> None:
-        """It has been carried out."""
-
-    def fail(self, reason: str) -> None:
-        """It was accepted and has failed."""
-
-
-class Reports(Protocol):
-    """The events set-up joints raise."""
-
-    def status(self, text: str, component: str = "") -> None:
-        """Something a person may like to know."""
-
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-                limit: float = ...) -> None:
-        """Something a person should know."""
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-              limit: float = ...) -> None:
-        """Something failed."""
-
-    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
-        """The operating state, whenever it changes or is asked for."""
 
 
 class Power(Protocol):

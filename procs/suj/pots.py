@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.cart import SetupArm
-from procs.suj.machine import Reports
+from procs.lib.requests import Reports
 from procs.suj.setups import Setups
 
 Array = NDArray[np.float64]

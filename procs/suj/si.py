@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.cart import Cart
-from procs.suj.machine import Reports, State
+from procs.lib.requests import Reports
+from procs.suj.machine import State
 from procs.suj.pots import SI_LIMITS, Potentiometers, Readings
 from procs.suj.setups import Array, Fields, Setups
 
