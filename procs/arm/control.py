@@ -42,7 +42,7 @@ class Control:
         self.arm, self.joints, self.io, self.duties, self.machine = arm, joints, io, duties, machine
         self.reports, self.cartesian, self.record, self.setpoint = reports, cartesian, record, setpoint
         self.fault_text = fault_text
-        self.motion, self.efforts = Motion(joints), Efforts(cartesian)
+        self.motion, self.efforts = Motion(joints, arm.jerk_time_s), Efforts(cartesian)
         self.gravity = Weight(arm, ARM_JOINTS[arm.type])
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""

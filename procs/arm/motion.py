@@ -39,7 +39,9 @@ class Space(IntEnum):
 class Motion:
     """The set-point generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
 
-    def __init__(self, joints: Joints) -> None:
+    def __init__(self, joints: Joints, jerk_time_s: float = 0.0) -> None:
+        """`jerk_time_s`: see `Trajectory`."""
+        self._jerk_time_s = jerk_time_s
         self.ratio_v = self.ratio_a = 1.0
         self.mode, self.space = Mode.NONE, Space.NONE
         self.moving = False
@@ -62,7 +64,7 @@ class Motion:
         self._lower, self._upper = joints.lower, joints.upper
         self.in_effort = np.zeros(n, dtype=np.bool_)
         """Joints that efforts are applied to; the others follow their goal, in EFFORT mode too."""
-        self._trajectory = Trajectory(n)
+        self._trajectory = Trajectory(n, self._jerk_time_s)
         self._enter(Mode.NONE)
 
     @property
@@ -131,7 +133,12 @@ class Motion:
         """
         if self.moving:
             self._evaluate(now_ns)
-        elif self.mode is Mode.POSITION and now_ns - self._served_ns < STREAM_NS:
+            reason = self._plan(target, now_ns)
+            if not reason:
+                self.target[...] = target
+            return reason
+        self._trajectory.forget()
+        if self.mode is Mode.POSITION and now_ns - self._served_ns < STREAM_NS:
             if not self.has_velocity:  # a stream without velocities: the arm moves about as fast as the stream
                 limit = self._v_max * self.ratio_v
                 self.velocity[...] = np.clip(measured_velocity, -limit, limit)
@@ -153,6 +160,7 @@ class Motion:
         """
         self.goal[...] = position
         self.velocity[...] = 0.0
+        self._trajectory.forget()
         if not self._plan(self.target, now_ns):
             return True
         self.hold(position)

@@ -117,5 +117,6 @@ class Arm:
     base_setup: str = ""  # the set-up arm there that carries it
     use_setpoint_v: bool = True
     calibration_mode: bool = False
+    jerk_time_s: float = 0.0  # of moves: acceleration takes so long to come up to its limit; 0: no jerk limit
     client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never
     source: str = ""

@@ -1,7 +1,7 @@
 """Joint trajectories to a goal at rest, time-optimal within velocity and acceleration limits, on ruckig.
 
-All joints end together, and along a straight line in joint space wherever the start allows it. There is no jerk limit:
-a move from rest over a distance d takes 2·√(d/a), or d/v + v/a once it reaches v. Time is the caller's, in seconds.
+All joints end together, and along a straight line in joint space wherever the start allows it. Without a jerk limit a
+move from rest over a distance d takes 2·√(d/a), or d/v + v/a once it reaches v. Time is the caller's, in seconds.
 """
 
 from __future__ import annotations
@@ -28,12 +28,16 @@ class PlanError(enum.Enum):
 class Trajectory:
     """One trajectory of n joints at a time; `start` replaces the one under way.
 
-    To change the goal in mid-flight, start again from what `evaluate` last gave: position and velocity stay continuous.
+    To change the goal in mid-flight, start again from what `evaluate` last gave: position and velocity stay continuous,
+    with a jerk limit acceleration, too. `forget` what was under way before starting from elsewhere.
     A start faster than v_max (the limit was lowered) is braked first.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, jerk_time_s: float = 0.0) -> None:
+        """`jerk_time_s`: how long acceleration takes to come up to its limit; 0: no time, there is no jerk limit."""
         self.n = n
+        self._jerk_time_s = jerk_time_s
+        self._acceleration = [0.0] * n  # where the trajectory was last looked at
         self.duration = 0.0  # s, of the whole trajectory
         self.active = False  # a trajectory was started and has not been seen to end
         self._start_s = 0.0
@@ -62,6 +66,9 @@ class Trajectory:
         request.target_position = goal.tolist()
         request.max_velocity = v_max.tolist()
         request.max_acceleration = a_max.tolist()
+        if self._jerk_time_s > 0.0:
+            request.max_jerk = (a_max / self._jerk_time_s).tolist()
+            request.current_acceleration = self._acceleration if self.active else [0.0] * self.n
         path = ruckig.Trajectory(self.n)  # a plan that fails must not spoil the one being followed
         try:
             result = self._planner.calculate(request, path)
@@ -76,6 +83,10 @@ class Trajectory:
         self.active = True
         return None
 
+    def forget(self) -> None:
+        """The next start is from another place, or from rest."""
+        self.active = False
+
     def evaluate(self, now_s: float, position: Array, velocity: Array) -> bool:
         """Write position and velocity (n,) of time `now_s`; True once the goal is reached (exactly, at rest)."""
         elapsed = now_s - self._start_s
@@ -84,7 +95,7 @@ class Trajectory:
             velocity[...] = 0.0
             self.active = False
             return True
-        position[...], velocity[...], _ = self._path.at_time(max(elapsed, 0.0))
+        position[...], velocity[...], self._acceleration = self._path.at_time(max(elapsed, 0.0))
         return False
 
     def remaining(self, now_s: float) -> float:

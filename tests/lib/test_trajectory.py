@@ -128,3 +128,39 @@ def test_an_impossible_plan_is_reported_and_changes_nothing() -> None:
     assert trajectory.active
     assert trajectory.duration == duration
     np.testing.assert_array_equal(trajectory.goal, np.full(7, 0.1))
+
+
+def test_with_a_jerk_limit_acceleration_comes_up_in_the_time_given() -> None:
+    trajectory = Trajectory(1, jerk_time_s=0.2)
+    v_max, a_max = np.array([1.0]), np.array([2.0])
+    assert trajectory.start(np.zeros(1), np.zeros(1), np.array([2.0]), v_max, a_max, 0.0) is None
+    assert trajectory.duration == pytest.approx(2.0 / 1.0 + 1.0 / 2.0 + 0.2, abs=1e-6)
+    assert jerks(trajectory).max() <= 2.0 / 0.2 * 1.01
+
+
+def test_a_new_goal_in_mid_flight_keeps_the_jerk_limit() -> None:
+    trajectory = Trajectory(1, jerk_time_s=0.2)
+    limits = np.array([1.0]), np.array([2.0])
+    position, velocity = np.zeros(1), np.zeros(1)
+    assert trajectory.start(position, velocity, np.array([2.0]), *limits, 0.0) is None
+    trajectory.evaluate(0.3, position, velocity)
+    before = (velocity[0] - velocity_at(trajectory, 0.299)) / 1e-3
+    assert trajectory.start(position, velocity, np.array([-1.0]), *limits, 0.3) is None
+    assert (velocity_at(trajectory, 0.301) - velocity[0]) / 1e-3 == pytest.approx(before, abs=0.05)
+    assert jerks(trajectory, 0.3).max() <= 10.0 * 1.01
+    trajectory.forget()
+    assert trajectory.start(np.zeros(1), np.zeros(1), np.array([1.0]), *limits, 5.0) is None
+    assert velocity_at(trajectory, 5.001) < 1e-4, "from rest again"
+
+
+def velocity_at(trajectory: Trajectory, time_s: float) -> float:
+    position, velocity = np.zeros(trajectory.n), np.zeros(trajectory.n)
+    trajectory.evaluate(time_s, position, velocity)
+    return float(velocity[0])
+
+
+def jerks(trajectory: Trajectory, start_s: float = 0.0) -> np.ndarray:
+    """Magnitude of the third derivative along the way, from second differences of velocity."""
+    step = 1e-3
+    velocity = [velocity_at(trajectory, t) for t in np.arange(start_s, start_s + trajectory.duration - step, step)]
+    return np.abs(np.diff(velocity, n=2)) / step**2

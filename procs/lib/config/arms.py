@@ -271,6 +271,7 @@ def _loaded(
         base_frame=base_frame,
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
         use_setpoint_v=options.arm.use_setpoint_v,
+        jerk_time_s=options.arm.jerk_time_s,
         client_timeout_s=options.arm.client_timeout_s,
         calibration_mode=options.calibration_mode,
         source=str(source.path),

@@ -48,6 +48,8 @@ class ArmOptions(Section):
     priority: Priority = 60
     cpu: Cpu | None = None
     use_setpoint_v: bool = True
+    jerk_time_s: float = Field(default=0.0, ge=0.0, le=2.0,
+                               description="s in which moves come up to their acceleration; 0: no jerk limit")
     client_timeout_s: float = Field(default=0.0, ge=0.0, le=10.0,
                                     description="s after the last servo command of a stream, then hold; 0: never")
 
