@@ -1,0 +1,173 @@
+"""The mapping of a master to a PSM: golden numbers of dVRK 2.4, and what must hold for any pose."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procs.lib.poses import inverse, rotation_from_vector
+from procs.lib.teleoperation import Follow, Jaw, Presence, Start, angle_between, roll_between, waiting_for
+
+DEGREE = math.pi / 180
+NEAR = st.floats(-0.3, 0.3)
+VECTOR = st.tuples(NEAR, NEAR, NEAR)
+TURN = st.tuples(*[st.floats(-1.7, 1.7)] * 3)
+
+
+def pose(place: tuple[float, ...], turn: tuple[float, ...] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation_from_vector(np.array(turn)), place
+    return matrix
+
+
+poses = st.builds(pose, VECTOR, TURN)
+
+
+def test_a_fifth_of_the_master_s_way() -> None:
+    follow = Follow(0.2)
+    follow.begin(pose((0.1, 0.2, 0.3), (0.1, 0.2, 0.3)), pose((0.0, 0.0, -0.1), (1.0, 0.0, 0.5)))
+    goal = follow.step(pose((0.11, 0.195, 0.32), (0.1, 0.2, 0.3)))
+    assert goal[:3, 3] == pytest.approx((0.002, -0.001, -0.096), abs=1e-12)
+
+
+@given(poses, poses, TURN)
+def test_orientation_is_followed_unscaled(master: np.ndarray, slave: np.ndarray, turn: tuple[float, ...]) -> None:
+    follow = Follow(0.2)
+    follow.begin(master, slave)
+    change = rotation_from_vector(np.array(turn))
+    moved = master.copy()
+    moved[:3, :3] = change @ master[:3, :3]
+    np.testing.assert_allclose(follow.step(moved)[:3, :3], change @ slave[:3, :3], atol=1e-9)
+
+
+@given(poses, poses, poses, st.floats(0.01, 3.0), st.booleans(), st.booleans())
+def test_changes_while_following_move_nothing(
+    master: np.ndarray, slave: np.ndarray, later: np.ndarray, scale: float, rotation: bool, translation: bool
+) -> None:
+    follow = Follow(0.2)
+    follow.begin(master, slave)
+    before = follow.step(later).copy()
+    follow.scale, follow.rotation_locked, follow.translation_locked = scale, rotation, translation
+    follow.rebase(later)
+    np.testing.assert_allclose(follow.step(later), before, atol=1e-9)
+
+
+@given(poses, poses, poses)
+def test_locks_keep_what_they_lock(master: np.ndarray, slave: np.ndarray, later: np.ndarray) -> None:
+    follow = Follow(0.5, rotation_locked=True)
+    follow.begin(master, slave)
+    np.testing.assert_allclose(follow.step(later)[:3, :3], slave[:3, :3], atol=1e-9)
+    follow = Follow(0.5, translation_locked=True)
+    follow.begin(master, slave)
+    np.testing.assert_allclose(follow.step(later)[:3, 3], slave[:3, 3], atol=1e-12)
+
+
+@given(poses, poses, poses, poses, poses)
+@settings(max_examples=30)
+def test_a_base_that_moves_is_made_up_for(
+    master: np.ndarray, slave: np.ndarray, later: np.ndarray, base: np.ndarray, moved: np.ndarray
+) -> None:
+    follow, plain = Follow(0.2), Follow(0.2)
+    follow.begin(master, slave, base)
+    plain.begin(master, slave)
+    np.testing.assert_allclose(moved @ follow.step(later, moved), base @ plain.step(later), atol=1e-9)
+    before = follow.goal.copy()
+    follow.rebase(later, moved)
+    np.testing.assert_allclose(follow.step(later, moved), before, atol=1e-9)
+    np.testing.assert_allclose(later[:3, :3] @ follow.offset, follow.goal[:3, :3], atol=1e-9)
+
+
+def test_velocity_is_scaled_where_it_is_wanted() -> None:
+    follow, twist = Follow(0.2), np.arange(1.0, 7.0)
+    assert follow.velocity(twist, linear=True, angular=False).tolist() == pytest.approx([0.2, 0.4, 0.6, 0, 0, 0])
+    assert follow.velocity(twist, linear=False, angular=True).tolist() == [0, 0, 0, 4, 5, 6]
+    follow.translation_locked = follow.rotation_locked = True
+    assert not follow.velocity(twist, linear=True, angular=True).any()
+
+
+@given(poses, TURN)
+def test_angles_are_those_of_the_rotation(start: np.ndarray, turn: tuple[float, ...]) -> None:
+    turned = start.copy()
+    turned[:3, :3] = start[:3, :3] @ rotation_from_vector(np.array(turn))
+    length = math.sqrt(sum(x * x for x in turn))
+    assert angle_between(start, turned) == pytest.approx(min(length, 2 * math.pi - length), abs=1e-6)
+    assert angle_between(inverse(inverse(start)), start) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_roll_is_the_angle_of_the_y_axes() -> None:
+    assert roll_between(np.eye(4), pose((0, 0, 0), (0.0, 0.0, 0.3))) == pytest.approx(0.3)
+    assert roll_between(np.eye(4), pose((0, 0, 0), (0.0, 0.3, 0.0))) == pytest.approx(0.0)
+
+
+def test_gripper_roll_or_some_of_both_show_presence() -> None:
+    def seen(*angles: tuple[float, float]) -> bool:
+        presence = Presence(40 * DEGREE, 4 * DEGREE)
+        return [presence.look(gripper * DEGREE, roll * DEGREE) for gripper, roll in angles][-1]
+
+    assert not seen((50, 90))
+    assert not seen((50, 90), (20, 92))
+    assert seen((50, 90), (10, 90))
+    assert seen((50, 90), (50, 94.1))
+    assert seen((50, 90), (16, 92))  # 36 of 44
+    assert seen((50, 90), (10, 90), (20, 90))
+
+
+def test_a_threshold_of_zero_needs_nobody() -> None:
+    assert Presence(0.0, 4 * DEGREE).look(0.0, 1.0)
+
+
+def test_forgotten_presence_must_be_shown_again() -> None:
+    presence = Presence(40 * DEGREE, 4 * DEGREE)
+    presence.look(0.0, 1.0)
+    assert presence.look(1.0, 1.0)
+    presence.forget()
+    assert not presence.look(1.0, 1.0)
+    assert not presence.look(math.nan, math.nan)
+
+
+def test_the_reason_to_wait_is_in_plain_words() -> None:
+    start = Start(7.3 * DEGREE, 5 * DEGREE, is_active=True, is_moving=False)
+    assert waiting_for("MTMR", start) == "waiting: MTMR 7.3° off, tolerance 5°"
+    start = Start(0.0, 5 * DEGREE, is_active=False, is_moving=True)
+    assert waiting_for("MTMR", start) == "waiting: MTMR is still moving; pinch or twist MTMR's gripper a bit"
+    assert waiting_for("MTMR", Start(math.nan, 1.0, True, False)).startswith("waiting: MTMR nan° off")
+    assert not waiting_for("MTMR", Start(4.9 * DEGREE, 5 * DEGREE, True, False))
+
+
+def lnd() -> Jaw:
+    """A large needle driver's jaw, 80° wide."""
+    jaw = Jaw(0.0, 60 * DEGREE, 4 * math.pi, 0.2 * math.pi)
+    jaw.use(-40 * DEGREE, 80 * DEGREE)
+    return jaw
+
+
+def test_the_gripper_s_range_is_stretched_to_the_jaw_s() -> None:
+    jaw = lnd()
+    assert jaw.jaw_of(60 * DEGREE) == pytest.approx(80 * DEGREE)
+    assert jaw.jaw_of(-10 * DEGREE) == pytest.approx(-13.3333 * DEGREE, abs=1e-5)
+
+
+def test_closing_after_the_clutch_takes_as_long_as_in_dvrk() -> None:
+    jaw, period = lnd(), 0.0001
+    jaw.begin(80 * DEGREE)
+    cycles = 0
+    while jaw.step(0.0, period) > 1e-9:
+        cycles += 1
+    assert cycles * period == pytest.approx(58 / 36 + 2 / 720, abs=0.001)
+
+
+def test_a_closed_jaw_leaves_no_way_to_come_back() -> None:
+    jaw = lnd()
+    jaw.begin(0.0)
+    for _ in range(100):
+        closed = jaw.step(-60 * DEGREE, 0.02)
+    assert closed == pytest.approx(-40 * DEGREE)
+    assert jaw.ghost == pytest.approx(-30 * DEGREE)
+
+
+def test_without_a_gripper_the_jaw_stands_half_open() -> None:
+    assert lnd().step(math.nan, 0.001) == pytest.approx(45 * DEGREE)
