@@ -59,6 +59,7 @@ class Ecm(Arm):
             control.error("endoscope-type", reason)
             raise Refused(reason)
         self._carry(name)
+        control.cartesian.update()
         control.reports.emit("endoscope_type", name)
         return ""
 

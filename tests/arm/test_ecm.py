@@ -148,6 +148,8 @@ def test_the_tip_follows_a_pose_but_not_out_of_the_cannula(rig: Rig) -> None:
 def test_another_endoscope_changes_tip_and_weight_and_moves_nothing(rig: Rig) -> None:
     before = rig.io.setpoint.copy()
     assert rig.send("set_endoscope_type", (), "Classic_HD_UP").outcomes == ["done"]
+    assert rig.state["cartesian_valid"] and rig.state["reference_valid"], "not for a single cycle is the tip unknown"
+    assert rig.state["gravity_effort"][2] == pytest.approx(-13.77753 * 2.5 / 1.5, abs=1e-4)
     rig.run(0.05)
     assert ("endoscope_type", "Classic_HD_UP", 0.0) in rig.reports.events
     assert rig.state.text("tool") == "Classic_HD_UP" and rig.io.setpoint == pytest.approx(before, abs=1e-12)
