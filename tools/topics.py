@@ -18,7 +18,8 @@ from tools.systems import unknown
 
 SAID_BY_ALL = ("status", "warning", "error")
 SAID_BY_KIND = {
-    "arm": ("operating_state", "goal_reached", "tool_type", "gripper/closed", "gripper/pinch", "orientation_locked"),
+    "arm": ("operating_state", "goal_reached", "tool_type", "tool_type_request", "endoscope_type", "arm_clutch",
+            "gripper/closed", "gripper/pinch", "orientation_locked"),
     "suj": ("operating_state",),
     "io": ("button", "tool_type", "operating_state"),
 }

@@ -19,7 +19,7 @@ from tools.printing import plain
 from tools.systems import is_lockstep
 from tools.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
 
-FLAGS = {"goal_reached": "reached", "gripper/closed": "closed", "orientation_locked": "locked"}
+FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
 ONE_JOINT = ("jaw", "gripper")
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
 MESSAGE = ("severity", "code", "component", "axis", "value", "limit", "text")
