@@ -18,6 +18,7 @@ with its reason; what cannot be had, or is not valid now, `TimeoutError`; what i
 
 from __future__ import annotations
 
+import os
 from typing import TypeVar
 
 from tools.client.arm import Arm
@@ -43,9 +44,9 @@ A = TypeVar("A", bound=Arm)
 def arm(name: str, system: str | None = None, timeout: float = 5.0) -> Arm:
     """The arm `name`, a Psm, Ecm or Mtm, once it is connected; TimeoutError after `timeout` s.
 
-    `system`: default the only one up.
+    `system`: default the one of the environment variable TROCAR_SYSTEM, else the only one up.
     """
-    return connected(lambda: attached("arm", _made, chosen_system(system), name), timeout, name)
+    return connected(lambda: attached("arm", _made, _chosen(system), name), timeout, name)
 
 
 def psm(name: str, system: str | None = None, timeout: float = 5.0) -> Psm:
@@ -65,12 +66,16 @@ def mtm(name: str, system: str | None = None, timeout: float = 5.0) -> Mtm:
 
 def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0) -> Suj:
     """The set-up joints `name`, once they are connected; TimeoutError after `timeout` s."""
-    return connected(lambda: attached("suj", Suj, chosen_system(system), name), timeout, name)
+    return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
 
 
 def system(name: str | None = None, timeout: float = 5.0) -> System:
-    """A running system, default the only one up; TimeoutError when there is none within `timeout` s."""
-    return connected(lambda: System(chosen_system(name)), timeout, name or "a system")
+    """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
+    return connected(lambda: System(_chosen(name)), timeout, name or "a system")
+
+
+def _chosen(system: str | None) -> str:
+    return chosen_system(system or os.environ.get("TROCAR_SYSTEM"))
 
 
 def _made(system: str, name: str) -> Arm:

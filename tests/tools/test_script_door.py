@@ -69,6 +69,15 @@ def test_an_absent_arm_times_out(played: Played) -> None:
         trocar.arm("PSM9", played.name, timeout=0.0)
 
 
+def test_a_system_may_be_named_by_the_environment(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_SYSTEM", played.name)
+    assert trocar.system().name == played.name
+    monkeypatch.setenv("TROCAR_SYSTEM", f"{played.name}-2")
+    with pytest.raises(TimeoutError, match="no system"):
+        trocar.arm("PSM1", timeout=0.0)
+    assert trocar.system(played.name).name == played.name
+
+
 def test_a_silent_arm_times_out(played: Played) -> None:
     with pytest.raises(TimeoutError, match="does not show its state"):
         trocar.arm("PSM1", played.name, timeout=0.0)
