@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from shm.operation import CONSOLE_STATE as CONSOLE_STATE
+from shm.operation import SYSTEM_STATE as SYSTEM_STATE
+from shm.operation import TELEOP_STATE as TELEOP_STATE
 from shm.rows import Field as Field
 from shm.rows import Topic as Topic
 from shm.rows import View as View

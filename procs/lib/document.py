@@ -21,6 +21,10 @@ from procs.lib.arm import Matrix as Matrix
 from procs.lib.arm import Tool as Tool
 from procs.lib.cart import Cart as Cart
 from procs.lib.cart import SetupArm as SetupArm
+from procs.lib.consoles import Console as Console
+from procs.lib.consoles import TeleopEcm as TeleopEcm
+from procs.lib.consoles import TeleopPsm as TeleopPsm
+from procs.lib.consoles import WiredInput as WiredInput
 from procs.lib.decoding import decode
 from procs.lib.emulated import Bus as Bus
 from procs.lib.emulated import Controller as Controller
@@ -250,6 +254,10 @@ class System:
     emulation: Emulation | None
     processes: tuple[Process, ...]
     carts: tuple[Cart, ...] = ()
+    consoles: tuple[Console, ...] = ()
+    teleop_psms: tuple[TeleopPsm, ...] = ()
+    teleop_ecms: tuple[TeleopEcm, ...] = ()
+    audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
     service_user: str = ""  # whose shared memory is trusted besides our own and root's
@@ -266,6 +274,15 @@ class System:
     def cart(self, name: str) -> Cart:
         """The set-up joints `name`; KeyError when there are none of that name."""
         return _named(self.carts, name)
+
+    def console(self, name: str) -> Console:
+        """The console `name`; KeyError when there is none."""
+        return _named(self.consoles, name)
+
+    def teleop(self, name: str) -> TeleopPsm | TeleopEcm:
+        """The tele-operation `name`; KeyError when there is none."""
+        rows: tuple[TeleopPsm | TeleopEcm, ...] = (*self.teleop_ecms, *self.teleop_psms)
+        return _named(rows, name)
 
     def process(self, name: str) -> Process:
         """The process row `name`; KeyError when there is none."""

@@ -54,8 +54,18 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
         return {"instances": len(system.processes)}, {"instances": [p.name for p in system.processes]}
     if process.kind == "suj":
         return _of_cart(system.cart(process.name))
+    if process.kind in ("console", "system"):
+        return _of_operation(system, process)
     played = [arm.simulation for arm in system.arms if arm.name == process.name and arm.simulation != "NONE"]
     return {}, {"simulation": played[0]} if played else {}
+
+
+def _of_operation(system: System, process: Process) -> tuple[Dims, Info]:
+    if process.kind == "console":
+        teleops = list(system.console(process.name).teleops)
+        return {"teleops": len(teleops)}, {"teleops": teleops}
+    arms = [row.name for row in system.processes if row.kind in ("arm", "suj")]
+    return {"arms": len(arms)}, {"arms": arms}
 
 
 def _of_cart(cart: Cart) -> tuple[Dims, Info]:

@@ -348,7 +348,7 @@ def test_arms_on_one_bus_cannot_share_axes(home: Home) -> None:
         ("{name: c, input_type: FEET}", "consoles[0].input_type"),
     ],
 )
-def test_consoles_are_checked_though_not_started(home: Home, console: str, key: str) -> None:
+def test_consoles_are_checked(home: Home, console: str, key: str) -> None:
     home.edit(SYSTEM, "\ntrocar:", f"\nconsoles: [{console}]\ntrocar:")
     assert home.error().key == key
 

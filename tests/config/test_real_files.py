@@ -98,9 +98,11 @@ def test_system_with_parts_that_wait_says_so() -> None:
     assert system is not None and system.emulation is not None
     assert [arm.name for arm in system.arms] == ["PSM1", "MTML"]
     assert set(system.notes) >= {
-        "not started yet: console console1",
         "not started yet: teleop MTML_PSM1",
     }
+    (console,) = system.consoles
+    assert console.teleops == ("MTML_PSM1",) and console.clutch == document.WiredInput("IO1", "clutch")
+    assert console.operator_present == (document.WiredInput("IO1", "coag"),) and console.present_count == 1
     boards = [controller.board_id for controller in system.emulation.buses[0].controllers]
     assert boards == [0, 1, 3, 6, 7], "masters, gripper and pedals have boards too"
     assert system.arms[0].reference_frame == "ECM" and system.arms[0].base_frame is not None

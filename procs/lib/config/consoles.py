@@ -1,68 +1,226 @@
-"""The `consoles` of a system: what they need and which arms their tele-operations join. Checked, not started yet."""
+"""The `consoles` of a system: their inputs, and the tele-operations that join arms, as rows of the document."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import Final
+
+from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
-from procs.lib.config.system_file import ConsoleKeys, SystemFile
+from procs.lib.config.system_file import (
+    ConsoleKeys,
+    IoDeviceKeys,
+    SystemFile,
+    TeleopEcmKeys,
+    TeleopEcmParameters,
+    TeleopPsmKeys,
+    TeleopPsmParameters,
+)
+from procs.lib.consoles import GOOVIS, Console, TeleopEcm, TeleopPsm, WiredInput
+
+PERIOD_S: Final = 0.01
+PEDALS: Final = "IO_pedals"
+HEAD: Final = "IO_head_sensor"
+BEAMS: Final = tuple(f"dv_head_sensor_{beam}" for beam in range(1, 5))
+BEAMS_NEEDED: Final = 3
+TURN_OFF: Final = "head_sensor_turn_off"
+LONGEST_NAME: Final = 40
 
 _NEEDS = {
-    "PEDALS_ONLY": ("IO_pedals",),
-    "PEDALS_ISI_HEAD_SENSOR": ("IO_pedals", "IO_head_sensor"),
-    "PEDALS_DVRK_HEAD_SENSOR": ("IO_pedals", "IO_head_sensor"),
-    "PEDALS_GOOVIS_HEAD_SENSOR": ("IO_pedals", "HID_file"),
+    "PEDALS_ONLY": (PEDALS,),
+    "PEDALS_ISI_HEAD_SENSOR": (PEDALS, HEAD),
+    "PEDALS_DVRK_HEAD_SENSOR": (PEDALS, HEAD),
+    "PEDALS_GOOVIS_HEAD_SENSOR": (PEDALS, "HID_file"),
     "SIMULATED": (),
     "COMPONENTS": ("clutch", "camera", "operator_present"),
 }
+_HEAD_NAME = re.compile(r"head", re.IGNORECASE)
 
 
-def check_consoles(context: Context, source: Source, content: SystemFile) -> None:
-    """Missing parts, unknown arms, tele-operations listed twice; a note for everything that waits."""
-    families = {arm.name: arm.type.split("_")[0] for arm in content.arms}
-    teleops: dict[str, str] = {}
-    for index, console in enumerate(content.consoles):
+@dataclass(slots=True)
+class Operation:
+    """What the consoles of a system came to."""
+
+    consoles: tuple[Console, ...] = ()
+    teleop_psms: tuple[TeleopPsm, ...] = ()
+    teleop_ecms: tuple[TeleopEcm, ...] = ()
+
+
+def load_consoles(
+    context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str]
+) -> Operation:
+    """All consoles with their tele-operations; those whose arms do not run are noted and left out.
+
+    `arms` are the names of those that run. Missing parts, unknown arms and tele-operations listed twice are errors.
+    """
+    loader = _Loader(context, source, content, buses, arms)
+    made = tuple(loader.console(index, keys) for index, keys in enumerate(content.consoles))
+    return Operation(made, tuple(loader.psms), tuple(loader.ecms))
+
+
+@dataclass(slots=True)
+class _Loader:
+    """All consoles of one file."""
+
+    context: Context
+    source: Source
+    content: SystemFile
+    buses: dict[str, BusFiles]
+    arms: Collection[str]
+    taken: dict[str, str] = field(default_factory=dict)
+    psms: list[TeleopPsm] = field(default_factory=list)
+    ecms: list[TeleopEcm] = field(default_factory=list)
+
+    def console(self, index: int, keys: ConsoleKeys) -> Console:
+        """One entry of the list."""
         key: Key = ("consoles", index)
-        context.notes.append(f"not started yet: console {console.name}")
-        for name in _NEEDS[console.input_type]:
-            if not getattr(console, name):
-                context.error(source, (*key, name), f"this key is required with input_type {console.input_type}")
-        for where, parts in _teleops(console):
-            for role, arm in parts.items():
-                _check_arm(context, source, (*key, *where, role), role, arm, families)
-            teleop = "_".join(parts.values())
-            context.notes.append(f"not started yet: teleop {teleop}")
-            if teleop in teleops:
-                context.error(source, (*key, *where), f"teleop {teleop} is listed twice, first in {teleops[teleop]}")
-            teleops.setdefault(teleop, f"console {console.name}")
-        _check_parameters(context, source, key, console)
+        for name in _NEEDS[keys.input_type]:
+            if not getattr(keys, name):
+                self.context.error(self.source, (*key, name),
+                                   f"this key is required with input_type {keys.input_type}")
+        ecms = [self._ecm((*key, "teleop_ECMs", place), keys.name, row) for place, row in enumerate(keys.teleop_ECMs)]
+        psms = [self._psm((*key, "teleop_PSMs", place), keys.name, row) for place, row in enumerate(keys.teleop_PSMs)]
+        self.ecms += [row for row in ecms if row is not None]
+        self.psms += [row for row in psms if row is not None]
+        names = tuple(row.name for row in (*ecms, *psms) if row is not None)
+        if keys.input_type == "COMPONENTS":
+            self.context.notes.append(f"{keys.name}: its inputs are components of the original software; here its "
+                                      "emulate_clutch, emulate_camera and emulate_operator_present say what is pressed")
+        return self._with_inputs(key, keys, names)
 
+    # -- inputs --------------------------------------------------------------------------------------------------------
 
-def _teleops(console: ConsoleKeys) -> list[tuple[Key, dict[str, str]]]:
-    rows: list[tuple[Key, dict[str, str]]] = []
-    for number, psm in enumerate(console.teleop_PSMs):
-        rows.append((("teleop_PSMs", number), {"MTM": psm.MTM, "PSM": psm.PSM}))
-    for number, ecm in enumerate(console.teleop_ECMs):
-        rows.append((("teleop_ECMs", number), {"MTML": ecm.MTML, "MTMR": ecm.MTMR, "ECM": ecm.ECM}))
-    return rows
+    def _with_inputs(self, key: Key, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
+        wired = keys.input_type.startswith("PEDALS")
+        pedals = keys.IO_pedals if wired else None
+        clutch, camera = (self._input((*key, PEDALS), pedals, name) for name in ("clutch", "camera"))
+        present: tuple[WiredInput, ...] = ()
+        count, turn_off = 1, None
+        if keys.input_type == "PEDALS_ONLY":
+            coag = self._input((*key, PEDALS), pedals, "coag")
+            present = (coag,) if coag else ()
+        elif keys.input_type == "PEDALS_ISI_HEAD_SENSOR" and keys.IO_head_sensor is not None:
+            beams = [self._input((*key, HEAD), keys.IO_head_sensor, beam) for beam in BEAMS]
+            present, count = tuple(beam for beam in beams if beam), BEAMS_NEEDED
+            turn_off = self._turn_off(keys.IO_head_sensor)
+        elif keys.input_type == "PEDALS_DVRK_HEAD_SENSOR" and keys.IO_head_sensor is not None:
+            head = self._head_input((*key, HEAD), keys.IO_head_sensor)
+            present = (head,) if head else ()
+        return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, present, count, turn_off,
+                                keys.HID_file if keys.input_type == GOOVIS else "")
 
+    def _names(self, device: IoDeviceKeys, outputs: bool = False) -> list[str] | None:
+        """Digital inputs (or outputs) of a device's own file; None when that has errors of its own."""
+        bus = self.buses.get(device.IO)
+        path = self.context.search.find(device.IO_file)
+        opened = bus.files.get(path) if bus is not None and path is not None else None
+        if opened is None:
+            return None
+        return [row.name for row in (opened.content.digital_outputs if outputs else opened.content.digital_inputs)]
 
-def _check_arm(context: Context, source: Source, key: Key, role: str, arm: str, families: dict[str, str]) -> None:
-    family = role[:3]
-    if families.get(arm) == family:
-        return
-    known = [name for name, other in families.items() if other == family]
-    text = f"no {family}" if arm in families else "no arm of this name"
-    context.error(source, key, text, f"one of {', '.join(known)}" if known else f"a {family} listed under arms")
+    def _input(self, key: Key, device: IoDeviceKeys | None, name: str) -> WiredInput | None:
+        names = self._names(device) if device is not None else None
+        if device is None or names is None:
+            return None
+        if name not in names:
+            text = f"{device.IO_file} has no digital input {name}: nobody can press it"
+            allowed = f"a file that has it; this one has {', '.join(names) or 'none'}"
+            self.context.warning(self.source, (*key, "IO_file"), text, allowed)
+            return None
+        return WiredInput(device.IO, name)
 
+    def _head_input(self, key: Key, device: IoDeviceKeys) -> WiredInput | None:
+        """The one input of a dVRK head sensor: called as the device is, or the only one whose name says head."""
+        names = self._names(device)
+        if names is None:
+            return None
+        heads = [name for name in names if _HEAD_NAME.search(name)] or names
+        if device.name in names:
+            heads = [device.name]
+        if len(heads) != 1:
+            text = f"{device.IO_file} has {len(heads)} digital inputs that may be the head sensor"
+            allowed = f"the name of one of {', '.join(names)}" if names else "a file with a digital input"
+            self.context.error(self.source, (*key, "name"), text, allowed)
+            return None
+        return WiredInput(device.IO, heads[0])
 
-def _check_parameters(context: Context, source: Source, key: Key, console: ConsoleKeys) -> None:
-    for number, teleop in enumerate(console.teleop_PSMs):
-        given = teleop.configure_parameter
-        where = (*key, "teleop_PSMs", number, "configure_parameter")
-        if given is None:
-            continue
+    def _turn_off(self, device: IoDeviceKeys) -> WiredInput | None:
+        return WiredInput(device.IO, TURN_OFF) if TURN_OFF in (self._names(device, True) or ()) else None
+
+    # -- tele-operations -----------------------------------------------------------------------------------------------
+
+    def _psm(self, key: Key, console: str, keys: TeleopPsmKeys) -> TeleopPsm | None:
+        given = keys.configure_parameter or TeleopPsmParameters()
+        where = (*key, "configure_parameter")
         if given.align_MTM and not given.MTM_is_haptic:
-            context.error(source, (*where, "align_MTM"), "an MTM that is not haptic cannot align", "false")
+            self.context.error(self.source, (*where, "align_MTM"), "an MTM that is not haptic cannot align", "false")
         if given.gripper_scaling.zero == given.gripper_scaling.max:
-            context.error(source, (*where, "gripper_scaling", "max"), "equal to zero's value", "another angle")
+            text = "equal to zero's value"
+            self.context.error(self.source, (*where, "gripper_scaling", "max"), text, "another angle")
+        name = self._named(key, console, {"MTM": keys.MTM, "PSM": keys.PSM})
+        if not self._runs(name, keys, (keys.MTM, keys.PSM)):
+            return None
+        frame = keys.PSM_base_frame
+        return TeleopPsm(
+            name, keys.MTM, keys.PSM, keys.period, console, given.scale, given.rotation_locked,
+            given.translation_locked, given.align_MTM, given.start_orientation_tolerance,
+            given.orientation_tolerance_after_clutch, given.start_gripper_threshold, given.start_roll_threshold,
+            given.ignore_jaw, given.jaw_rate, given.jaw_rate_after_clutch, given.gripper_scaling.zero,
+            given.gripper_scaling.max, given.use_MTM_linear_velocity, given.use_MTM_angular_velocity,
+            given.MTM_is_haptic, frame.component if frame else "", frame.interface if frame else "")
+
+    def _ecm(self, key: Key, console: str, keys: TeleopEcmKeys) -> TeleopEcm | None:
+        given = keys.configure_parameter or TeleopEcmParameters()
+        name = self._named(key, console, {"MTML": keys.MTML, "MTMR": keys.MTMR, "ECM": keys.ECM})
+        if keys.MTML == keys.MTMR:
+            self.context.error(self.source, (*key, "MTMR"), "the same arm as MTML", "another MTM")
+        if not self._runs(name, keys, (keys.MTML, keys.MTMR, keys.ECM)):
+            return None
+        return TeleopEcm(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
+                                  given.camera_roll_offset)
+
+    def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
+        """The tele-operation's name, of its arms' names; errors when they are unknown or the name is taken."""
+        for role, arm in parts.items():
+            self._check_arm((*key, role), role, arm)
+        name = "_".join(parts.values())
+        others = {row.name for rows in (self.content.IOs, self.content.arms, self.content.consoles) for row in rows}
+        if name in self.taken:
+            text = f"teleop {name} is listed twice, first in {self.taken[name]}"
+            self.context.error(self.source, key, text)
+        elif name in others:
+            text = f"teleop {name} has the name of something else in this file"
+            self.context.error(self.source, key, text, "a name of its own for every IO, arm, console and teleop")
+        elif len(name) > LONGEST_NAME:
+            text = f"teleop {name} has a name of {len(name)} letters"
+            self.context.error(self.source, key, text, f"arms whose names are at most {LONGEST_NAME} letters together")
+        self.taken.setdefault(name, f"console {console}")
+        return name
+
+    def _check_arm(self, key: Key, role: str, arm: str) -> None:
+        family = role[:3]
+        families = {row.name: row.type.split("_")[0] for row in self.content.arms}
+        if families.get(arm) == family:
+            return
+        known = [name for name, other in families.items() if other == family]
+        text = f"no {family}" if arm in families else "no arm of this name"
+        self.context.error(self.source, key, text, f"one of {', '.join(known)}" if known else
+                           f"a {family} listed under arms")
+
+    def _runs(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys, arms: tuple[str, ...]) -> bool:
+        """Whether it can be started; a note when it cannot."""
+        absent = [arm for arm in arms if arm not in self.arms]
+        if keys.type.endswith("_GENERIC"):
+            self.context.notes.append(f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} "
+                                      "is for the original software")
+            return False
+        if keys.type.endswith("_DERIVED"):
+            self.context.notes.append(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
+                                      f" {keys.component or 'its component'} is for the original software")
+        if absent:
+            self.context.notes.append(f"not started: teleop {name} ({', '.join(absent)} not started)")
+        return not absent

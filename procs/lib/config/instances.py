@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Final, TypeVar
 
 from procs.lib import document
+from procs.lib.config.consoles import Operation
 from procs.lib.config.context import Context
 from procs.lib.config.source import Source
 from procs.lib.config.trocar_section import TrocarSection
 
 BOARDS = "boards"
+STARTED: Final = frozenset[str]()  # of teleop, console, system: those whose processes exist
+SYSTEM_PERIOD_S: Final = 0.01
 RESERVED = frozenset({BOARDS, "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
 
 
@@ -19,10 +23,11 @@ def build_processes(
     ios: tuple[document.Io, ...],
     arms: tuple[document.Arm, ...],
     carts: tuple[document.Cart, ...],
+    operation: Operation,
     emulation: document.Emulation | None,
     options: TrocarSection,
 ) -> tuple[document.Process, ...]:
-    """Boards first, every io that has any after them, arms and carts after their io; single options last."""
+    """Boards first, every io that has any after them, arms and carts after their io, then who operates them."""
     rows: list[document.Process] = []
     if emulation is not None:
         boards = options.emulation
@@ -41,12 +46,47 @@ def build_processes(
         after = (cart.io,) if cart.io else ()
         rows.append(document.Process(cart.name, "suj", cart.period_s, after, priority=options.arm.priority,
                                      cpu=options.arm.cpu))
+    rows += _operators(context, rows, operation, options)
     known = [row.name for row in rows]
     for name in options.processes:
         if name not in known:
             allowed = f"one of {', '.join(known)}"
             context.error(source, ("trocar", "processes", name), "no process of this name is started", allowed)
     return tuple(_with_options(row, options) for row in rows)
+
+
+def _operators(
+    context: Context, rows: list[document.Process], operation: Operation, options: TrocarSection
+) -> list[document.Process]:
+    """Tele-operations after their arms, consoles after those, the system after everything."""
+    wanted: list[document.Process] = []
+    for ecm in operation.teleop_ecms:
+        wanted.append(document.Process(ecm.name, "teleop", ecm.period_s, (ecm.mtml, ecm.mtmr, ecm.ecm),
+                                       priority=options.arm.priority, cpu=options.arm.cpu))
+    for psm in operation.teleop_psms:
+        wanted.append(document.Process(psm.name, "teleop", psm.period_s, (psm.mtm, psm.psm),
+                                       priority=options.arm.priority, cpu=options.arm.cpu))
+    for console in operation.consoles:
+        after = tuple(dict.fromkeys((*console.teleops, *(one.io for one in console.operator_present))))
+        wanted.append(document.Process(console.name, "console", console.period_s, after))
+    if operation.consoles:
+        after = tuple(row.name for row in (*rows, *wanted) if row.kind in ("arm", "suj", "console"))
+        wanted.append(document.Process("system", "system", SYSTEM_PERIOD_S, after))
+    for row in wanted:
+        if row.kind not in STARTED:
+            context.notes.append(f"not started yet: {row.name if row.kind == row.name else f'{row.kind} {row.name}'}")
+    started = [row for row in wanted if row.kind in STARTED]
+    names = {row.name for row in (*rows, *started)}
+    return [dataclasses.replace(row, after=tuple(name for name in row.after if name in names)) for row in started]
+
+
+Row = TypeVar("Row", document.Console, document.TeleopPsm, document.TeleopEcm)
+
+
+def with_period(row: Row, options: TrocarSection) -> Row:
+    """The row with the period that `trocar.processes` gives it, if any."""
+    own = options.processes.get(row.name)
+    return dataclasses.replace(row, period_s=own.period_s) if own is not None and own.period_s else row
 
 
 def _with_options(row: document.Process, options: TrocarSection) -> document.Process:

@@ -15,10 +15,10 @@ from procs.lib.config import convert
 from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
 from procs.lib.config.carts import load_carts, with_base_frames, with_brakes
-from procs.lib.config.consoles import check_consoles
+from procs.lib.config.consoles import Operation, load_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
-from procs.lib.config.instances import RESERVED, build_processes
+from procs.lib.config.instances import RESERVED, build_processes, with_period
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
@@ -113,9 +113,12 @@ def _load(
             arms.append(_with_period(arm, options))
     carts = load_carts(context, source, content, buses, options, emulated)
     check_buses(context, buses)
-    check_consoles(context, source, content)
+    running = [loaded.arm.name for loaded in arms if loaded.starts]
+    operation = load_consoles(context, source, content, buses, running)
     _note_what_waits(context, content)
-    system = _assemble(context, source, list(buses.values()), arms, carts, options, emulated, name, bus_address)
+    system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
+                       bus_address)
+    system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
     return with_setup_joints(context, source, content, system)
 
 
@@ -194,7 +197,8 @@ def _note_what_waits(context: Context, content: SystemFile) -> None:
     if content.ISI_focus_controller is not None:
         context.notes.append("not started yet: ISI_focus_controller")
     if content.component_manager is not None:
-        context.notes.append("component_manager is for the original software and ignored")
+        context.notes.append("component_manager is not loaded: what it names are components of the original software; "
+                             "here another process takes such a place")
 
 
 def _assemble(
@@ -203,6 +207,7 @@ def _assemble(
     buses: list[BusFiles],
     arms: list[LoadedArm],
     carts: tuple[document.Cart, ...],
+    operation: Operation,
     options: TrocarSection,
     emulated: bool,
     name: str | None,
@@ -234,7 +239,7 @@ def _assemble(
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    processes = build_processes(context, source, ios, arm_rows, carts, emulation, options)
+    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options)
     return document.System(
         name=system_name,
         source=str(source.path),
@@ -244,6 +249,9 @@ def _assemble(
         emulation=emulation,
         processes=processes,
         carts=carts,
+        consoles=tuple(with_period(row, options) for row in operation.consoles),
+        teleop_psms=tuple(with_period(row, options) for row in operation.teleop_psms),
+        teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

@@ -155,6 +155,13 @@ class TeleopPsmKeys(Section):
     interface: str = ""
 
 
+class TeleopEcmParameters(Section):
+    """How an ECM tele-operation behaves."""
+
+    scale: float = Field(default=0.2, gt=0.0, description="of the insertion")
+    camera_roll_offset: float = Field(default=0.0, description="rad")
+
+
 class TeleopEcmKeys(Section):
     """Two masters on the endoscope arm."""
 
@@ -162,7 +169,7 @@ class TeleopEcmKeys(Section):
     MTML: str
     MTMR: str
     ECM: str
-    configure_parameter: dict[str, object] | None = None
+    configure_parameter: TeleopEcmParameters | None = None
     period: float = Field(default=TELEOP_PERIOD_S, ge=0.0001, le=0.1, description="s")
     component: str = ""
     interface: str = ""

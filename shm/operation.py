@@ -1,0 +1,96 @@
+"""Rows of the topic table for those who operate: tele-operations, consoles and the system.
+
+Sizes in brackets: `teleops` those of a console, `arms` those of the system; the names stand in the header's info and in
+the record.
+"""
+
+from __future__ import annotations
+
+from shm.rows import Field, Topic, View
+
+TELEOP_STATE = Topic(
+    "state",
+    writer="teleop",
+    rate_hz=1000,
+    depth_s=3.0,
+    fields=(
+        Field("valid", "?", "", "the states of all its arms are fresh and their poses valid"),
+        Field("kind", "S4", "", "PSM or ECM"),
+        Field("masters", "(2,)S40", "", "MTM; of an ECM tele-operation MTML and MTMR"),
+        Field("slave", "S40", "", "PSM or ECM"),
+        Field("console", "S40", "", "console it belongs to"),
+        Field("state", "S24", "", "DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED"),
+        Field("desired_state", "S24", "", "state asked for"),
+        Field("following", "?", "", "the slave follows"),
+        Field("is_busy", "?", "", "on the way to the desired state"),
+        Field("reason", "S160", "", "what it waits for or why it does not follow, in words; empty: nothing"),
+        Field("clutched", "?", "", "the clutch is pressed"),
+        Field("operator_active", "?", "", "the operator has shown presence by gripper or roll"),
+        Field("scale", "<f8", "", "slave's motion for one of the master's"),
+        Field("rotation_locked", "?", "", "the slave's orientation stays"),
+        Field("translation_locked", "?", "", "the slave's position stays"),
+        Field("align_mtm", "?", "", "the master is turned as the slave is before following"),
+        Field("mtm_is_haptic", "?", "", "the master takes commands"),
+        Field("angle_error", "<f8", "rad", "between the orientations of master and slave; 0 of an ECM"),
+        Field("gripper_range", "<f8", "rad", "how far the gripper was moved since alignment"),
+        Field("roll_range", "<f8", "rad", "how far the master was rolled since alignment"),
+        Field("gripper_ghost", "<f8", "rad", "gripper angle that the jaw is driven with"),
+        Field("alignment_offset", "(4,)<f8", "", "rotation from master to slave in the master's axes: x y z w"),
+        Field("mtm_measured_cp", "(7,)<f8", "m, -", "pose of the master as used: x y z, quaternion x y z w"),
+        Field("mtm_measured_cv", "(6,)<f8", "m/s, rad/s", "its twist, linear then angular"),
+        Field("psm_setpoint_cp", "(7,)<f8", "m, -", "set-point of the slave as used"),
+        Field("goal_cp", "(7,)<f8", "m, -", "last pose sent to the slave; NaN of an ECM"),
+        Field("goal_jp", "(4,)<f8", "rad|m", "last joint positions sent to an ECM; NaN of a PSM"),
+        Field("jaw_goal", "<f8", "rad", "last jaw angle sent"),
+        Field("master_stamp_ns", "(2,)<i8", "ns", "stamps of the masters' records used"),
+        Field("slave_stamp_ns", "<i8", "ns", "stamp of the slave's record used"),
+        Field("sent_ns", "<i8", "ns", "when the last goal was sent to the slave, 0: never"),
+    ),
+    views=(
+        View("MTM/measured_cp", "cp", (("pose", "mtm_measured_cp"),)),
+        View("MTM/measured_cv", "cv", (("twist", "mtm_measured_cv"),)),
+        View("PSM/setpoint_cp", "cp", (("pose", "psm_setpoint_cp"),)),
+    ),
+)
+
+CONSOLE_STATE = Topic(
+    "state",
+    writer="console",
+    rate_hz=100,
+    depth_s=10.0,
+    fields=(
+        Field("valid", "?", "", "every wired input is fresh; false: the operator counts as absent"),
+        Field("input_type", "S32", "", "as in the system file"),
+        Field("operator_present", "?", "", "the operator is there"),
+        Field("clutch", "?", "", "the clutch is pressed"),
+        Field("camera", "?", "", "the camera pedal is pressed"),
+        Field("teleop_enabled", "?", "", "tele-operation is wanted"),
+        Field("scale", "<f8", "", "last scale asked of all its tele-operations"),
+        Field("teleop", "(teleops,)S40", "", "names, those of the ECM first"),
+        Field("kind", "(teleops,)S4", "", "ECM or PSM"),
+        Field("selected", "(teleops,)?", "", "selected: those that share an arm with another one take turns"),
+        Field("asked", "(teleops,)S12", "", "what was last asked of it: enable, align_MTM or disable"),
+        Field("present_inputs", "u1", "", "inputs that see the operator; a head sensor has several"),
+    ),
+)
+
+SYSTEM_STATE = Topic(
+    "state",
+    writer="system",
+    rate_hz=100,
+    depth_s=10.0,
+    fields=(
+        Field("arm", "(arms,)S40", "", "names"),
+        Field("arm_fresh", "(arms,)?", "", "the arm's process publishes"),
+        Field("arm_state", "(arms,)S16", "", "operating states"),
+        Field("arm_homed", "(arms,)?", "", "homed, and powered"),
+        Field("arm_busy", "(arms,)?", "", "a move or a transition is under way"),
+        Field("task", "S16", "", "power_on or home while it is under way, else empty"),
+        Field("waiting", "S160", "", "what that waits for"),
+        Field("volume", "<f8", "", "of beeps and speech, 0 to 1"),
+        Field("sound", "S32", "", "programs that make sounds; none: it is silent"),
+        Field("beeps", "<u4", "", "beeps since start, heard or not"),
+        Field("errors", "<u4", "", "errors of all processes since start"),
+        Field("warnings", "<u4", "", "warnings of all processes since start"),
+    ),
+)

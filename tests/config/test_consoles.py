@@ -1,0 +1,112 @@
+"""Consoles and tele-operations of a system file, as rows of the document."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from procs.lib import document
+from procs.lib.config import load_system
+from procs.lib.document import System, WiredInput
+from tests import stock
+from tests.config.conftest import SYSTEM, Home
+
+FULL = "dvrk-share/system/system-full-system-simulated.json"
+ARMS = [{"name": name, "type": name[:3], "simulation": "KINEMATIC", "serial": "0",
+         "arm_file": f"arms/{name[:3]}{'R' if name[:3] == 'MTM' else '1' if name[:3] == 'PSM' else ''}-demo.yaml"}
+        for name in ("MTMR", "MTML", "PSM1", "ECM")]
+
+
+def full() -> System:
+    system = load_system(stock.find(FULL), search=[stock.find("dvrk-share")]).system
+    assert system is not None
+    return system
+
+
+def console(**keys: object) -> dict[str, object]:
+    return {"name": "c", "input_type": "SIMULATED", **keys}
+
+
+def psm(**keys: object) -> dict[str, object]:
+    return {"teleop_PSMs": [{"MTM": "MTMR", "PSM": "PSM1", "configure_parameter": keys}]}
+
+
+def test_full_system_has_one_console_and_four_teleops() -> None:
+    system = full()
+    (console,) = system.consoles
+    assert console.teleops == ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"), "the endoscope's first"
+    teleop = system.teleop("MTMR_PSM1")
+    assert isinstance(teleop, document.TeleopPsm) and teleop.start_gripper_threshold == 0.0
+    assert teleop.scale == 0.2 and teleop.jaw_rate == pytest.approx(4 * math.pi)
+    assert document.from_json(document.to_json(system)) == system
+
+
+def test_defaults_are_those_of_the_original() -> None:
+    bare = document.TeleopPsm("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console")
+    made = full().teleop_psms[0]
+    for name in bare.__slots__:
+        wanted, found = getattr(bare, name), getattr(made, name)
+        if name != "start_gripper_threshold":
+            assert found == (pytest.approx(wanted) if isinstance(wanted, float) else wanted), name
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        ({"scale": 0.0}, "scale"),
+        ({"jaw_rate": -1.0}, "jaw_rate"),
+        ({"start_roll_threshold": -0.1}, "start_roll_threshold"),
+        ({"MTM_is_haptic": False}, "align_MTM"),
+        ({"gripper_scaling": {"zero": 0.5, "max": 0.5}}, "gripper_scaling.max"),
+    ],
+)
+def test_wrong_parameter_stops_the_start(home: Home, keys: dict[str, object], key: str) -> None:
+    loaded = home.load_made({"arms": ARMS, "consoles": [console(**psm(**keys))]})
+    assert [error.key for error in loaded.errors] == [f"consoles[0].teleop_PSMs[0].configure_parameter.{key}"]
+    assert loaded.errors[0].line > 0 and loaded.errors[0].file.endswith("made.json")
+
+
+def test_teleop_is_listed_in_one_console_only(home: Home) -> None:
+    loaded = home.load_made({"arms": ARMS, "consoles": [console(**psm()), console(name="d", input_type="SIMULATED") |
+                                                        psm()]})
+    (error,) = loaded.errors
+    assert error.key == "consoles[1].teleop_PSMs[0]" and "first in console c" in error.text
+
+
+def test_generic_and_components_are_told_in_plain_words(home: Home) -> None:
+    teleops = {"teleop_PSMs": [{"type": "TELEOP_PSM_GENERIC", "MTM": "MTMR", "PSM": "PSM1", "component": "mine"}]}
+    given = {"component": "a", "interface": "b"}
+    row = console(clutch=given, camera=given, operator_present=given, **teleops) | {"input_type": "COMPONENTS"}
+    loaded = home.load_made({"arms": ARMS, "consoles": [row], "component_manager": {"components": []}})
+    assert loaded.system is not None, loaded.errors
+    notes = " / ".join(loaded.system.notes)
+    assert "not started: teleop MTMR_PSM1 (TELEOP_PSM_GENERIC)" in notes
+    assert "c: its inputs are components of the original software" in notes
+
+
+def test_goovis_comes_from_its_file() -> None:
+    path = stock.find("dvrk-site/jhu-dVRK/system-MTML-MTMR.json")
+    loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
+    assert loaded.system is not None, loaded.errors
+    (row,) = loaded.system.consoles
+    assert row.hid_file and row.operator_present == () and row.camera == WiredInput("IO1", "camera")
+
+
+def test_isi_head_sensor_is_wired(home: Home) -> None:
+    device = {"IO": "IO1", "IO_file": str(stock.find("dvrk-share/io/sawRobotIO1394-MTMR-dv-head-sensor.json"))}
+    pedals = {"IO": "IO1", "IO_file": str(stock.find("dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"))}
+    row = console(IO_pedals=pedals, IO_head_sensor=device) | {"input_type": "PEDALS_ISI_HEAD_SENSOR"}
+    loaded = home.load_made({"IOs": [{"name": "IO1", "port": "udp"}], "consoles": [row]}, boards="emulated")
+    assert loaded.system is not None, loaded.errors
+    (made,) = loaded.system.consoles
+    assert [beam.name for beam in made.operator_present] == [f"dv_head_sensor_{beam}" for beam in range(1, 5)]
+    assert made.present_count == 3 and made.turn_off == WiredInput("IO1", "head_sensor_turn_off")
+
+
+def test_pedals_that_no_file_has_are_warnings(home: Home) -> None:
+    row = "{name: c, input_type: PEDALS_ONLY, IO_pedals: {IO: IO1, IO_file: io/PSM1-demo.yaml}}"
+    home.edit(SYSTEM, "\ntrocar:", f"\nconsoles: [{row}]\ntrocar:")
+    warnings = [found for found in home.load().warnings if found.key == "consoles[0].IO_pedals.IO_file"]
+    for found, name in zip(warnings, ("clutch", "camera", "coag"), strict=True):
+        assert f"has no digital input {name}: nobody can press it" in found.text
