@@ -199,7 +199,7 @@ class Arm:
         self._stages[machine.state].run()
         if motion.step(now_ns):
             control.move_ended(True)
-        control.efforts.step(motion)
+        control.efforts.step(motion, now_ns)
         if motion.mode is Mode.EFFORT:
             self.shape_efforts()
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())

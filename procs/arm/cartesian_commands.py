@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Space
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 POSE: Final = 7
 TWIST: Final = 6
 QUATERNION_SLACK: Final = 0.1
+LONGEST_S: Final = 3600.0
 ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
@@ -41,8 +43,8 @@ class CartesianCommands:
             "servo_cs": Row(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
             "move_cp": Row(self._move_cp, tip, (POSE,), moves=True),
             "move_cr": Row(self._move_cr, tip, (POSE,), moves=True),
-            "servo_cf": Row(self._body_servo_cf, tip, (TWIST,), streams=True),
-            "body/servo_cf": Row(self._body_servo_cf, tip, (TWIST,), streams=True),
+            "servo_cf": Row(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
+            "body/servo_cf": Row(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
             "spatial/servo_cf": Row(self._spatial_servo_cf, tip, (TWIST,), streams=True),
             "servo_ci": Row(self._servo_ci, tip, (IMPEDANCE,), streams=True),
             "body/set_cf_orientation_absolute": Row(self._set_absolute, sizes=(1,)),
@@ -169,17 +171,23 @@ class CartesianCommands:
 
     # wrenches
 
-    def _push_body(self, name: str, wrench: Array, *, absolute: bool) -> None:
+    def _push_body(self, name: str, wrench: Array, *, absolute: bool, end_ns: int = FOR_EVER) -> None:
         """`absolute`: the wrench is in axes of the reference frame."""
         control = self._control
         if absolute and not control.cartesian.base_known:
             raise Refused(f"{name}: the arm's base frame is not known")
-        control.efforts.body(wrench, absolute=absolute)
+        control.efforts.body(wrench, absolute=absolute, end_ns=end_ns)
         control.push(Space.CARTESIAN, control.motion.effort.copy())
 
     def _body_servo_cf(self, request: Request) -> str:
+        """A seventh value is how long it lasts, in s: whoever pushes in a stream leaves no force behind."""
         self.enter(request.name)
-        self._push_body(request.name, request.values, absolute=self._control.cartesian.absolute)
+        control, values, end_ns = self._control, request.values, FOR_EVER
+        if len(values) > TWIST:
+            if not 0.0 < values[TWIST] <= LONGEST_S:
+                raise Refused(f"{request.name}: it may last up to {LONGEST_S:g} s, not {values[TWIST]:g}")
+            end_ns = control.now_ns + round(values[TWIST] * 1e9)
+        self._push_body(request.name, values[:TWIST], absolute=control.cartesian.absolute, end_ns=end_ns)
         return ""
 
     def _spatial_servo_cf(self, request: Request) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from procs.arm.impedance import Impedance
 from procs.arm.motion import Mode, Motion
 
 Array = NDArray[np.float64]
+
+FOR_EVER: Final = 1 << 62  # ns
 
 
 class Law(Enum):
@@ -33,15 +36,17 @@ class Efforts:
         self._absolute = False
         self.wrench = np.zeros(6)
         self._turned = np.zeros(6)
+        self._end_ns = FOR_EVER
         self._impedance: Impedance | None = None
 
     def joint(self) -> None:
         """Efforts stay as they were given."""
         self.law = Law.JOINT
 
-    def body(self, wrench: Array, *, absolute: bool) -> None:
-        """A force and torque (6,) at the tip, until changed; `absolute`: in axes of the reference frame."""
+    def body(self, wrench: Array, *, absolute: bool, end_ns: int = FOR_EVER) -> None:
+        """A force and torque (6,) at the tip, until changed or `end_ns`; `absolute`: in axes of the reference frame."""
         self.law, self._absolute, self.wrench[...] = Law.BODY, absolute, wrench
+        self._end_ns = end_ns
 
     def spatial(self, wrench: Array) -> None:
         """A force and torque (6,) at the origin of the arm's base, in its axes, until changed."""
@@ -51,9 +56,12 @@ class Efforts:
         """Push as a spring and damper do, until changed."""
         self.law, self._absolute, self._impedance = Law.IMPEDANCE, True, impedance
 
-    def step(self, motion: Motion) -> None:
+    def step(self, motion: Motion, now_ns: int) -> None:
         """The efforts of this cycle, from the measured tip."""
         cartesian = self._cartesian
+        if self.law is Law.BODY and now_ns >= self._end_ns:
+            self.wrench[...] = 0.0
+            self._end_ns = FOR_EVER
         if motion.mode is not Mode.EFFORT or self.law is Law.JOINT:
             return
         n = cartesian.jacobian.shape[1]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.commands import Ready, Row, Table
-from procs.arm.control import Control, Refused
+from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode, Space
 from procs.lib.inverse.master import Master
 from procs.lib.poses import matrix_from_pose, unit_quaternion
@@ -64,7 +64,7 @@ class OrientationLock:
             self._bring_within(found)
         if found is None or self._beyond(found):
             reason = f"{request.name}: unable to solve inverse kinematics ({self._why(found)})"
-            control.warn("orientation-lock", reason)
+            control.warn("orientation-lock", reason, SAID_NS)
             raise Refused(reason)
         self._rotation[...] = rotation
         self._seed[...] = found

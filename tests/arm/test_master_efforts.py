@@ -167,3 +167,24 @@ def test_homed_arms_bear_their_weight_from_the_search_on() -> None:
     before = borne(rig)
     rig.run(0.5)
     assert borne(rig) == pytest.approx(before, abs=1e-3) and np.abs(before).max() > 0.1
+
+
+def test_a_wrench_may_end_by_itself(rig: MasterRig) -> None:
+    rig.send("body/servo_cf", (0, 0, 1, 0, 0, 0, 0.03))
+    rig.run(0.02)
+    assert joint_effort(rig) == pytest.approx(body().T @ (0, 0, 1, 0, 0, 0), abs=1e-9)
+    rig.send("body/servo_cf", (0, 0, 1, 0, 0, 0, 0.03))
+    rig.run(0.02)
+    assert np.abs(joint_effort(rig)).max() > 0.01
+    rig.run(0.02)
+    assert not joint_effort(rig).any()
+    assert rig.state["control_mode"] == 3
+    rig.send("body/servo_cf", (0, 0, 1, 0, 0, 0))
+    rig.run(0.1)
+    assert joint_effort(rig).any()
+
+
+@pytest.mark.parametrize("lasting", [0.0, -1.0, 4000.0])
+def test_a_wrench_lasts_a_time_that_makes_sense(rig: MasterRig, lasting: float) -> None:
+    answer = rig.send("body/servo_cf", (0, 0, 1, 0, 0, 0, lasting))
+    assert answer.outcomes == ["refused"] and "it may last up to" in answer.replies[0][1]
