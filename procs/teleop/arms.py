@@ -1,0 +1,236 @@
+"""An arm as a tele-operation sees it, by its record and its events, and asks it, by its mailbox."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.poses import matrix_from_pose
+
+Array = NDArray[np.float64]
+Fields = Callable[[str], NDArray[Any]]
+
+SILENT_NS: Final = 30_000_000  # an arm writes 1500 records a second; none for this long means that it is gone
+SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
+ERROR: Final = 3  # severity of events
+EFFORT: Final = 3  # control mode
+
+
+class Ring(Protocol):
+    """The reading end of a ring; see shm/ring.py."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record at hand."""
+
+    @property
+    def epoch(self) -> int:
+        """Another number, another writer."""
+
+    def field(self, name: str) -> NDArray[Any]:
+        """A view on a field."""
+
+    def newest(self) -> bool:
+        """Copy the newest record; False: it could not be had."""
+
+    def next(self) -> bool:
+        """Copy the next record in order; False: there is none."""
+
+
+class Answer(Protocol):
+    """What became of a command."""
+
+    @property
+    def id(self) -> int:
+        """Its number."""
+
+    @property
+    def outcome(self) -> str:
+        """accepted, refused, done or failed."""
+
+    @property
+    def text(self) -> str:
+        """Why."""
+
+
+class Sender(Protocol):
+    """The sending end of an arm's mailbox."""
+
+    def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
+        """Queue a command; its number, 0: there was no room."""
+
+    def poll(self) -> Iterable[Answer]:
+        """What became of earlier ones."""
+
+
+class Arm:
+    """One arm. `look` once a cycle; what it says holds until the next one.
+
+    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle.
+    """
+
+    def __init__(self, name: str, ring: Ring, events: Ring, sender: Sender) -> None:
+        self.name, self._ring, self._events, self._sender = name, ring, events, sender
+        field = ring.field
+        self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
+        self._sub_state, self._mode, self._known = field("sub_state"), field("control_mode"), field("reference_valid")
+        self.pose, self.setpoint_pose = field("measured_cp"), field("setpoint_cp")
+        """Poses (7,) of the tip in the reference frame."""
+        self.twist = field("measured_cv")
+        """Of the tip in the reference frame (6,)."""
+        self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
+        self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
+        self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
+        self._severity, self._text = events.field("severity"), events.field("text")
+        self.measured, self.setpoint = np.eye(4), np.eye(4)
+        """The same as matrices (4, 4), of the last record in which they were known."""
+        self.stamp_ns = self._epoch = self._move = self._now_ns = 0
+        self.whole = self.restarted = self.is_moving = self.has_arrived = False
+        self._refusal, self._refused_ns = "", -SHOWN_NS
+        self._enabled = self._is_homed = self._told = self._is_busy = False
+
+    # what is seen
+
+    def look(self, now_ns: int) -> None:
+        """Its newest record and what became of commands."""
+        self._now_ns = now_ns
+        epoch = self._ring.epoch
+        self.restarted, self._epoch = self._epoch not in (0, epoch), epoch
+        if self.restarted:
+            self.is_moving = self.has_arrived = False
+        self.whole = self._ring.newest()
+        if self.whole:
+            self.stamp_ns = self._ring.stamp_ns
+            self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
+            self._is_busy = bool(self._busy)
+            self._told = bool(self._known) and math.isfinite(self.pose.dot(self.pose) + self.setpoint_pose.sum())
+            if self._told:
+                matrix_from_pose(self.pose, self.measured)
+                matrix_from_pose(self.setpoint_pose, self.setpoint)
+        for answer in self._sender.poll():
+            self._hear(answer)
+
+    @property
+    def is_silent(self) -> bool:
+        """Nothing came for too long."""
+        return not self._now_ns - self.stamp_ns <= SILENT_NS
+
+    @property
+    def is_enabled(self) -> bool:
+        """ENABLED as published."""
+        return self._enabled
+
+    @property
+    def is_ready(self) -> bool:
+        """ENABLED and homed, as published."""
+        return self._enabled and self._is_homed
+
+    @property
+    def is_busy(self) -> bool:
+        """A transition or a move is under way."""
+        return self._is_busy or self.is_moving
+
+    @property
+    def has_pose(self) -> bool:
+        """Its poses are known."""
+        return self._told
+
+    @property
+    def is_free(self) -> bool:
+        """It is in effort mode."""
+        return bool(self._mode.item() == EFFORT)
+
+    @property
+    def told(self) -> str:
+        """Its state in words."""
+        return bytes(self._sub_state.item()).decode(errors="replace") or "not there"
+
+    @property
+    def tool(self) -> str:
+        """The instrument that is on."""
+        return bytes(self._tool.item()).decode(errors="replace")
+
+    @property
+    def has_jaw(self) -> bool:
+        """An instrument with a jaw is on."""
+        return bool(self._has_jaw)
+
+    @property
+    def jaw(self) -> float:
+        """Set-point of the jaw."""
+        return float(self._jaw)
+
+    @property
+    def gripper(self) -> float:
+        """Angle of a master's gripper, NaN: it has none."""
+        return float(self._gripper) if self._gripper_valid else float("nan")
+
+    @property
+    def refusal(self) -> str:
+        """Why it did not do something it was asked for just now, "": it does all."""
+        return self._refusal if self._now_ns - self._refused_ns < SHOWN_NS else ""
+
+    def errors(self) -> list[str]:
+        """Errors it told since last asked."""
+        found = []
+        while self._events.next():
+            if self._severity.item() == ERROR:
+                found.append(bytes(self._text.item()).decode(errors="replace"))
+        return found
+
+    # what is asked
+
+    def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
+        """Ask it for something; its number, 0: its mailbox is full."""
+        return self._sender.send(name, values, text)
+
+    def move(self, pose: Array) -> None:
+        """Move its tip to a pose (7,); `is_moving` until it said how that ended, then `has_arrived` or not."""
+        self._move = self.send("move_cp", pose)
+        self.is_moving, self.has_arrived = bool(self._move), False
+
+    def hold(self) -> None:
+        """Stay at the set-point, if it is ready for commands."""
+        if self.is_ready and not self.is_silent:
+            self.send("hold")
+
+    def let_go(self) -> None:
+        """No forces but those against its weight, if it is ready for commands."""
+        if self.is_ready and not self.is_silent:
+            self.send("body/servo_cf", (0.0,) * 6)
+            self.send("use_gravity_compensation", (1.0,))
+
+    def _hear(self, answer: Answer) -> None:
+        if answer.outcome in ("refused", "failed"):
+            self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
+        if answer.id == self._move:
+            self.is_moving = answer.outcome == "accepted"
+            self.has_arrived = answer.outcome == "done"
+
+
+class BaseFrame:
+    """Where the slave's base stands, when something else carries it: the measured tip of another arm."""
+
+    def __init__(self, name: str, ring: Ring) -> None:
+        self.name, self._ring = name, ring
+        self._measured, self._known = ring.field("measured_cp"), ring.field("reference_valid")
+        self._pose = np.eye(4)
+        self._stamp_ns = self._now_ns = 0
+        self._told = False
+
+    def look(self, now_ns: int) -> None:
+        """Once a cycle."""
+        self._now_ns = now_ns
+        if self._ring.newest():
+            self._stamp_ns, self._told = self._ring.stamp_ns, bool(self._known)
+            if self._told:
+                matrix_from_pose(self._measured, self._pose)
+
+    @property
+    def pose(self) -> Array | None:
+        """(4, 4); None: not known."""
+        return self._pose if self._told and self._now_ns - self._stamp_ns <= SILENT_NS else None

@@ -1,0 +1,165 @@
+"""Two masters that carry the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.camera import Camera, outside
+from procs.lib.consoles import TeleopEcm as Settings
+from procs.lib.poses import pose_from_matrix
+from procs.lib.requests import Request
+from procs.lib.teleoperation import angle_between
+from procs.teleop.arms import Arm
+from procs.teleop.presence import Operator
+from procs.teleop.record import TeleopRecord
+from procs.teleop.teleop import Events, Row, State, Teleop, positive
+
+Array = NDArray[np.float64]
+
+JOINTS: Final = 4
+WRENCH_LASTS_S: Final = 0.03  # forces on the masters end by themselves when we do
+LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
+NEW_TURN: Final = 1e-3  # rad: masters are turned further when the view has turned by as much
+
+
+class TeleopEcm(Teleop):
+    """States and motion of two masters and an ECM; see Teleop. The head sensor is not asked, only whether the console
+    lives.
+    """
+
+    def __init__(self, settings: Settings, left: Arm, right: Arm, slave: Arm, operator: Operator,
+                 record: TeleopRecord, events: Events) -> None:
+        self.masters, self.slave = (left, right), slave
+        self.camera = Camera(settings.scale, settings.camera_roll_offset)
+        self._first_turns = np.zeros((2, 3, 3))
+        self._turned = np.eye(3)
+        self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
+        self._wrench[6] = WRENCH_LASTS_S
+        self._let_go_ns = 0
+        field = record.field
+        self._goal_shown, self._sent, self._scale = field("goal_jp"), field("sent_ns"), field("scale")
+        self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
+        self._scale[...] = settings.scale
+        field("mtm_is_haptic")[...] = True
+        super().__init__(settings.name, (left, right, slave), operator, record, events)
+
+    def commands(self) -> Mapping[str, Row]:
+        """See Teleop."""
+        return {"set_scale": Row(self._set_scale, 1)}
+
+    def set_up(self) -> None:
+        """See Teleop."""
+        if not all(arm.has_pose for arm in self.arms):
+            self.reason = "waiting: the poses of all three arms in their reference frames are not known yet"
+            return
+        for master in self.masters:
+            reason = outside(master.name, master.measured[:3, 3])
+            if reason:
+                self.stop("master-outside", reason, master.name)
+                return
+        self.go(State.ENABLED)
+
+    def enter(self, state: State) -> None:
+        """See Teleop."""
+        if state is State.ENABLED:
+            self._begin_following()
+        elif state is State.DISABLED:
+            for master in self.masters:
+                self._calm(master)
+                master.hold()
+
+    def run(self) -> None:
+        """See Teleop."""
+        unknown = [arm.name for arm in self.arms if not arm.has_pose]
+        if unknown:
+            self.stop("pose-unknown", f"the pose of {unknown[0]} in its reference frame is not known", unknown[0])
+        elif not self.clutched:
+            self._run_following()
+
+    def lose(self) -> None:
+        """See Teleop."""
+        if self.operator.is_silent:
+            self.stop("operator-absent", self.operator.absence)
+
+    # ENABLED
+
+    def _begin_following(self) -> None:
+        left, right = self.masters
+        self.camera.begin(left.measured[:3, 3], right.measured[:3, 3], self.slave.joint_setpoint[:JOINTS])
+        self._free_masters()
+        if not self.clutched:
+            self.follow(True)
+
+    def _free_masters(self) -> None:
+        """Their places are free, their orientations stay."""
+        for turn, master in zip(self._first_turns, self.masters, strict=True):
+            turn[...] = master.measured[:3, :3]
+            if master.is_ready:
+                master.send("body/set_cf_orientation_absolute", (1.0,))
+                master.let_go()
+                master.send("lock_orientation")
+        self._turned[...] = np.eye(3)
+        self._let_go_ns = self.now_ns
+
+    def _calm(self, master: Arm) -> None:
+        """No more forces, in axes of the tip from now on, as others expect them."""
+        master.let_go()
+        if master.is_ready and not master.is_silent:
+            master.send("body/set_cf_orientation_absolute", (0.0,))
+
+    def _run_following(self) -> None:
+        left, right = self.masters
+        settled = self.now_ns - self._let_go_ns > LET_GO_NS
+        if settled and not (left.is_free and right.is_free):
+            self.go(State.SETTING)  # somebody else had one hold or move meanwhile: begin anew from here
+            return
+        goal = self.camera.step(left.measured[:3, 3], right.measured[:3, 3], left.twist[:3], right.twist[:3])
+        if self.slave.send("servo_jp", goal):
+            self._goal_shown[...], self._sent[...] = goal, self.now_ns
+        turned = angle_between(self._turned, self.camera.orientation(np.eye(3))) > NEW_TURN
+        for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
+                                        self._first_turns, strict=True):
+            self._wrench[:3] = force
+            master.send("body/servo_cf", self._wrench)
+            if turned:
+                self._turn[:3, :3] = self.camera.orientation(first)
+                master.send("lock_orientation", pose_from_matrix(self._turn, self._pose)[3:])
+        if turned:
+            self._turned[...] = self.camera.orientation(np.eye(3))
+        self.reason = self.slave.refusal or left.refusal or right.refusal
+
+    # the clutch
+
+    def press(self) -> None:
+        """See Teleop."""
+        self._free_masters()
+        self.slave.hold()
+
+    def release(self) -> None:
+        """See Teleop."""
+        for master in self.masters:
+            self._calm(master)
+            master.hold()
+
+    def _set_scale(self, request: Request) -> None:
+        self.camera.scale = positive(request)
+        self._scale[...] = self.camera.scale
+        left, right = self.masters
+        if self.following:  # from here on: nothing moves by the change itself
+            self.camera.begin(left.measured[:3, 3], right.measured[:3, 3], self.camera.goal.copy())
+            for turn, master in zip(self._first_turns, self.masters, strict=True):
+                turn[...] = master.measured[:3, :3]
+            self._turned[...] = np.eye(3)
+        self.events.emit("scale", value=self.camera.scale)
+
+    # the record
+
+    def show(self) -> None:
+        """See Teleop."""
+        for place, master in enumerate(self.masters):
+            self._stamps[0][place] = master.stamp_ns
+        self._stamps[1][...] = self.slave.stamp_ns

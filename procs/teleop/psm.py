@@ -1,0 +1,318 @@
+"""A master on a PSM."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.consoles import TeleopPsm as Settings
+from procs.lib.poses import pose_from_matrix
+from procs.lib.requests import Request
+from procs.lib.teleoperation import Follow, Jaw, Presence, Start, angle_between, roll_between, waiting_for
+from procs.teleop.arms import Arm, BaseFrame
+from procs.teleop.presence import Operator
+from procs.teleop.record import TeleopRecord
+from procs.teleop.teleop import Events, Refused, Row, State, Teleop, positive, switch
+
+Array = NDArray[np.float64]
+
+WRENCH_LASTS_S: Final = 0.03  # the master's wrench ends by itself when we do
+AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
+LET_GO_NS: Final = 50_000_000  # the master has gone to effort mode by then
+
+JawRange = Callable[[str], tuple[float, float] | None]
+"""Lower and upper limit of an instrument's jaw, None: not known."""
+
+
+class TeleopPsm(Teleop):
+    """States and motion of one master and one PSM; see Teleop."""
+
+    words: Mapping[str, State] = {**Teleop.words, "align_MTM": State.ALIGNING}
+
+    def __init__(self, settings: Settings, master: Arm, slave: Arm, operator: Operator, record: TeleopRecord,
+                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None) -> None:
+        self.settings, self.master, self.slave, self.base = settings, master, slave, base
+        self.mapping = Follow(settings.scale, rotation_locked=settings.rotation_locked,
+                              translation_locked=settings.translation_locked)
+        self.align = settings.align_mtm
+        self.presence = Presence(settings.start_gripper_threshold, settings.start_roll_threshold)
+        self.jaw = Jaw(settings.gripper_zero, settings.gripper_max, settings.jaw_rate, settings.jaw_rate_after_clutch)
+        self._jaw_range = jaw_range
+        self._was_active = False  # before the clutch
+        self._aligned_to = np.eye(4)
+        self._aligned_ns = self._let_go_ns = 0
+        self._wrench: Array | None = None
+        self._wrench_values = np.full(7, WRENCH_LASTS_S)
+        self._values, self._offset = np.zeros(13), np.eye(4)
+        field = record.field
+        self._goal_shown, self._jaw_shown, self._sent = field("goal_cp"), field("jaw_goal"), field("sent_ns")
+        self._error_shown, self._offset_shown = field("angle_error"), field("alignment_offset")
+        self._ghost, self._active = field("gripper_ghost"), field("operator_active")
+        self._ranges = field("gripper_range"), field("roll_range")
+        self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
+        self._poses = field("mtm_measured_cp"), field("psm_setpoint_cp")
+        self._twist = field("mtm_measured_cv")
+        super().__init__(settings.name, (master, slave), operator, record, events)
+        self._show_options()
+
+    def commands(self) -> Mapping[str, Row]:
+        """See Teleop."""
+        return {
+            "set_scale": Row(self._set_scale, 1), "lock_rotation": Row(self._lock_rotation, 1),
+            "lock_translation": Row(self._lock_translation, 1), "set_align_MTM": Row(self._set_align, 1),
+            "following/mtm/body/servo_cf": Row(self._take_wrench, 6),
+        }
+
+    # states
+
+    def look(self) -> None:
+        """See Teleop."""
+        if self.base is not None:
+            self.base.look(self.now_ns)
+
+    def set_up(self) -> None:
+        """See Teleop."""
+        self.go(State.ALIGNING)
+
+    def enter(self, state: State) -> None:
+        """See Teleop."""
+        if state is State.DISABLED:
+            if self.settings.mtm_is_haptic:
+                self.master.hold()
+        elif state is State.ALIGNING:
+            self._begin_alignment()
+        elif state is State.ENABLED:
+            self._begin_following()
+
+    def run(self) -> None:
+        """See Teleop."""
+        if not (self.master.has_pose and self.slave.has_pose):
+            self._miss(self.master if not self.master.has_pose else self.slave)
+        elif self.base is not None and self.base.pose is None:
+            self._miss(self.base)
+        elif self.state is State.ALIGNING:
+            self._run_alignment()
+        elif self.desired is not State.ENABLED:
+            self.go(self.desired)
+        elif not self.clutched:
+            self._run_following()
+
+    def _miss(self, who: Arm | BaseFrame) -> None:
+        reason = f"the pose of {who.name} in its reference frame is not known"
+        if self.state is State.ENABLED:
+            self.stop("pose-unknown", reason, who.name)
+        else:
+            self.wait(f"waiting: {reason}")
+
+    def lose(self) -> None:
+        """See Teleop."""
+        if self.state is State.ENABLED:
+            self.events.warning("operator-absent", f"{self.name}: {self.operator.absence}; following has stopped",
+                                self.name)
+            self.forget_presence()
+            self.go(State.ALIGNING)
+        self.forget_presence()
+
+    def forget_presence(self) -> None:
+        """See Teleop."""
+        self.presence.forget()
+        self._was_active = False
+
+    # ALIGNING_MTM
+
+    def _begin_alignment(self) -> None:
+        self.settle()
+        self.events.emit("scale", value=self.mapping.scale)
+        self.presence.is_active, self._was_active = self._was_active, False
+        self.presence.reset()
+        self.jaw.use(*(self._jaw_range(self.slave.tool) or (0.0, self.settings.gripper_max)))
+        if not self.settings.mtm_is_haptic:
+            return
+        if self.align and self.slave.has_pose:
+            self._send_alignment()
+        else:
+            self.master.hold()
+
+    def _send_alignment(self) -> None:
+        """The master stays where it is and turns as the slave is."""
+        pose = self.master.setpoint.copy()
+        pose[:3, :3] = self.slave.setpoint[:3, :3]
+        self._aligned_to[...], self._aligned_ns = self.slave.setpoint, self.now_ns
+        self.master.move(pose_from_matrix(pose))
+
+    def _run_alignment(self) -> None:
+        master, slave, settings = self.master, self.slave, self.settings
+        if not (settings.ignore_jaw or slave.has_jaw):
+            self.stop("no-jaw", f"{slave.name} has no jaw; mount an instrument or set ignore_jaw", slave.name)
+            return
+        if self.desired is State.DISABLED:
+            return
+        if self.align and settings.mtm_is_haptic and not self.clutched:
+            self._keep_aligned()
+        error = angle_between(master.measured, slave.setpoint)
+        self._error_shown[...] = error
+        if self.clutched:
+            self.reason = "waiting: the clutch is pressed"
+            return
+        if self.desired is State.ALIGNING:
+            self.reason = "waiting: asked to align only, not to follow"
+            return
+        if self.operator.absence:
+            self.wait(f"waiting: {self.operator.absence}")
+            return
+        self.presence.look(master.gripper, roll_between(master.measured, slave.setpoint))
+        start = Start(error if self.align else 0.0, settings.start_orientation_tolerance, self.presence.is_active,
+                      master.is_busy)
+        reason = waiting_for(master.name, start)
+        if not reason:
+            self.go(State.ENABLED)
+        else:
+            self.wait(f"{reason} ({master.refusal})" if master.refusal else reason)
+
+    def _keep_aligned(self) -> None:
+        """Align again when the slave has turned, or the master could not get there."""
+        master = self.master
+        turned = angle_between(self._aligned_to, self.slave.setpoint) > self.settings.start_orientation_tolerance
+        failed = not (master.is_moving or master.has_arrived) and self.now_ns - self._aligned_ns > AGAIN_NS
+        if turned or failed:
+            self._send_alignment()
+
+    # ENABLED
+
+    def _begin_following(self) -> None:
+        self.reason = ""
+        self.mapping.begin(self.master.measured, self.slave.setpoint, self._base_pose)
+        self.jaw.begin(self.slave.jaw)
+        self._free_master(self.mapping.rotation_locked)
+        self._wrench = None
+        self.follow(True)
+
+    @property
+    def _base_pose(self) -> Array | None:
+        return None if self.base is None else self.base.pose
+
+    def _free_master(self, locked: bool) -> None:
+        """Its place is free; its orientation, too, unless `locked`."""
+        if self.settings.mtm_is_haptic:
+            self.master.let_go()
+            if self.master.is_ready:
+                self.master.send("lock_orientation" if locked else "unlock_orientation")
+        self._let_go_ns = self.now_ns
+
+    def _run_following(self) -> None:
+        master, slave, settings, values = self.master, self.slave, self.settings, self._values
+        if not (settings.ignore_jaw or slave.has_jaw):
+            self.stop("no-jaw", f"{slave.name} has no jaw anymore", slave.name)
+            return
+        if settings.mtm_is_haptic and not master.is_free and self.now_ns - self._let_go_ns > LET_GO_NS:
+            self._free_master(self.mapping.rotation_locked)  # somebody else had it hold or move meanwhile
+        pose_from_matrix(self.mapping.step(master.measured, self._base_pose), values[:7])
+        linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
+        if linear or angular:
+            values[7:] = self.mapping.velocity(master.twist, linear=linear, angular=angular)
+        if slave.send("servo_cp", values if linear or angular else values[:7]):
+            self._goal_shown[...], self._sent[...] = values[:7], self.now_ns
+        if not settings.ignore_jaw:
+            jaw = self.jaw.step(master.gripper, self.passed_s)
+            self._jaw_shown[...], self._ghost[...] = jaw, self.jaw.ghost
+            slave.send("jaw/servo_jp", (jaw,))
+        if self._wrench is not None and settings.mtm_is_haptic:
+            self._wrench_values[:6] = self._wrench
+            master.send("body/servo_cf", self._wrench_values)
+        self._error_shown[...] = angle_between(master.measured, slave.setpoint)
+        self.reason = slave.refusal or master.refusal
+
+    def follow(self, on: bool) -> None:
+        """See Teleop."""
+        if on is not self.following and self._wrench is not None:
+            self._wrench = None
+            self.master.let_go()
+        super().follow(on)
+
+    # the clutch
+
+    def press(self) -> None:
+        """See Teleop."""
+        self._was_active = self.presence.is_active
+        self._free_master(self.align or self.mapping.rotation_locked)
+        self.slave.hold()
+
+    def release(self) -> None:
+        """See Teleop."""
+        if self.settings.mtm_is_haptic:
+            self.master.hold()
+
+    def set_clutch(self, pressed: bool) -> None:
+        """See Teleop; a click while not clutched starts anew as well, and takes no presence away."""
+        if not pressed and not self.clutched:
+            self._was_active = self.presence.is_active
+        if not (pressed and self.clutched):  # else the presence of before is the one to come back to
+            super().set_clutch(pressed)
+
+    # commands
+
+    def _rebase(self) -> None:
+        if self.following:
+            self.mapping.rebase(self.master.measured, self._base_pose)
+        self._show_options()
+
+    def _set_scale(self, request: Request) -> None:
+        self.mapping.scale = positive(request)
+        self._rebase()
+        self.events.emit("scale", value=self.mapping.scale)
+
+    def _lock_rotation(self, request: Request) -> None:
+        self.mapping.rotation_locked = locked = switch(request)
+        self._rebase()
+        self.events.emit("rotation_locked", value=float(locked))
+        if locked and self.following and self.settings.mtm_is_haptic:
+            self.master.send("lock_orientation")
+        elif not locked and self.state is not State.DISABLED:
+            self.go(State.DISABLED)  # the desired state stays: it aligns again
+
+    def _lock_translation(self, request: Request) -> None:
+        self.mapping.translation_locked = locked = switch(request)
+        self._rebase()
+        self.events.emit("translation_locked", value=float(locked))
+
+    def _set_align(self, request: Request) -> None:
+        on = switch(request)
+        if on and not self.settings.mtm_is_haptic:
+            raise Refused(f"set_align_MTM: {self.master.name} is not haptic, it cannot be turned")
+        self.align = on
+        self._show_options()
+        self.events.emit("align_MTM", value=float(on))
+        if self.state is State.ENABLED:
+            self.go(State.DISABLED)
+
+    def _take_wrench(self, request: Request) -> None:
+        if not self.following:
+            raise Refused("following/mtm/body/servo_cf: not following")
+        self._wrench = np.array(request.values)
+
+    # the record
+
+    def _show_options(self) -> None:
+        field, mapping = self.record.field, self.mapping
+        field("scale")[...] = mapping.scale
+        field("rotation_locked")[...], field("translation_locked")[...] = (
+            mapping.rotation_locked, mapping.translation_locked)
+        field("align_mtm")[...], field("mtm_is_haptic")[...] = self.align, self.settings.mtm_is_haptic
+
+    def show(self) -> None:
+        """See Teleop."""
+        master, slave, presence = self.master, self.slave, self.presence
+        self._active[...] = presence.is_active
+        self._ranges[0][...], self._ranges[1][...] = presence.gripper_range, presence.roll_range
+        self._stamps[0][0], self._stamps[1][...] = master.stamp_ns, slave.stamp_ns
+        if master.whole and slave.whole:
+            self._poses[0][...], self._poses[1][...] = master.pose, slave.setpoint_pose
+            self._twist[...] = master.twist
+        self._offset[:3, :3] = self.mapping.offset
+        self._offset_shown[...] = pose_from_matrix(self._offset)[3:]
+        if math.isnan(self._error_shown.item()):
+            self._error_shown[...] = 0.0

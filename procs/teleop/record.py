@@ -1,0 +1,40 @@
+"""A tele-operation's own record; arrays are resolved once, texts written when they change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Fields = Callable[[str], NDArray[Any]]
+
+
+class TeleopRecord:
+    """The `state` record of the topic table; a kind fills its own fields by `field`."""
+
+    def __init__(self, field: Fields, kind: str, masters: Sequence[str], slave: str, console: str) -> None:
+        self.field = field
+        field("kind")[...], field("slave")[...], field("console")[...] = kind.encode(), slave.encode(), console.encode()
+        field("masters")[...] = b""
+        field("masters")[: len(masters)] = [name.encode() for name in masters]
+        for name in ("goal_cp", "goal_jp", "jaw_goal", "gripper_ghost"):
+            field(name)[...] = np.nan
+        for name in ("sent_ns", "master_stamp_ns", "slave_stamp_ns", "gripper_range", "roll_range", "angle_error"):
+            field(name)[...] = 0
+        field("operator_active")[...] = False
+        self.valid = field("valid")
+        self._state, self._desired, self._reason = field("state"), field("desired_state"), field("reason")
+        self._following, self._clutched, self._busy = field("following"), field("clutched"), field("is_busy")
+        self._told: tuple[str, str, str] | None = None
+        self._room = self._reason.dtype.itemsize
+
+    def show(self, state: str, desired: str, reason: str, *, following: bool, clutched: bool) -> None:
+        """What both kinds have."""
+        self._following[...], self._clutched[...] = following, clutched
+        if self._told != (state, desired, reason):
+            self._told = (state, desired, reason)
+            self._state[...], self._desired[...] = state.encode(), desired.encode()
+            self._reason[...] = reason.encode()[: self._room].decode(errors="ignore").encode()
+            self._busy[...] = state != desired

@@ -1,0 +1,303 @@
+"""What tele-operations of PSMs and of ECMs have in common: states, the arms they need, commands, the record.
+
+Stepped once a cycle, then publish the record. No clock and no shared memory: time is the `now_ns` argument, records
+are arrays given to it. Nothing here waits: what arms are asked for is seen in their records and answers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.requests import Request
+from procs.teleop.arms import Arm
+from procs.teleop.presence import Operator
+from procs.teleop.record import TeleopRecord
+
+Fields = Callable[[str], NDArray[Any]]
+
+SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
+SAID_NS: Final = 2_000_000_000
+RELEASED, PRESSED, CLICKED = 0.0, 1.0, 2.0
+
+
+class State(StrEnum):
+    """States, as published."""
+
+    DISABLED = "DISABLED"
+    SETTING = "SETTING_ARMS_STATE"
+    ALIGNING = "ALIGNING_MTM"
+    ENABLED = "ENABLED"
+
+
+NEEDS_ARMS: Final = frozenset((State.ALIGNING, State.ENABLED))
+
+
+class Events(Protocol):
+    """Where it tells what happens."""
+
+    def status(self, text: str, component: str = "") -> None:
+        """Something a person may like to know."""
+
+    def warning(self, code: str, text: str, component: str = "") -> None:
+        """Something a person should know."""
+
+    def error(self, code: str, text: str, component: str = "") -> None:
+        """Something failed."""
+
+    def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
+        """An event of its own name."""
+
+
+class Refused(Exception):
+    """A command that will not be carried out; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One command: what carries it out, and how many values it has."""
+
+    do: Callable[[Request], None]
+    values: int = 0
+
+
+class Teleop:
+    """One tele-operation; a kind adds its commands, what it does in each state and what the clutch does."""
+
+    words: Mapping[str, State] = {"enable": State.ENABLED, "disable": State.DISABLED}
+
+    def __init__(self, name: str, arms: tuple[Arm, ...], operator: Operator, record: TeleopRecord,
+                 events: Events) -> None:
+        """DISABLED, whatever a predecessor was: following begins only when it is asked for again."""
+        self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
+        self.state = self.desired = State.DISABLED
+        self.following = self.clutched = False
+        self.reason = ""
+        self.now_ns = self.entered_ns = self._last_ns = 0
+        self.passed_s = 0.0
+        self._said_ns = -SAID_NS
+        self._asked: set[tuple[str, str]] = set()
+        self._rows: dict[str, Row] = {
+            "state_command": Row(self._state_command), "clutch": Row(self._clutch, 1), **self.commands()}
+
+    # what a kind has of its own
+
+    def commands(self) -> Mapping[str, Row]:
+        """Commands of this kind."""
+        return {}
+
+    def look(self) -> None:
+        """What it reads besides its arms."""
+
+    def set_up(self) -> None:
+        """All arms are ready: go on to the next state, or `stop`."""
+
+    def enter(self, state: State) -> None:
+        """A state was entered."""
+
+    def run(self) -> None:
+        """One cycle of ALIGNING_MTM or ENABLED; all arms are ready and their records good."""
+
+    def press(self) -> None:
+        """The clutch was pressed; following has ended."""
+
+    def release(self) -> None:
+        """It was released while nothing is desired."""
+
+    def forget_presence(self) -> None:
+        """The operator has to show presence again."""
+
+    def lose(self) -> None:
+        """The operator is absent or cannot be seen while ALIGNING_MTM or ENABLED."""
+
+    def show(self) -> None:
+        """Fill the kind's own part of the record."""
+
+    # the cycle
+
+    def step(self, now_ns: int, requests: Iterable[Request]) -> None:
+        """Look, answer commands, act, show."""
+        self.passed_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else 0.0
+        self.now_ns = self._last_ns = now_ns
+        for arm in self.arms:
+            arm.look(now_ns)
+        was_silent = self.operator.is_silent
+        self.operator.look(now_ns)
+        self.look()
+        self._supervise()
+        for request in requests:
+            self._command(request)
+        if was_silent and not self.operator.is_silent and self.clutched is not self.operator.clutch:
+            self.set_clutch(self.operator.clutch)
+        if self.state in NEEDS_ARMS and self.operator.absence and self.desired is not State.DISABLED:
+            self.lose()
+        if self.desired is State.DISABLED and self.state is not State.DISABLED:
+            self.go(State.DISABLED)
+        elif self.desired is not State.DISABLED and all(arm.whole for arm in self.arms):
+            self._run()
+        self._show()
+
+    def _run(self) -> None:
+        if self.state is State.DISABLED:
+            self.go(State.SETTING)
+        elif self.state is State.SETTING:
+            self._set_arms()
+        else:
+            self.run()
+
+    def _supervise(self) -> None:
+        """Whatever is wrong with an arm ends it."""
+        for arm in self.arms:
+            errors = arm.errors()
+            if self.desired is State.DISABLED:
+                continue
+            for text in errors:
+                self.stop("arm-error", f"received from arm {arm.name}: {text}", arm.name)
+            if arm.is_silent:
+                self.stop("arm-silent", f"{arm.name} is silent", arm.name)
+            elif self.state in NEEDS_ARMS:
+                if arm.restarted:
+                    self.stop("arm-restarted", f"{arm.name} was started anew", arm.name)
+                elif not arm.is_ready:
+                    missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
+                    self.stop("arm-not-ready", f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
+
+    def _set_arms(self) -> None:
+        """Enable and home arms; `home` is refused while an arm is DISABLED, so one after the other."""
+        missing = [arm for arm in self.arms if not arm.is_ready]
+        if not missing:
+            self.set_up()
+            return
+        if self.now_ns - self.entered_ns > SETTING_NS:
+            for arm in missing:
+                self.stop("arm-time-out", f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
+            return
+        for arm in missing:
+            word = "home" if arm.is_enabled else "enable"
+            if (arm.name, word) not in self._asked and arm.send("state_command", (), word):
+                self._asked.add((arm.name, word))
+        wanted = ", ".join(f"{arm.name} is {arm.told}" for arm in missing)
+        self.reason = f"waiting: {wanted}; must be ENABLED and homed"
+
+    # changes
+
+    def go(self, state: State) -> None:
+        """Enter a state."""
+        if state is not State.ENABLED:
+            self.follow(False)
+        self.state, self.entered_ns = state, self.now_ns
+        self._asked.clear()
+        if state is not State.DISABLED:
+            self.reason = ""
+        self.events.emit("current_state", state)
+        self.events.status(f"{self.name}: current state is {state}", self.name)
+        self.enter(state)
+
+    def desire(self, state: State) -> None:
+        """Another state is asked for; presence has to be shown for it."""
+        if state is self.desired:
+            return
+        self.desired = state
+        self.forget_presence()
+        self.events.emit("desired_state", state)
+        self.events.status(f"{self.name}: set desired state to {state}", self.name)
+
+    def stop(self, code: str, text: str, component: str = "") -> None:
+        """Something is wrong: say it; DISABLED from this cycle on, until it is asked for again."""
+        self.reason = text
+        self.events.error(code, f"{self.name}: {text}", component or self.name)
+        self.desire(State.DISABLED)
+
+    def follow(self, on: bool) -> None:
+        """The slave follows, or stays where it is."""
+        if on is self.following:
+            return
+        self.following = on
+        if not on:
+            self.arms[-1].hold()
+        self.events.emit("following", value=float(on))
+
+    def wait(self, reason: str) -> None:
+        """Why it does not follow yet: shown, and every now and then a warning."""
+        self.reason = reason
+        if reason and self.now_ns - self._said_ns >= SAID_NS:
+            self._said_ns = self.now_ns
+            self.events.warning("teleop-waiting", f"{self.name}: {reason}", self.name)
+
+    def settle(self) -> None:
+        """A new state: its first reason to wait is told when it has lasted."""
+        self._said_ns = self.now_ns
+
+    # commands
+
+    def _command(self, request: Request) -> None:
+        row = self._rows.get(request.name)
+        try:
+            if row is None:
+                raise Refused(f"{request.name}: {self.name} has no such command")
+            count = len(request.values)
+            if count != row.values or not all(math.isfinite(value) for value in request.values):
+                raise Refused(f"{request.name} takes {row.values} finite values, {count} were given")
+            row.do(request)
+        except Refused as reason:
+            self.events.warning("teleop-command", f"{self.name}: {reason}", self.name)
+            request.refuse(str(reason))
+        else:
+            request.done()
+
+    def _state_command(self, request: Request) -> None:
+        word = request.text
+        if word not in self.words:
+            raise Refused(f"state_command {word!r}: allowed are {', '.join(self.words)}")
+        if word != "disable":
+            self.reason = ""
+        self.desire(self.words[word])
+        if word == "disable":
+            self.reason = ""
+
+    def _clutch(self, request: Request) -> None:
+        """A click repeats what came last."""
+        value = float(request.values[0])
+        if value not in (RELEASED, PRESSED, CLICKED):
+            raise Refused("clutch takes 0 (released), 1 (pressed) or 2 (clicked)")
+        self.set_clutch(self.clutched if value == CLICKED else value == PRESSED)
+
+    def set_clutch(self, pressed: bool) -> None:
+        """The clutch of the console; the arms are let go or held also while DISABLED."""
+        self.clutched = pressed
+        self.events.status(f"{self.name}: console clutch {'pressed' if pressed else 'released'}", self.name)
+        if pressed:
+            self.follow(False)
+            self.press()
+            self.reason = "the clutch is pressed"
+        elif self.desired is not State.DISABLED:
+            self.go(State.SETTING)
+        else:
+            self.release()
+
+    def _show(self) -> None:
+        self.record.show(self.state, self.desired, self.reason, following=self.following, clutched=self.clutched)
+        self.record.valid[...] = all(arm.has_pose and not arm.is_silent for arm in self.arms)
+        self.show()
+
+
+def switch(request: Request) -> bool:
+    """On or off; Refused when it is neither."""
+    value = request.values[0]
+    if value not in (0.0, 1.0):
+        raise Refused(f"{request.name} takes 1 (on) or 0 (off)")
+    return bool(value)
+
+
+def positive(request: Request) -> float:
+    """A number above 0."""
+    value = float(np.asarray(request.values)[0])
+    if not value > 0.0:
+        raise Refused(f"{request.name} takes a value above 0")
+    return value

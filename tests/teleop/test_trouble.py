@@ -1,0 +1,192 @@
+"""What ends tele-operation, and what it takes to go on; on a fake clock."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.teleop.theatre import Theatre
+
+
+@pytest.fixture
+def theatre() -> Theatre:
+    return Theatre(start_gripper_threshold=0.5)
+
+
+def show(theatre: Theatre) -> None:
+    """The operator opens and closes the gripper."""
+    theatre.run(0.01)
+    theatre.master.ring.set(gripper_position=1.0)
+    theatre.run(0.01)
+    theatre.master.ring.set(gripper_position=0.0)
+    theatre.run(0.01)
+
+
+@pytest.fixture
+def following(theatre: Theatre) -> Theatre:
+    theatre.state_command("enable")
+    show(theatre)
+    assert theatre.following, theatre.text("reason")
+    theatre.forget()
+    return theatre
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_an_error_of_an_arm_disables(following: Theatre, which: str) -> None:
+    following.arms[which].fail(f"{which}: tracking error")
+    following.step()
+    assert not following.following and following.text("state") == "DISABLED"
+    assert following.reports.of("error") == [f"MTMR_PSM1: received from arm {which}: {which}: tracking error"]
+    assert following.slave.words() == ["hold"]
+    show(following)
+    assert not following.following and following.text("desired_state") == "DISABLED"
+    following.state_command("enable")
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "reason"),
+    [("PSM1", {"state": b"FAULT", "sub_state": b"FAULT"}, 'PSM1 is not in state "ENABLED" anymore, it is FAULT'),
+     ("MTMR", {"is_homed": False, "sub_state": b"ENABLED"}, "MTMR is not homed anymore, it is ENABLED"),
+     ("MTMR", {"reference_valid": False}, "the pose of MTMR in its reference frame is not known")],
+)
+def test_arms_must_stay_homed(following: Theatre, which: str, change: dict[str, object], reason: str) -> None:
+    following.arms[which].ring.set(**change)
+    following.run(0.002)
+    assert not following.following and following.text("state") == "DISABLED"
+    assert following.text("reason") == reason and following.reports.of("error") == [f"MTMR_PSM1: {reason}"]
+
+
+def test_disable_stops_at_once(following: Theatre) -> None:
+    following.state_command("disable")
+    assert not following.following and following.text("state") == "DISABLED"
+    assert following.slave.words()[-1] == "hold" and following.master.words()[-1] == "hold"
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_a_silent_arm_ends_following(following: Theatre, which: str) -> None:
+    following.arms[which].alive = False
+    following.run(0.029)
+    assert following.following
+    following.run(0.003)
+    assert not following.following and following.text("reason") == f"{which} is silent"
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_an_arm_started_anew_ends_following(following: Theatre, which: str) -> None:
+    following.arms[which].ring.epoch += 1
+    following.step()
+    assert not following.following and following.text("reason") == f"{which} was started anew"
+
+
+def test_a_torn_record_is_waited_over(following: Theatre) -> None:
+    following.forget()
+    following.master.ring.torn = True
+    following.run(0.005)
+    assert not following.slave.sent and following.following
+    following.master.ring.torn = False
+    following.step()
+    assert following.slave.sent
+    following.master.ring.torn = True
+    following.run(0.035)
+    assert not following.following
+
+
+def absent(theatre: Theatre) -> None:
+    assert theatre.console is not None
+    theatre.console.set(operator_present=False)
+
+
+def blind(theatre: Theatre) -> None:
+    assert theatre.console is not None
+    theatre.console.set(valid=False)
+
+
+def restarted(theatre: Theatre) -> None:
+    assert theatre.console is not None
+    theatre.console.epoch += 1
+
+
+@pytest.mark.parametrize("what", [absent, blind, restarted])
+def test_an_absent_operator_ends_following_within_a_cycle(following: Theatre, what) -> None:  # type: ignore[no-untyped-def]
+    what(following)
+    following.step()
+    assert not following.following and following.text("state") == "ALIGNING_MTM"
+    assert "hold" in following.slave.words() and not following.slave.asked("servo_cp")
+    assert following.console is not None
+    following.console.set(operator_present=True, valid=True)
+    following.run(0.05)
+    assert not following.following
+    assert following.text("reason") == "waiting: pinch or twist MTMR's gripper a bit"
+    show(following)
+    assert following.following
+
+
+def test_an_absent_operator_is_named_as_the_reason(following: Theatre) -> None:
+    absent(following)
+    show(following)
+    assert following.text("reason") == "waiting: console console sees no operator"
+
+
+def test_a_silent_console_ends_following(following: Theatre) -> None:
+    following.console_alive = False
+    following.run(0.024)
+    assert following.following
+    following.run(0.004)
+    assert not following.following
+    show(following)
+    assert not following.following and following.text("reason") == "waiting: console console is silent"
+    following.console_alive = True
+    show(following)
+    assert following.following
+
+
+def test_a_clutch_released_unheard_is_released(following: Theatre) -> None:
+    following.send("clutch", 1)
+    following.console_alive = False
+    following.run(0.05)
+    assert following.record.field("clutched")
+    following.console_alive = True
+    following.step()
+    assert not following.record.field("clutched") and not following.following
+
+
+def test_without_a_console_commands_are_enough() -> None:
+    Theatre(console=False).follow()
+
+
+def test_a_teleop_started_anew_is_disabled_and_asks_arms_for_nothing(following: Theatre) -> None:
+    following.start()
+    following.forget()
+    show(following)
+    assert following.text("state") == "DISABLED" and not following.following
+    assert not following.master.sent and not following.slave.sent
+    following.state_command("enable")
+    following.run(0.02)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+def test_another_desire_needs_presence_anew(following: Theatre) -> None:
+    following.state_command("align_MTM")
+    following.run(0.01)
+    assert following.text("state") == "ALIGNING_MTM" and not following.following
+    following.state_command("enable")
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+def test_a_pose_that_is_no_number_never_starts(theatre: Theatre) -> None:
+    theatre.master.obeys = False
+    theatre.master.ring.set(measured_cp=math.nan)
+    theatre.state_command("enable")
+    show(theatre)
+    assert not theatre.following
+    assert theatre.text("reason") == "waiting: the pose of MTMR in its reference frame is not known"

@@ -1,0 +1,256 @@
+"""Arms, a console and a clock that a test writes, around one tele-operation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from procs.lib.consoles import TeleopEcm as EcmSettings
+from procs.lib.consoles import TeleopPsm as PsmSettings
+from procs.lib.poses import matrix_from_pose, pose_from_matrix
+from procs.teleop.arms import Arm, BaseFrame
+from procs.teleop.ecm import TeleopEcm
+from procs.teleop.presence import Operator
+from procs.teleop.psm import TeleopPsm
+from procs.teleop.record import TeleopRecord
+from procs.teleop.teleop import Teleop
+from shm.layout import schema_of
+from shm.operation import CONSOLE_STATE, TELEOP_STATE
+from shm.topics import ARM_STATE, EVENTS
+from tests.arm.fake_io import FakeRequest
+
+PERIOD_NS = 1_000_000
+SECOND = 1_000_000_000
+JAW = (math.radians(-40.0), math.radians(80.0))
+
+
+class Ring:
+    """A ring that a test writes: what it holds is the newest record."""
+
+    def __init__(self, topic: Any, **dims: int) -> None:
+        self._record: Any = np.zeros(1, dtype=schema_of(topic, dims).dtype)
+        self.stamp_ns, self.epoch, self.torn = 0, 1, False
+        self.waiting: list[dict[str, Any]] = []
+
+    def field(self, name: str) -> Any:
+        return self._record[name].reshape(self._record[name].shape[1:])
+
+    def set(self, **values: Any) -> None:
+        for name, value in values.items():
+            self.field(name)[...] = value
+
+    def newest(self) -> bool:
+        return self.stamp_ns > 0 and not self.torn
+
+    def next(self) -> bool:
+        if not self.waiting:
+            return False
+        self.set(**self.waiting.pop(0))
+        return True
+
+
+@dataclasses.dataclass
+class Answer:
+    id: int
+    outcome: str
+    text: str = ""
+
+
+class FakeArm:
+    """An arm that does at once what it is asked for, and remembers it."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.ring, self.events = name, Ring(ARM_STATE), Ring(EVENTS)
+        self.sent: list[tuple[str, tuple[float, ...], str]] = []
+        self.answers: list[Answer] = []
+        self.alive, self.obeys = True, True
+        self.refuses: dict[str, str] = {}
+        self.ring.set(state=b"ENABLED", sub_state=b"HOMED", is_homed=True, reference_valid=True, cartesian_valid=True,
+                      valid=True, control_mode=1, has_jaw=True, gripper_valid=True, tool=b"LND")
+        self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+    @property
+    def pose(self) -> np.ndarray:
+        return self.ring.field("measured_cp").copy()
+
+    @pose.setter
+    def pose(self, pose: Any) -> None:
+        self.ring.set(measured_cp=pose, setpoint_cp=pose)
+
+    def shift(self, *by: float) -> None:
+        self.pose = self.pose + (*by, 0, 0, 0, 0)
+
+    def turn(self, axis: int, angle: float) -> None:
+        """About an axis of its reference frame."""
+        matrix, (a, b) = matrix_from_pose(self.pose), [i for i in range(3) if i != axis]
+        turn = np.eye(4)
+        c, s = math.cos(angle), math.sin(angle) * (1 if axis != 1 else -1)
+        turn[a, a], turn[a, b], turn[b, a], turn[b, b] = c, -s, s, c
+        moved = turn @ matrix
+        moved[:3, 3] = matrix[:3, 3]
+        self.pose = pose_from_matrix(moved)
+
+    def fail(self, text: str) -> None:
+        self.events.waiting.append({"severity": 3, "text": text.encode()})
+
+    def send(self, name: str, values: Any = (), text: str = "") -> int:
+        self.sent.append((name, tuple(float(v) for v in values), text))
+        number = len(self.sent)
+        if name in self.refuses:
+            self.answers.append(Answer(number, "refused", self.refuses[name]))
+            return number
+        if self.obeys:
+            self._do(name, values, text)
+        self.answers.append(Answer(number, "done"))
+        return number
+
+    def _do(self, name: str, values: Any, text: str) -> None:
+        if name in ("servo_cp", "move_cp"):
+            self.pose = np.array(values[:7])
+            self.ring.set(control_mode=1)
+        elif name == "jaw/servo_jp":
+            self.ring.set(jaw_setpoint_position=values[0])
+        elif name == "servo_jp":
+            self.ring.field("setpoint_position")[: len(values)] = values
+        elif name == "body/servo_cf":
+            self.ring.set(control_mode=3)
+        elif name == "hold":
+            self.ring.set(control_mode=1)
+        elif name == "state_command" and text == "enable":
+            self.ring.set(state=b"ENABLED", sub_state=b"ENABLED")
+        elif name == "state_command" and text == "home":
+            self.ring.set(is_homed=True, sub_state=b"HOMED")
+
+    def poll(self) -> list[Answer]:
+        answers, self.answers = self.answers, []
+        return answers
+
+    def asked(self, *names: str) -> list[tuple[str, tuple[float, ...], str]]:
+        return [one for one in self.sent if one[0] in names]
+
+    def words(self) -> list[str]:
+        return [text or name for name, _, text in self.sent]
+
+    def seen(self) -> Arm:
+        return Arm(self.name, self.ring, self.events, self)
+
+
+class Reports:
+    def __init__(self) -> None:
+        self.said: list[tuple[str, str]] = []
+
+    def status(self, text: str, component: str = "") -> None:
+        self.said.append(("status", text))
+
+    def warning(self, code: str, text: str, component: str = "") -> None:
+        self.said.append(("warning", text))
+
+    def error(self, code: str, text: str, component: str = "") -> None:
+        self.said.append(("error", text))
+
+    def emit(self, event: str, text: str = "", *, value: float = math.nan) -> None:
+        self.said.append((event, str(text) if text else str(value)))
+
+    def of(self, kind: str) -> list[str]:
+        return [text for said, text in self.said if said == kind]
+
+
+class Theatre:
+    """One tele-operation and everything around it; a PSM's unless `make_teleop` says something else."""
+
+    names = ("MTMR", "PSM1")
+
+    def __init__(self, *, console: bool = True, base: bool = False, **settings: Any) -> None:
+        self.now_ns = 5 * SECOND
+        self.arms = {name: FakeArm(name) for name in self.names}
+        self.console = Ring(CONSOLE_STATE, teleops=1) if console else None
+        self.console_alive = True
+        if self.console is not None:
+            self.console.set(valid=True, operator_present=True)
+        self.base = Ring(ARM_STATE) if base else None
+        self.settings = settings
+        self.start()
+
+    def start(self) -> None:
+        """A new process on a record as its predecessor left it, or an empty one."""
+        self.reports, self.record = Reports(), Ring(TELEOP_STATE)
+        self.teleop = self.make_teleop(Operator("console", self.console))
+
+    def make_teleop(self, operator: Operator) -> Teleop:
+        values: dict[str, Any] = {"start_gripper_threshold": 0.0, **self.settings}
+        record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
+        range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW}.get
+        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
+                         self.slave.seen(), operator, record, self.reports, range_of,
+                         BaseFrame("ECM", self.base) if self.base else None)
+
+    @property
+    def master(self) -> FakeArm:
+        return self.arms[self.names[0]]
+
+    @property
+    def slave(self) -> FakeArm:
+        return self.arms[self.names[-1]]
+
+    def step(self, *requests: FakeRequest) -> None:
+        self.now_ns += PERIOD_NS
+        for arm in self.arms.values():
+            if arm.alive:
+                arm.ring.stamp_ns = self.now_ns - 300_000
+        if self.console is not None and self.console_alive:
+            self.console.stamp_ns = self.now_ns - 5_000_000
+        if self.base is not None:
+            self.base.stamp_ns = self.now_ns
+        self.teleop.step(self.now_ns, requests)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * SECOND / PERIOD_NS)):
+            self.step()
+
+    def send(self, name: str, *values: float, text: str = "") -> FakeRequest:
+        request = FakeRequest(name, values, text)
+        self.step(request)
+        return request
+
+    def state_command(self, word: str) -> FakeRequest:
+        return self.send("state_command", text=word)
+
+    def text(self, name: str) -> str:
+        return bytes(self.record.field(name).item()).decode()
+
+    @property
+    def following(self) -> bool:
+        return bool(self.record.field("following"))
+
+    def follow(self) -> Any:
+        """Enabled and following; what was sent and said until then is forgotten."""
+        self.state_command("enable")
+        for _ in range(20):
+            self.step()
+        assert self.following, self.text("reason")
+        self.forget()
+        return self
+
+    def forget(self) -> None:
+        for arm in self.arms.values():
+            arm.sent.clear()
+        self.reports.said.clear()
+
+
+class EcmTheatre(Theatre):
+    """Two masters and an ECM."""
+
+    names = ("MTML", "MTMR", "ECM")
+
+    def make_teleop(self, operator: Operator) -> Teleop:
+        self.arms["MTML"].pose = (0.15, -0.05, 0.40, 0, 0, 0, 1)
+        self.arms["MTMR"].pose = (-0.15, -0.05, 0.40, 0, 0, 0, 1)
+        self.slave.ring.field("setpoint_position")[:4] = (0.0, 0.0, 0.12, 0.0)
+        record = TeleopRecord(self.record.field, "ECM", ("MTML", "MTMR"), "ECM", "console")
+        left, right, slave = (arm.seen() for arm in self.arms.values())
+        settings = EcmSettings("MTML_MTMR_ECM", "MTML", "MTMR", "ECM", 0.001, "console", **self.settings)
+        return TeleopEcm(settings, left, right, slave, operator, record, self.reports)
