@@ -100,6 +100,7 @@ def test_system_with_parts_that_wait_says_so() -> None:
     assert set(system.notes) >= {
         "not started yet: teleop MTML_PSM1",
     }
+    assert [row.name for row in system.processes if row.kind in ("console", "system")] == ["console1", "system"]
     (console,) = system.consoles
     assert console.teleops == ("MTML_PSM1",) and console.clutch == document.WiredInput("IO1", "clutch")
     assert console.operator_present == (document.WiredInput("IO1", "coag"),) and console.present_count == 1

@@ -12,7 +12,7 @@ from procs.lib.config.source import Source
 from procs.lib.config.trocar_section import TrocarSection
 
 BOARDS = "boards"
-STARTED: Final = frozenset[str]()  # of teleop, console, system: those whose processes exist
+STARTED: Final = frozenset({"console", "system"})  # of teleop, console, system: those whose processes exist
 SYSTEM_PERIOD_S: Final = 0.01
 RESERVED = frozenset({BOARDS, "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
 
@@ -68,7 +68,8 @@ def _operators(
                                        priority=options.arm.priority, cpu=options.arm.cpu))
     for console in operation.consoles:
         after = tuple(dict.fromkeys((*console.teleops, *(one.io for one in console.operator_present))))
-        wanted.append(document.Process(console.name, "console", console.period_s, after))
+        wanted.append(document.Process(console.name, "console", console.period_s, after,
+                                       priority=options.arm.priority, cpu=options.arm.cpu))
     if operation.consoles:
         after = tuple(row.name for row in (*rows, *wanted) if row.kind in ("arm", "suj", "console"))
         wanted.append(document.Process("system", "system", SYSTEM_PERIOD_S, after))

@@ -1,0 +1,99 @@
+"""What a console does when asked; refusals say why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
+from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from procs.lib.requests import Request
+
+KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}
+LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in the way
+
+
+class Refused(Exception):
+    """A command that cannot be done; the text says why."""
+
+
+class Commands:
+    """One method per row of the `console` command table."""
+
+    def __init__(self, logic: Logic) -> None:
+        """What `logic` decides is done."""
+        self._logic = logic
+        self._now_ns = 0
+        self._waiting: tuple[Request, str, int] | None = None
+        self._table: dict[str, Callable[[Request], None]] = {
+            "teleop_enable": self._enable, "unselect_teleop": self._unselect, "set_scale": self._scale,
+            "emulate_operator_present": lambda request: self._emulate(request, OPERATOR),
+            "emulate_clutch": lambda request: self._emulate(request, CLUTCH),
+            "emulate_camera": lambda request: self._emulate(request, CAMERA),
+        }
+
+    def execute(self, requests: Iterable[Request], now_ns: int) -> None:
+        """Carry out what came in, and answer who has waited for another console."""
+        self._now_ns = now_ns
+        for request in requests:
+            try:
+                if request.name == "select_teleop":
+                    self._select(request)
+                    continue
+                self._table[request.name](request)
+            except Refused as reason:
+                request.refuse(f"{request.name}: {reason}")
+            else:
+                request.done()
+        self._settle()
+
+    def _settle(self) -> None:
+        if self._waiting is None:
+            return
+        request, teleop, deadline_ns = self._waiting
+        if teleop in self._logic.selected:
+            self._waiting = None
+            request.done()
+        elif self._now_ns >= deadline_ns:
+            self._waiting = None
+            self._logic.forget(teleop)
+            request.fail(f"{teleop} was not selected: another console keeps an arm of it")
+
+    def _one(self, request: Request, allowed: str, fits: Callable[[float], bool]) -> float:
+        values = request.values
+        if len(values) != 1 or not fits(float(values[0])):
+            given = " ".join(f"{value:g}" for value in values) or "nothing"
+            raise Refused(f"takes {allowed}, not {given}")
+        return float(values[0])
+
+    def _teleop(self, request: Request) -> str:
+        name = request.text.strip()
+        if not self._logic.knows(name):
+            known = ", ".join(member.name for member in self._logic.mine) or "none"
+            raise Refused(f"no teleop {name or 'without a name'} in {self._logic.name}; it has {known}")
+        return name
+
+    def _enable(self, request: Request) -> None:
+        self._logic.enable(bool(self._one(request, "0 or 1", lambda value: value in (0.0, 1.0))))
+
+    def _select(self, request: Request) -> None:
+        teleop = self._teleop(request)
+        if self._waiting is not None:
+            self._waiting[0].fail(f"{request.name} {teleop} came after it")
+            self._waiting = None
+        if self._logic.select(teleop):
+            request.done()
+        else:
+            request.accept("another console is asked to free its arms")
+            self._waiting = request, teleop, self._now_ns + LET_GO_NS
+
+    def _unselect(self, request: Request) -> None:
+        self._logic.unselect(self._teleop(request))
+
+    def _scale(self, request: Request) -> None:
+        self._logic.set_scale(self._one(request, "a number above 0", lambda value: 0.0 < value < float("inf")))
+
+    def _emulate(self, request: Request, button: str) -> None:
+        kinds = (0.0, 1.0) if button == OPERATOR else (0.0, 1.0, 2.0)
+        allowed = "0 (released) or 1 (pressed)" if button == OPERATOR else "0 (released), 1 (pressed) or 2 (clicked)"
+        self._logic.press(button, KINDS[self._one(request, allowed, lambda value: value in kinds)])

@@ -1,0 +1,107 @@
+"""Whom a console talks to: tele-operations, other consoles and the system by mailbox, people by events."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from typing import Final
+
+from procs.console.logic import Logic
+from procs.console.selection import Member
+from procs.lib.debounce import NAMES
+from procs.runtime import Me
+from shm.client import Client, MailboxFull
+from shm.ring import RingReader
+
+PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
+
+
+class Mailboxes:
+    """The desk of `procs.console.logic` on shared memory."""
+
+    def __init__(self, me: Me, members: Sequence[Member]) -> None:
+        """Takes a place in every mailbox that is needed; `members` are the tele-operations of all consoles."""
+        running = {row.name for row in me.document.processes}
+        self._me = me
+        mine = [member.name for member in members if member.console == me.name and member.name in running]
+        self._teleops = {name: me.commands(name) for name in mine}
+        self._states = {name: me.reads(name, "state") for name in mine}
+        self._epochs = {name: ring.epoch for name, ring in self._states.items()}
+        self._homes = {member.name: member.console for member in members if member.console in running - {me.name}}
+        others = dict.fromkeys(self._homes.values())
+        self._consoles = {name: me.commands(name) for name in others}
+        self._others = [(me.reads(name, "state"), [m.name for m in members if m.console == name]) for name in others]
+        self._system = me.commands("system") if "system" in running else None
+        self._under_way: dict[tuple[str, int], str] = {}
+        self._told: dict[str, str] = {}
+
+    # -- what the logic asks for ---------------------------------------------------------------------------------------
+
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
+        """Ask a tele-operation for something; false: it could not be told."""
+        client = self._teleops.get(teleop)
+        number = _send(client, command, values, text)
+        if number and command == "state_command":
+            self._under_way[teleop, number] = text
+        return bool(number)
+
+    def free(self, teleop: str) -> None:
+        """Ask another console to unselect a tele-operation of its own."""
+        _send(self._consoles.get(self._homes.get(teleop, "")), "unselect_teleop", (), teleop)
+
+    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+        """An event."""
+        self._me.events.emit(event, text, component=component, value=value)
+
+    def button(self, name: str, kind: int) -> None:
+        """A button event."""
+        self._me.events.emit("button", NAMES[kind], code=NAMES[kind], component=name, value=PAYLOADS[kind])
+
+    def status(self, text: str) -> None:
+        """Something a person may like to know."""
+        self._me.events.status(text, self._me.name)
+
+    def beep(self, duration_s: float, frequency_hz: float) -> None:
+        """A sound, at the system's volume."""
+        _send(self._system, "beep", (duration_s, frequency_hz), "")
+
+    # -- what comes back -----------------------------------------------------------------------------------------------
+
+    def listen(self, logic: Logic, now_ns: int) -> None:
+        """Refusals, tele-operations that were started again, and what other consoles have selected."""
+        for teleop, client in self._teleops.items():
+            for reply in client.poll():
+                word = self._under_way.pop((teleop, reply.id), "")
+                if word and reply.outcome == "refused" and logic.asked[teleop] == word:
+                    logic.refused(teleop, now_ns)
+                if reply.outcome == "refused":
+                    self._complain(teleop, reply.text)
+            epoch = self._states[teleop].epoch
+            if epoch != self._epochs[teleop]:
+                self._epochs[teleop] = epoch
+                self.status(f"{teleop} was started again: it follows when presence is shown again")
+                logic.began_anew(teleop)
+        for clients in (self._consoles.values(), [self._system] if self._system else []):
+            for client in clients:
+                client.poll()
+        if self._others:
+            logic.elsewhere = {name for ring, names in self._others for name in _selected(ring, names)}
+
+    def _complain(self, teleop: str, reason: str) -> None:
+        if self._told.get(teleop) != reason:
+            self._told[teleop] = reason
+            self._me.events.warning("teleop-refused", f"{teleop} refuses: {reason}", teleop)
+
+
+def _send(client: Client | None, command: str, values: Sequence[float], text: str) -> int:
+    """The number of the command; 0 when nobody takes it."""
+    if client is not None:
+        with contextlib.suppress(MailboxFull):
+            return client.send(command, values, text)
+    return 0
+
+
+def _selected(ring: RingReader, names: Sequence[str]) -> list[str]:
+    if not ring.newest():
+        return []
+    return [name for name, on in zip(names, ring.field("selected"), strict=False) if on]

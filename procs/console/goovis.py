@@ -1,0 +1,81 @@
+"""The Goovis head-mounted display as a head sensor: USB HID 880a:3501, whose byte 17 is not 0 while it is worn."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+DEVICE: Final = "0000880A:00003501"
+WORN: Final = 17
+LONGEST: Final = 64
+LOOK_AGAIN_NS: Final = 1_000_000_000
+DEVICES: Final = Path("/sys/class/hidraw")
+NODES: Final = Path("/dev")
+
+
+def find(devices: Path = DEVICES, nodes: Path = NODES) -> Path | None:
+    """Its device file; None when it is not plugged in."""
+    for row in sorted(devices.glob("hidraw*")):
+        with contextlib.suppress(OSError):
+            if DEVICE in (row / "device" / "uevent").read_text(errors="replace").upper():
+                return nodes / row.name
+    return None
+
+
+class Goovis:
+    """Opened when it is there, looked for every second while it is not."""
+
+    def __init__(self, tell: Callable[[str], None], search: Callable[[], Path | None] = find) -> None:
+        """`tell` is given a sentence whenever it comes or goes."""
+        self._tell, self._search = tell, search
+        self._file = -1
+        self._worn = False
+        self._again_ns, self._said = 0, ""
+
+    def present(self, now_ns: int) -> bool:
+        """Whether it is worn, by its newest report."""
+        if self._file < 0 and now_ns >= self._again_ns:
+            self._open()
+            self._again_ns = now_ns + LOOK_AGAIN_NS
+        if self._file >= 0:
+            self._read()
+        return self._worn
+
+    def _open(self) -> None:
+        path = self._search()
+        if path is None:
+            self._say("no Goovis head sensor (USB 880a:3501) is there: the operator counts as absent")
+            return
+        try:
+            self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError as error:
+            self._say(f"Goovis {path} cannot be opened ({error.strerror}): the operator counts as absent")
+        else:
+            self._say(f"Goovis head sensor {path} found")
+
+    def _read(self) -> None:
+        try:
+            while report := os.read(self._file, LONGEST):
+                if len(report) > WORN:
+                    self._worn = report[WORN] != 0
+        except BlockingIOError:
+            return
+        except OSError:
+            pass
+        self.close()  # the end of the file or an error: it was pulled out
+        self._say("the Goovis head sensor is gone: the operator counts as absent")
+
+    def _say(self, text: str) -> None:
+        if text != self._said:
+            self._said = text
+            self._tell(text)
+
+    def close(self) -> None:
+        """Give it back."""
+        self._worn = False
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1

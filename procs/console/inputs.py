@@ -1,0 +1,124 @@
+"""The inputs of a console: pressed and released by io's record, clicks by its events, presence by a head sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final, Protocol
+
+from procs.console.logic import CAMERA, CLUTCH, OPERATOR
+from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from procs.lib.document import Console, System, WiredInput
+
+STALE_NS: Final = 30_000_000  # design: an operator whom nobody sees is absent
+BUTTON, CLICK = b"button", b"clicked"
+
+
+class Reader(Protocol):
+    """One ring."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record."""
+
+    def field(self, name: str) -> Any:
+        """A view on a field of the record."""
+
+    def newest(self) -> bool:
+        """Take the newest record."""
+
+    def next(self) -> bool:
+        """Take the next record."""
+
+
+class HeadSensor(Protocol):
+    """A head sensor that is not wired to an io."""
+
+    def present(self, now_ns: int) -> bool:
+        """Whether somebody looks into the console; false as well when the sensor is not there."""
+
+
+class Line:
+    """One digital input."""
+
+    __slots__ = ("_age", "_index", "_input", "_ring", "name")
+
+    def __init__(self, ring: Reader, index: int, name: str) -> None:
+        """`index` is its place in the record."""
+        self._ring, self._index, self.name = ring, index, name.encode()
+        self._input, self._age = ring.field("input"), ring.field("age_ns")
+
+    def pressed(self, now_ns: int) -> bool | None:
+        """Its debounced value; None: nothing fresh is known."""
+        if not self._ring.newest() or now_ns - self._ring.stamp_ns + int(self._age) > STALE_NS:
+            return None
+        return bool(self._input[self._index])
+
+
+class Inputs:
+    """All inputs of a console. What a console that began anew finds pressed must be seen released first."""
+
+    def __init__(self, row: Console, system: System, reads: Callable[[str, str], Reader], head: HeadSensor | None,
+                 *, began_anew: bool) -> None:
+        """`reads(instance, topic)` attaches to a ring, `head` is the Goovis's."""
+        self._levels: dict[str, bool] = dict.fromkeys((OPERATOR, CLUTCH, CAMERA), False)
+        self._unproved = {OPERATOR, CAMERA} if began_anew else set[str]()
+        self._head, self._needed = head, row.present_count
+        self.valid, self.seen = True, 0
+        states: dict[str, Reader] = {}
+        self._clicks: list[tuple[Reader, dict[bytes, str]]] = []
+
+        def line(wired: WiredInput | None) -> Line | None:
+            if wired is None:
+                return None
+            if wired.io not in states:
+                states[wired.io] = reads(wired.io, "state")
+            names = [one.name for one in system.io(wired.io).digital_inputs]
+            return Line(states[wired.io], names.index(wired.name), wired.name)
+
+        self._lines = {CLUTCH: line(row.clutch), CAMERA: line(row.camera)}
+        self._present = [found for wired in row.operator_present if (found := line(wired)) is not None]
+        self.is_wired = bool(states) or head is not None
+        for io in states:
+            names = {wired.name.encode()[:24]: button for button, wired in ((CLUTCH, row.clutch), (CAMERA, row.camera))
+                     if wired is not None and wired.io == io}
+            events = reads(io, "events")
+            events.newest()
+            self._clicks.append((events, names))
+
+    def poll(self, now_ns: int) -> list[tuple[str, int]]:
+        """Buttons with PRESSED, RELEASED or CLICKED since the last call; who leaves comes first."""
+        found: list[tuple[str, int]] = []
+        self.valid = True
+        for button, level in ((OPERATOR, self._operator(now_ns)), *self._pedals(now_ns)):
+            if level is None:
+                self.valid = False
+                if button == CLUTCH:  # who knows; it stays as it was
+                    continue
+                self._unproved.add(button)
+            elif not level:
+                self._unproved.discard(button)
+            new = bool(level) and button not in self._unproved
+            if new != self._levels[button]:
+                self._levels[button] = new
+                found.append((button, PRESSED if new else RELEASED))
+        found += [(button, CLICKED) for button in self._clicked()]
+        return found
+
+    def _operator(self, now_ns: int) -> bool | None:
+        if self._head is not None:
+            self.seen = int(self._head.present(now_ns))
+            return self.seen >= self._needed
+        values = [line.pressed(now_ns) for line in self._present]
+        self.seen = sum(value is True for value in values)
+        return None if None in values else bool(values) and self.seen >= self._needed
+
+    def _pedals(self, now_ns: int) -> Iterator[tuple[str, bool | None]]:
+        for button, line in self._lines.items():
+            yield button, line.pressed(now_ns) if line is not None else False
+
+    def _clicked(self) -> Iterator[str]:
+        for events, names in self._clicks:
+            while events.next():
+                button = names.get(events.field("component").item())
+                if button and events.field("event").item() == BUTTON and events.field("code").item() == CLICK:
+                    yield button

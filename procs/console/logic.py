@@ -1,0 +1,196 @@
+"""What a console decides: from pedals, presence and selection to what each of its tele-operations is asked for.
+
+A tele-operation runs when it is wanted, selected and its turn: those of the endoscope while the camera pedal is
+pressed, the others while it is not. Its turn and the operator there (not needed for the endoscope): `enable`; its turn
+and nobody there: `align_MTM`; in all other cases `disable`. Nothing here knows of shared memory, or of time but what
+it is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm, tapped
+from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+
+ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
+OPERATOR, CLUTCH, CAMERA = "operator_present", "clutch", "camera"
+PAYLOADS: Final = {RELEASED: 0.0, PRESSED: 1.0, CLICKED: 2.0}  # as the commands of tele-operations have them
+BEEPS: Final = {  # s, Hz, how often
+    (CLUTCH, PRESSED): (0.1, 700.0, 1), (CLUTCH, RELEASED): (0.1, 700.0, 1), (CLUTCH, CLICKED): (0.05, 2000.0, 2),
+    (CAMERA, PRESSED): (0.1, 1000.0, 1), (CAMERA, RELEASED): (0.1, 1000.0, 1), (CAMERA, CLICKED): (0.05, 2500.0, 2),
+    (OPERATOR, PRESSED): (0.3, 1500.0, 1), (OPERATOR, RELEASED): (0.3, 1200.0, 1),
+}
+REFUSED_NS: Final = 500_000_000  # until what was refused is asked for again
+
+
+class Desk(Protocol):
+    """Whom the console talks to."""
+
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
+        """Ask a tele-operation for something; false: it could not be told."""
+
+    def free(self, teleop: str) -> None:
+        """Ask another console to unselect a tele-operation of its own."""
+
+    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+        """An event."""
+
+    def button(self, name: str, kind: int) -> None:
+        """A button event."""
+
+    def status(self, text: str) -> None:
+        """Something a person may like to know."""
+
+    def beep(self, duration_s: float, frequency_hz: float) -> None:
+        """A sound."""
+
+
+class Logic:
+    """One console; `members` are the tele-operations of all consoles, in the order of the document."""
+
+    def __init__(self, name: str, members: Sequence[Member], desk: Desk, scale: float) -> None:
+        """Nobody there, no pedal pressed, tele-operation not wanted, selected what can be side by side."""
+        self.name, self.scale, self.is_scaled = name, scale, False
+        self.mine = tuple(member for member in members if member.console == name)
+        self._members, self._desk = tuple(members), desk
+        self._by_name = {member.name: member for member in self.mine}
+        self.selected = at_load(members) & set(self._by_name)
+        self.elsewhere: set[str] = set()  # selected in other consoles, as these show it
+        self.asked = dict.fromkeys(self._by_name, "")
+        self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
+        self.operator = self.clutch = self.camera = self.wanted = False
+        self._again_ns = dict.fromkeys(self._by_name, 0)
+        self._awaiting = ""  # to be selected as soon as other consoles have let go
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def press(self, button: str, kind: int) -> None:
+        """A button was pressed, released or clicked; the operator's presence counts as one."""
+        if kind != CLICKED:
+            setattr(self, {OPERATOR: "operator", CLUTCH: "clutch", CAMERA: "camera"}[button], kind == PRESSED)
+        if kind == PRESSED and button == OPERATOR:
+            self.lapsed -= {member.name for member in self.mine if member.kind != ECM}
+        elif kind == PRESSED and button == CAMERA:
+            self.lapsed -= {member.name for member in self.mine if member.kind == ECM}
+        self._desk.button(button, kind)
+        self.update(0)  # tele-operations are stopped before anything else is told
+        if button == CLUTCH:
+            for member in self.mine:
+                self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
+            if kind == CLICKED and (chosen := tapped(self.mine, self.selected)):
+                self.select(chosen)
+        duration_s, frequency_hz, count = BEEPS.get((button, kind), (0.0, 0.0, 0))
+        for _ in range(count):
+            self._desk.beep(duration_s, frequency_hz)
+
+    def lost_sight(self) -> None:
+        """Inputs say nothing any more: whatever was said last, nobody is there."""
+        if self.operator:
+            self._desk.status(f"{self.name}: its inputs are silent, the operator counts as absent")
+            self.press(OPERATOR, RELEASED)
+
+    def enable(self, on: bool) -> None:
+        """Tele-operation is wanted, or not; being asked for is a sign of presence, too."""
+        self.wanted = on
+        if on:
+            self.lapsed.clear()
+        self._desk.tell("teleop_enabled", component=self.name, value=float(on))
+        self._desk.status(f"{self.name}: tele-operation {'enabled' if on else 'disabled'}")
+        self.update(0)
+
+    def set_scale(self, scale: float) -> None:
+        """One scale for all tele-operations of the console."""
+        self.scale, self.is_scaled = scale, True
+        for member in self.mine:
+            self._desk.ask(member.name, "set_scale", (scale,))
+        self._desk.tell("scale", component=self.name, value=scale)
+
+    def select(self, teleop: str) -> bool:
+        """Select it and unselect what shares an arm with it, elsewhere too; true: it is, false: others must let go."""
+        member = self._by_name[teleop]
+        for other in conflicts(member, self._members):
+            if other.name in self.selected:
+                self._desk.status(f"{other.name} unselected to free {shared_arm(member, other)}")
+                self.unselect(other.name)
+            elif other.name in self.elsewhere and self._awaiting != teleop:
+                self._desk.status(f"{other.console} is asked to free {shared_arm(member, other)}")
+                self._desk.free(other.name)
+        if any(other.name in self.elsewhere for other in conflicts(member, self._members)):
+            self._awaiting = teleop
+            return False
+        self._awaiting = "" if self._awaiting == teleop else self._awaiting
+        if teleop not in self.selected:
+            self.selected.add(teleop)
+            self._desk.tell("selected", teleop, teleop)
+        self.update(0)
+        return True
+
+    def unselect(self, teleop: str) -> None:
+        """Unselect it; it is stopped."""
+        self._awaiting = "" if self._awaiting == teleop else self._awaiting
+        if teleop in self.selected:
+            self.selected.discard(teleop)
+            self._desk.tell("unselected", teleop, teleop)
+        self.update(0)
+
+    def knows(self, teleop: str) -> bool:
+        """Whether it is one of ours."""
+        return teleop in self._by_name
+
+    def forget(self, teleop: str) -> None:
+        """No longer wait until others have freed its arms."""
+        self._awaiting = "" if self._awaiting == teleop else self._awaiting
+
+    def began_anew(self, teleop: str) -> None:
+        """Its process was started again: it is told how things are and runs when presence is shown again."""
+        self.asked[teleop] = ""
+        self.lapsed.add(teleop)
+        if self.clutch:
+            self._desk.ask(teleop, "clutch", (PAYLOADS[PRESSED],))
+        if self.is_scaled:
+            self._desk.ask(teleop, "set_scale", (self.scale,))
+
+    def refused(self, teleop: str, now_ns: int) -> None:
+        """It would not do what it was asked for; it is asked again in a while."""
+        self.asked[teleop] = ""
+        self._again_ns[teleop] = now_ns + REFUSED_NS
+
+    # -- what follows --------------------------------------------------------------------------------------------------
+
+    def word(self, member: Member) -> str:
+        """What a tele-operation is to be asked for now."""
+        turn = self.camera if member.kind == ECM else not self.camera
+        if not (turn and self.wanted and member.name in self.selected):
+            return DISABLE
+        if member.kind == ECM:
+            return ENABLE if member.name not in self.lapsed else DISABLE
+        return ENABLE if self.operator and member.name not in self.lapsed else ALIGN
+
+    def update(self, now_ns: int) -> None:
+        """Ask for what is not asked for yet; whoever is to stop is told first. `now_ns` 0: at once."""
+        self._yield()
+        words = [(self.word(member), member.name) for member in self.mine]
+        for word, name in sorted(words, key=lambda row: row[0] != DISABLE):
+            due = word != self.asked[name] and not 0 < now_ns < self._again_ns[name]
+            if due and self._desk.ask(name, "state_command", text=word):
+                self.asked[name] = word
+
+    def step(self, now_ns: int) -> None:
+        """Once a cycle: what could not be done before."""
+        if self._awaiting:
+            self.select(self._awaiting)
+        self.update(now_ns)
+
+    def _yield(self) -> None:
+        """Two consoles selected at once what shares an arm: the one that stands first keeps it."""
+        for member in self.mine:
+            if member.name not in self.selected:
+                continue
+            for other in conflicts(member, self._members):
+                if other.name in self.elsewhere and self._members.index(other) < self._members.index(member):
+                    self.selected.discard(member.name)
+                    self._desk.status(f"{member.name} unselected to free {shared_arm(member, other)}")
+                    self._desk.tell("unselected", member.name, member.name)
+                    break

@@ -1,0 +1,51 @@
+"""A console's record: filled every cycle, and where a console that was started again goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from procs.console.inputs import Inputs, Reader
+from procs.console.logic import Logic
+from procs.lib.document import Console
+
+
+class Record:
+    """Views on the fields of our own record."""
+
+    def __init__(self, field: Callable[[str], Any], row: Console, logic: Logic) -> None:
+        """What never changes is filled in here."""
+        self._logic = logic
+        self._names = [member.name for member in logic.mine]
+        changing = ("valid", "operator_present", "clutch", "camera", "teleop_enabled", "scale", "selected", "asked",
+                    "present_inputs")
+        self._fields = {name: field(name) for name in changing}
+        field("input_type")[...] = row.input_type.encode()
+        field("teleop")[...] = [name.encode() for name in self._names]
+        field("kind")[...] = [member.kind.encode() for member in logic.mine]
+
+    def fill(self, inputs: Inputs) -> None:
+        """How things are now."""
+        logic, fields = self._logic, self._fields
+        for name, value in (("valid", inputs.valid), ("operator_present", logic.operator), ("clutch", logic.clutch),
+                            ("camera", logic.camera), ("teleop_enabled", logic.wanted), ("scale", logic.scale),
+                            ("present_inputs", inputs.seen)):
+            fields[name][...] = value
+        for place, name in enumerate(self._names):
+            fields["selected"][place] = name in logic.selected
+            fields["asked"][place] = logic.asked[name].encode()
+
+
+def go_on(last: Reader, logic: Logic) -> bool:
+    """Take over what an earlier console of this name was asked for; false: there was none.
+
+    Nobody is there and no pedal is pressed until that is seen anew.
+    """
+    if not last.newest():
+        return False
+    names = [bytes(name).decode() for name in last.field("teleop")]
+    logic.selected = {name for name, on in zip(names, last.field("selected"), strict=True) if on and logic.knows(name)}
+    logic.wanted = bool(last.field("teleop_enabled"))
+    scale = float(last.field("scale"))
+    logic.is_scaled, logic.scale = scale != logic.scale, scale
+    return True

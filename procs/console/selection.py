@@ -1,0 +1,64 @@
+"""Which tele-operations may run side by side: two of one type never share an arm, in whatever console they are."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from procs.lib.document import System
+
+ECM: Final = "ECM"
+PSM: Final = "PSM"
+PAIR: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A tele-operation: the masters stand first among its arms."""
+
+    name: str
+    console: str
+    kind: str
+    arms: tuple[str, ...]
+
+
+def members_of(system: System) -> tuple[Member, ...]:
+    """All of them, console by console, those of the endoscope first."""
+    rows = {row.name: Member(row.name, row.console, ECM, (row.mtml, row.mtmr, row.ecm)) for row in system.teleop_ecms}
+    rows |= {row.name: Member(row.name, row.console, PSM, (row.mtm, row.psm)) for row in system.teleop_psms}
+    return tuple(rows[name] for console in system.consoles for name in console.teleops)
+
+
+def conflicts(member: Member, members: Sequence[Member]) -> list[Member]:
+    """Those that cannot be selected together with `member`."""
+    return [other for other in members
+            if other.name != member.name and other.kind == member.kind and set(other.arms) & set(member.arms)]
+
+
+def shared_arm(member: Member, other: Member) -> str:
+    """The first arm that both need."""
+    return next(arm for arm in member.arms if arm in other.arms)
+
+
+def at_load(members: Sequence[Member]) -> set[str]:
+    """What is selected at first: each that shares no arm with one before it."""
+    chosen: list[Member] = []
+    for member in members:
+        if not conflicts(member, chosen):
+            chosen.append(member)
+    return {member.name for member in chosen}
+
+
+def tapped(members: Sequence[Member], selected: Collection[str]) -> str:
+    """What a quick tap selects: of the first MTM by name with exactly two PSM tele-operations the other one, or ""."""
+    by_master: dict[str, list[Member]] = defaultdict(list)
+    for member in members:
+        if member.kind == PSM:
+            by_master[member.arms[0]].append(member)
+    pair = next((rows for _, rows in sorted(by_master.items()) if len(rows) == PAIR), None)
+    if pair is None:
+        return ""
+    first, second = pair
+    return second.name if first.name in selected else first.name

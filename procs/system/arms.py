@@ -1,0 +1,47 @@
+"""The arms of a system as their records show them, and the way to ask them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from typing import Final
+
+from procs.runtime import Me
+from shm.client import Client, MailboxFull
+from shm.ring import RingReader
+
+STALE_NS: Final = 100_000_000
+DISABLED, ENABLED, FAULT = "DISABLED", "ENABLED", "FAULT"
+
+
+class ArmOnRing:
+    """One arm or the set-up joints of a cart."""
+
+    def __init__(self, name: str, ring: RingReader, client: Client) -> None:
+        """Nothing is known until `look`."""
+        self.name = name
+        self._ring, self._client = ring, client
+        self._fields = {key: ring.field(key) for key in ("state", "is_homed", "is_busy")}
+        self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
+        self.refusals: list[str] = []
+
+    def look(self, now_ns: int) -> None:
+        """Take its newest record and its answers."""
+        self.is_fresh = self._ring.newest() and now_ns - self._ring.stamp_ns <= STALE_NS
+        if self.is_fresh:
+            self.state = self._fields["state"].item().decode()
+            self.is_homed, self.is_busy = bool(self._fields["is_homed"]), bool(self._fields["is_busy"])
+        self.refusals += [reply.text for reply in self._client.poll() if reply.outcome in ("refused", "failed")]
+
+    def ask(self, word: str) -> bool:
+        """A state_command; false: it does not take any."""
+        self.refusals.clear()
+        with contextlib.suppress(MailboxFull):
+            return bool(self._client.send("state_command", (), word))
+        return False
+
+
+def arms_of(me: Me) -> Sequence[ArmOnRing]:
+    """All of the system, in the order in which they start."""
+    return [ArmOnRing(row.name, me.reads(row.name, "state"), me.commands(row.name))
+            for row in me.document.processes if row.kind in ("arm", "suj")]

@@ -1,0 +1,66 @@
+"""The error centre: errors, warnings and status of all processes repeated in one place, and a beep for errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+from shm.events import ERROR, STATUS, WARNING, Events
+
+BEEP_NS: Final = 2_000_000_000
+AT_MOST: Final = 32  # events of one process a cycle; the rest in the next
+KINDS: Final = {STATUS: "status", WARNING: "warning", ERROR: "error"}
+
+
+class Ring(Protocol):
+    """The events of one process."""
+
+    def field(self, name: str) -> Any:
+        """A view on a field of the record."""
+
+    def next(self) -> bool:
+        """Take the next record."""
+
+
+class Source:
+    """One process whose messages are repeated."""
+
+    def __init__(self, name: str, ring: Ring) -> None:
+        """From the next event on."""
+        self.name, self.ring = name, ring
+        names = ("severity", "code", "axis", "value", "limit", "text")
+        self._fields = {key: ring.field(key) for key in names}
+
+    def repeat(self, events: Events) -> int:
+        """Write the present event once more as the system's; its severity, 0: not a message."""
+        severity = int(self._fields["severity"])
+        if severity in KINDS:
+            code, text = (self._fields[key].item().decode(errors="replace") for key in ("code", "text"))
+            events.emit(KINDS[severity], text, severity=severity, code=code, component=self.name,
+                        axis=int(self._fields["axis"]), value=float(self._fields["value"]),
+                        limit=float(self._fields["limit"]))
+        return severity
+
+
+class Centre:
+    """All of them."""
+
+    def __init__(self, sources: Sequence[Source], events: Events, beep: Callable[[], None]) -> None:
+        """`beep` is called for errors, every two seconds at most."""
+        self._sources, self._events, self._beep = sources, events, beep
+        self._quiet_until_ns = 0
+        self.errors = self.warnings = 0
+
+    def step(self, now_ns: int) -> None:
+        """Repeat what is new."""
+        before = self.errors
+        for source in self._sources:
+            for _ in range(AT_MOST):
+                if not source.ring.next():
+                    break
+                severity = source.repeat(self._events)
+                self.errors += severity == ERROR
+                self.warnings += severity == WARNING
+        if self.errors > before and now_ns >= self._quiet_until_ns:
+            self._quiet_until_ns = now_ns + BEEP_NS
+            self._beep()

@@ -1,0 +1,113 @@
+"""Bringing all arms to a state, at the same time and each at its own pace: powered on, homed or off.
+
+An arm in FAULT is disabled first and has to show that it is DISABLED before it is enabled; only an arm that shows
+ENABLED is homed. Every step has its own limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+POWER_ON, HOME, POWER_OFF = "power_on", "home", "power_off"
+LIMITS_NS: Final = {"disable": 7_000_000_000, "enable": 7_000_000_000, "home": 60_000_000_000}
+SILENT_NS: Final = 7_000_000_000
+
+
+class Arm(Protocol):
+    """An arm as its record shows it."""
+
+    name: str
+    state: str
+    is_homed: bool
+    is_busy: bool
+    is_fresh: bool
+    refusals: list[str]
+
+    def ask(self, word: str) -> bool:
+        """A state_command; false: it could not be told."""
+
+
+class Step:
+    """One arm on its way; `problem` says why it will not arrive."""
+
+    def __init__(self, arm: Arm, goal: str, now_ns: int) -> None:
+        """Begins at once."""
+        self.arm, self.goal = arm, goal
+        self.problem, self.is_there = "", False
+        self._asked: list[str] = []
+        self._deadline_ns = now_ns + SILENT_NS
+
+    @property
+    def is_over(self) -> bool:
+        """It is there, or will not be."""
+        return self.is_there or bool(self.problem)
+
+    def step(self, now_ns: int) -> None:
+        """Look, and ask for the next thing once."""
+        if self.is_over:
+            return
+        arm = self.arm
+        if arm.is_fresh and self._reached():
+            self.is_there = True
+        elif arm.refusals:
+            self.problem = arm.refusals[-1]
+        elif arm.is_fresh and (word := self._next()) and word not in self._asked:
+            if arm.ask(word):
+                self._asked.append(word)
+                self._deadline_ns = now_ns + LIMITS_NS[word]
+        elif arm.is_fresh and arm.state == "FAULT" and "enable" in self._asked:
+            self.problem = "went to FAULT"
+        elif now_ns >= self._deadline_ns:
+            self.problem = f"is still {arm.state or 'without a state'}" if arm.is_fresh else "does not answer"
+
+    def _reached(self) -> bool:
+        arm = self.arm
+        if self.goal == POWER_OFF:
+            return "disable" in self._asked and arm.state == "DISABLED" and not arm.is_busy
+        if self.goal == POWER_ON:
+            return arm.state == "ENABLED"
+        return arm.state == "ENABLED" and arm.is_homed and not arm.is_busy
+
+    def _next(self) -> str:
+        arm = self.arm
+        if self.goal == POWER_OFF:
+            return "disable"
+        if arm.state == "FAULT":
+            return "" if "enable" in self._asked else "disable"
+        if arm.state == "DISABLED" and not arm.is_busy:
+            return "enable"
+        if arm.state == "ENABLED" and self.goal == HOME:
+            return "home"
+        return ""
+
+
+class Climb:
+    """All arms on their way to one goal."""
+
+    def __init__(self, goal: str, arms: Sequence[Arm], now_ns: int) -> None:
+        """Begins at once."""
+        self.goal = goal
+        self._steps = [Step(arm, goal, now_ns) for arm in arms]
+
+    def step(self, now_ns: int) -> None:
+        """One cycle of all."""
+        for one in self._steps:
+            one.step(now_ns)
+
+    @property
+    def is_over(self) -> bool:
+        """Every arm is there or will not be."""
+        return all(one.is_over for one in self._steps)
+
+    @property
+    def waiting(self) -> str:
+        """Who is not there yet, in words."""
+        left = [f"{one.arm.name} ({one.arm.state or 'silent'})" for one in self._steps if not one.is_over]
+        return f"waiting for {', '.join(left)}" if left else ""
+
+    @property
+    def problems(self) -> str:
+        """Who will not be there and why; empty: all are."""
+        return "; ".join(f"{one.arm.name}: {one.problem.removeprefix(f'{one.arm.name}: ')}"
+                         for one in self._steps if one.problem)

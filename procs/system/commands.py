@@ -1,0 +1,116 @@
+"""What the system does when asked; refusals say why."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final
+
+from procs.lib.requests import Request
+from procs.system.climb import HOME, POWER_OFF, POWER_ON, Arm, Climb
+from procs.system.sound import Sound
+from shm.client import Client, MailboxFull
+from shm.events import Events
+
+BEEP_S, BEEP_HZ = 0.3, 3000.0
+SHORTEST_S, LONGEST_S = 0.05, 60.0
+LOWEST_HZ, HIGHEST_HZ = 20.0, 10_000.0
+MOST_VALUES: Final = 3
+
+
+class Refused(Exception):
+    """A command that cannot be done; the text says why."""
+
+
+class Commands:
+    """One method per row of the `system` command table."""
+
+    def __init__(self, arms: Sequence[Arm], consoles: Sequence[Client], events: Events, sound: Sound,
+                 volume: float) -> None:
+        """`consoles` are the mailboxes of all consoles."""
+        self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
+        self.volume, self.beeps = volume, 0
+        self.climb: Climb | None = None
+        self._asked: Request | None = None
+        self._now_ns = 0
+        self._table: dict[str, Callable[[Request], None]] = {
+            "set_volume": self._set_volume, "beep": self._beep, "string_to_speech": self._say,
+        }
+
+    def execute(self, requests: Iterable[Request], now_ns: int) -> None:
+        """Carry out what came in, and go on with what is under way."""
+        self._now_ns = now_ns
+        for request in requests:
+            if request.name in (POWER_ON, HOME, POWER_OFF):
+                self._begin(request)
+                continue
+            try:
+                self._table[request.name](request)
+            except Refused as reason:
+                request.refuse(f"{request.name}: {reason}")
+            else:
+                request.done()
+        if self.climb is not None:
+            self.climb.step(now_ns)
+            if self.climb.is_over:
+                self._end(self.climb.problems)
+
+    def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
+        """A beep, at the system's volume unless told otherwise; an event in any case."""
+        loud = self.volume if volume is None else volume
+        self.beeps += 1
+        self._events.emit("beep", f"{duration_s:g} s, {frequency_hz:g} Hz", value=duration_s, limit=frequency_hz)
+        self._sound.beep(duration_s, frequency_hz, loud)
+
+    def _begin(self, request: Request) -> None:
+        if self.climb is not None:
+            self._end(f"{request.name} was asked for")
+        if request.name == POWER_OFF:
+            for console in self._consoles:
+                with contextlib.suppress(MailboxFull):
+                    console.send("teleop_enable", (0.0,))
+                console.poll()
+        self._events.status(f"system: {request.name}", "system")
+        request.accept()
+        self.climb, self._asked = Climb(request.name, self._arms, self._now_ns), request
+
+    def _end(self, problems: str) -> None:
+        climb, request = self.climb, self._asked
+        self.climb = self._asked = None
+        if climb is None or request is None:
+            return
+        if problems:
+            self._events.error("system-incomplete", f"{climb.goal} is not complete: {problems}", "system")
+            request.fail(problems)
+        else:
+            self._events.status(f"system: {climb.goal} done", "system")
+            request.done()
+
+    def _set_volume(self, request: Request) -> None:
+        if len(request.values) != 1 or not abs(float(request.values[0])) < float("inf"):
+            raise Refused("takes 1 number, 0 to 1")
+        self.volume = min(max(float(request.values[0]), 0.0), 1.0)
+        self._events.emit("volume", value=self.volume)
+        self._events.status(f"system: volume {100.0 * self.volume:.0f} %", "system")
+
+    def _beep(self, request: Request) -> None:
+        count = len(request.values)
+        if not 1 <= count <= MOST_VALUES:
+            raise Refused(f"takes 1 to 3 numbers (s, Hz, volume), {count} were given")
+        given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[count:])
+        limits = ((SHORTEST_S, LONGEST_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
+        if not all(abs(value) < float("inf") for value in given):
+            raise Refused("takes finite numbers")
+        used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]
+        for what, value, good in zip(("duration", "frequency", "volume"), given, used, strict=True):
+            if value != good:
+                self._events.warning("beep-clipped", f"beep: {what} {value:g} taken as {good:g}", "system", -1, value,
+                                     good)
+        self.beep(*used)
+
+    def _say(self, request: Request) -> None:
+        text = request.text.strip()
+        if not text:
+            raise Refused("takes a text")
+        self._events.emit("string_to_speech", text)
+        self._sound.say(text, self.volume)

@@ -1,0 +1,50 @@
+"""The system's record, and what is told when an arm changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from procs.system.arms import ENABLED, FAULT
+from procs.system.centre import Centre
+from procs.system.climb import Arm
+from procs.system.commands import Commands
+from procs.system.sound import Sound
+from shm.events import Events
+from shm.layout import cut_text
+
+
+class Record:
+    """Views on the fields of our own record."""
+
+    def __init__(self, field: Callable[[str], Any], arms: Sequence[Arm], events: Events, sound: Sound) -> None:
+        """What never changes is filled in here."""
+        self._arms, self._events = arms, events
+        changing = ("arm_fresh", "arm_state", "arm_homed", "arm_busy", "task", "waiting", "volume", "beeps", "errors",
+                    "warnings")
+        self._fields = {name: field(name) for name in changing}
+        self._told = [""] * len(arms)
+        field("arm")[...] = [arm.name.encode() for arm in arms]
+        field("sound")[...] = cut_text(sound.name, field("sound").dtype.itemsize)
+
+    def fill(self, commands: Commands, centre: Centre) -> None:
+        """How things are now."""
+        fields, climb = self._fields, commands.climb
+        for place, arm in enumerate(self._arms):
+            fields["arm_fresh"][place], fields["arm_state"][place] = arm.is_fresh, arm.state.encode()
+            fields["arm_homed"][place], fields["arm_busy"][place] = arm.is_homed, arm.is_busy
+            self._tell(place, arm)
+        for name, value in (("volume", commands.volume), ("beeps", commands.beeps), ("errors", centre.errors),
+                            ("warnings", centre.warnings)):
+            fields[name][...] = value
+        fields["task"][...] = climb.goal.encode() if climb is not None else b""
+        waiting = climb.waiting if climb is not None else ""
+        fields["waiting"][...] = cut_text(waiting, fields["waiting"].dtype.itemsize)
+
+    def _tell(self, place: int, arm: Arm) -> None:
+        """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""
+        state = ENABLED if arm.state == ENABLED and arm.is_homed else FAULT if arm.state == FAULT else ""
+        state = state if arm.is_fresh else ""
+        if state != self._told[place]:
+            self._told[place] = state
+            self._events.emit("arm_current_state", state, component=arm.name, state=state)

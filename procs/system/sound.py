@@ -1,0 +1,99 @@
+"""Beeps and speech by the programs that this computer has for them; without any it is silent.
+
+One sound after the other, each in a process of its own, so that nothing here ever waits for a loudspeaker.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+import wave
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+PLAYERS: Final = (("aplay", ("-q", "-")), ("paplay", ("/dev/stdin",)))
+SPEAKERS: Final = ("espeak-ng", "espeak")
+LOUDEST: Final = 200  # of espeak
+RATE_HZ: Final = 22050
+FADE_S: Final = 0.005  # without it a beep clicks
+WAITING: Final = 8
+NOBODY: Final = "none"
+
+
+def tone(duration_s: float, frequency_hz: float, volume: float) -> bytes:
+    """A sine as a WAV file, 16 bit mono."""
+    times = np.arange(max(1, round(duration_s * RATE_HZ))) / RATE_HZ
+    envelope = np.clip(np.minimum(times, times[-1] - times) / FADE_S, 0.0, 1.0)
+    samples = np.sin(2.0 * np.pi * frequency_hz * times) * envelope * volume * 32767.0
+    file = io.BytesIO()
+    with wave.open(file, "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(RATE_HZ)
+        out.writeframes(np.rint(samples).astype(np.int16).tobytes())
+    return file.getvalue()
+
+
+class Sound:
+    """What waits to be heard, and what is heard now."""
+
+    def __init__(self, find: Callable[[str], str | None] = shutil.which) -> None:
+        """`find` gives the path of a program, None: it is not installed."""
+        self._player = next(((path, *words) for name, words in PLAYERS if (path := find(name))), None)
+        self._speaker = next((path for name in SPEAKERS if (path := find(name))), None)
+        self._waiting: deque[tuple[Sequence[str], bytes]] = deque(maxlen=WAITING)
+        self._now: subprocess.Popen[bytes] | None = None
+
+    @property
+    def name(self) -> str:
+        """The programs in use; "none": it is silent."""
+        paths = [row for row in (self._player and self._player[0], self._speaker) if row]
+        return ", ".join(Path(path).name for path in paths) or NOBODY
+
+    @property
+    def lacks(self) -> str:
+        """What cannot be heard and what would help; empty: all can."""
+        missing = [text for text, there in (("beeps (aplay or paplay)", self._player),
+                                            ("speech (espeak-ng or espeak)", self._speaker)) if there is None]
+        return f"no {' and no '.join(missing)} on this computer" if missing else ""
+
+    def beep(self, duration_s: float, frequency_hz: float, volume: float) -> None:
+        """Queue a beep."""
+        if self._player is not None and volume > 0.0:
+            self._waiting.append((self._player, tone(duration_s, frequency_hz, volume)))
+
+    def say(self, text: str, volume: float) -> None:
+        """Queue a sentence."""
+        if self._speaker is not None and volume > 0.0:
+            self._waiting.append(((self._speaker, "-a", str(round(LOUDEST * volume)), "--", text), b""))
+
+    def step(self) -> str:
+        """Begin the next one when the last has ended; what is wrong, or empty."""
+        if self._now is not None and self._now.poll() is None:
+            return ""
+        self._now = None
+        if not self._waiting:
+            return ""
+        command, content = self._waiting.popleft()
+        try:
+            file = os.memfd_create("sound")
+            with os.fdopen(file, "wb") as sound:
+                sound.write(content)
+                sound.seek(0)
+                self._now = subprocess.Popen(command, stdin=file, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        except OSError as error:
+            return f"{command[0]} cannot be started: {error.strerror}"
+        return ""
+
+    def close(self) -> None:
+        """End what is heard."""
+        self._waiting.clear()
+        if self._now is not None and self._now.poll() is None:
+            self._now.kill()
+            self._now.wait()

@@ -1,0 +1,58 @@
+"""What a console answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.console.commands import LET_GO_NS, Commands
+from procs.console.logic import Logic
+from procs.console.selection import PSM, Member
+from tests.console.test_logic import ALL, RIGHT, FakeDesk
+from tests.io.stand import FakeCommand
+
+OTHER = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+
+
+def asked(commands: Commands, name: str, *values: float, text: str = "", now_ns: int = 1) -> FakeCommand:
+    command = FakeCommand(name, text, *values)
+    commands.execute([command], now_ns)
+    return command
+
+
+def test_commands_reach_the_logic() -> None:
+    logic = Logic("c", ALL, FakeDesk(), 0.2)
+    commands = Commands(logic)
+    for name, values in (("teleop_enable", 1.0), ("set_scale", 0.5), ("emulate_operator_present", 1.0),
+                         ("emulate_clutch", 1.0), ("emulate_camera", 1.0)):
+        assert asked(commands, name, values).outcome == "done"
+    assert logic.wanted and logic.operator and logic.clutch and logic.camera and logic.scale == 0.5
+    assert asked(commands, "unselect_teleop", text="MTMR_PSM1").outcome == "done"
+    assert "MTMR_PSM1" not in logic.selected
+    assert asked(commands, "select_teleop", text="MTML_PSM3").outcome == "done" and "MTML_PSM3" in logic.selected
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "text"),
+    [("teleop_enable", (2.0,), ""), ("set_scale", (0.0,), ""), ("set_scale", (float("nan"),), ""),
+     ("set_scale", (float("inf"),), ""), ("emulate_operator_present", (2.0,), ""), ("emulate_clutch", (), ""),
+     ("select_teleop", (), "MTMR_PSM9"), ("unselect_teleop", (), "")],
+)
+def test_what_makes_no_sense_is_refused(name: str, values: tuple[float, ...], text: str) -> None:
+    command = asked(Commands(Logic("c", ALL, FakeDesk(), 0.2)), name, *values, text=text)
+    assert command.outcome == "refused" and len(command.answers[0][1]) > len(name) + 10
+
+
+def test_selection_waits_for_the_other_console_a_second() -> None:
+    desk = FakeDesk()
+    logic = Logic("d", (RIGHT, OTHER), desk, 0.2)
+    logic.elsewhere = {RIGHT.name}
+    commands = Commands(logic)
+    command = asked(commands, "select_teleop", text=OTHER.name)
+    assert command.outcome == "accepted" and desk.freed == [RIGHT.name]
+    commands.execute([], LET_GO_NS)
+    assert command.outcome == "accepted"
+    commands.execute([], LET_GO_NS + 1)
+    assert command.outcome == "failed"
+    logic.elsewhere = set()
+    logic.step(LET_GO_NS + 2)
+    assert logic.selected == set(), "who has been told no is not selected later"

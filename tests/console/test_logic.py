@@ -1,0 +1,220 @@
+"""A console's decisions on plain data: the truth table, quick taps, selection and two consoles."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import pytest
+
+from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
+from procs.console.selection import ECM, PSM, Member, at_load, tapped
+from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+
+RIGHT = Member("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
+LEFT = Member("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
+THIRD = Member("MTML_PSM3", "c", PSM, ("MTML", "PSM3"))
+SCOPE = Member("MTML_MTMR_ECM", "c", ECM, ("MTML", "MTMR", "ECM"))
+ALL = (SCOPE, RIGHT, LEFT, THIRD)
+
+
+class FakeDesk:
+    """Remembers what it is told; `deaf` tele-operations cannot be asked."""
+
+    def __init__(self) -> None:
+        self.asks: list[tuple[str, str, tuple[float, ...], str]] = []
+        self.said: list[tuple[str, str]] = []
+        self.freed: list[str] = []
+        self.beeps: list[tuple[float, float]] = []
+        self.deaf: set[str] = set()
+
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
+        if teleop not in self.deaf:
+            self.asks.append((teleop, command, tuple(values), text))
+        return teleop not in self.deaf
+
+    def free(self, teleop: str) -> None:
+        self.freed.append(teleop)
+
+    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+        self.said.append((event, text))
+
+    def button(self, name: str, kind: int) -> None:
+        self.said.append(("button", name))
+
+    def status(self, text: str) -> None:
+        self.said.append(("status", text))
+
+    def beep(self, duration_s: float, frequency_hz: float) -> None:
+        self.beeps.append((duration_s, frequency_hz))
+
+    def words(self, teleop: str) -> list[str]:
+        return [text for name, command, _, text in self.asks if (name, command) == (teleop, "state_command")]
+
+
+def console(members: Sequence[Member] = ALL, name: str = "c") -> tuple[Logic, FakeDesk]:
+    desk = FakeDesk()
+    return Logic(name, members, desk, 0.2), desk
+
+
+@pytest.mark.parametrize(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
+def test_truth_table_of_a_psm(wanted: bool, selected: bool, camera: bool, operator: bool) -> None:
+    logic, desk = console((RIGHT,))
+    if not selected:
+        logic.unselect(RIGHT.name)
+    logic.press(CAMERA, PRESSED if camera else RELEASED)
+    logic.press(OPERATOR, PRESSED if operator else RELEASED)
+    logic.enable(wanted)
+    runs = wanted and selected and not camera
+    assert desk.words(RIGHT.name)[-1] == (DISABLE if not runs else ENABLE if operator else ALIGN)
+
+
+@pytest.mark.parametrize(("wanted", "selected", "camera", "operator"), list(itertools.product((False, True), repeat=4)))
+def test_truth_table_of_an_ecm(wanted: bool, selected: bool, camera: bool, operator: bool) -> None:
+    logic, desk = console((SCOPE,))
+    if not selected:
+        logic.unselect(SCOPE.name)
+    logic.press(CAMERA, PRESSED if camera else RELEASED)
+    logic.press(OPERATOR, PRESSED if operator else RELEASED)
+    logic.enable(wanted)
+    assert desk.words(SCOPE.name)[-1] == (ENABLE if wanted and selected and camera else DISABLE)
+
+
+def test_camera_swaps_psms_for_the_ecm_and_back() -> None:
+    logic, desk = console()
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True)
+    desk.asks.clear()
+    logic.press(CAMERA, PRESSED)
+    asked = [(name, text) for name, command, _, text in desk.asks if command == "state_command"]
+    assert asked == [("MTMR_PSM1", DISABLE), ("MTML_PSM2", DISABLE), ("MTML_MTMR_ECM", ENABLE)], "stops come first"
+    logic.press(CAMERA, RELEASED)
+    assert desk.words("MTML_MTMR_ECM")[-1] == DISABLE and desk.words("MTMR_PSM1")[-1] == ENABLE
+
+
+def test_operator_coming_while_camera_is_pressed_stops_what_aligns() -> None:
+    logic, desk = console()
+    logic.enable(True)
+    assert desk.words("MTMR_PSM1")[-1] == ALIGN
+    logic.press(CAMERA, PRESSED)
+    logic.press(OPERATOR, PRESSED)
+    assert desk.words("MTMR_PSM1")[-1] == DISABLE
+
+
+def test_operator_leaving_turns_following_into_aligning() -> None:
+    logic, desk = console()
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True)
+    logic.press(OPERATOR, RELEASED)
+    assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ALIGN]
+
+
+def test_nothing_is_asked_twice() -> None:
+    logic, desk = console()
+    logic.enable(True)
+    count = len(desk.asks)
+    logic.enable(True)
+    logic.step(1)
+    assert len(desk.asks) == count
+
+
+def test_endoscope_comes_first_and_sharers_start_unselected() -> None:
+    assert at_load(ALL) == {"MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2"}
+
+
+def test_quick_tap_toggles_the_pair_of_a_master() -> None:
+    logic, desk = console()
+    logic.press(CLUTCH, CLICKED)
+    assert logic.selected == {"MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM3"}
+    assert ("status", "MTML_PSM2 unselected to free MTML") in desk.said
+    logic.press(CLUTCH, CLICKED)
+    assert "MTML_PSM2" in logic.selected and "MTML_PSM3" not in logic.selected
+    assert desk.beeps == [(0.05, 2000.0)] * 4
+
+
+def test_quick_tap_needs_exactly_two() -> None:
+    fourth = Member("MTML_PSM1", "c", PSM, ("MTML", "PSM1"))
+    assert tapped((RIGHT, LEFT, THIRD, fourth), {"MTML_PSM2"}) == ""
+    assert tapped((LEFT, THIRD), set()) == "MTML_PSM2"
+
+
+def test_clutch_goes_to_every_teleop_selected_or_not() -> None:
+    logic, desk = console()
+    logic.press(CLUTCH, PRESSED)
+    pressed = [name for name, command, values, _ in desk.asks if command == "clutch" and values == (1.0,)]
+    assert pressed == [member.name for member in ALL] and desk.beeps == [(0.1, 700.0)]
+
+
+def test_selecting_frees_the_arm_within_a_console() -> None:
+    logic, desk = console()
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True)
+    desk.asks.clear()
+    assert logic.select("MTML_PSM3")
+    assert [(row[0], row[3]) for row in desk.asks] == [("MTML_PSM2", DISABLE), ("MTML_PSM3", ENABLE)]
+    assert {("unselected", "MTML_PSM2"), ("selected", "MTML_PSM3")} <= set(desk.said)
+
+
+def test_second_console_waits_until_the_first_has_let_go() -> None:
+    other = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+    first, _ = console((RIGHT, other))
+    second, desk = console((RIGHT, other), "d")
+    assert first.selected == {"MTMR_PSM1"} and second.selected == set()
+    second.elsewhere = {"MTMR_PSM1"}
+    assert not second.select("MTMX_PSM1") and desk.freed == ["MTMR_PSM1"]
+    second.step(1)
+    assert second.selected == set() and desk.freed == ["MTMR_PSM1"], "asked once"
+    first.unselect("MTMR_PSM1")
+    second.elsewhere = set(first.selected)
+    second.step(2)
+    assert second.selected == {"MTMX_PSM1"}
+
+
+def test_two_consoles_selecting_at_once_end_with_one() -> None:
+    other = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+    first, _ = console((RIGHT, other))
+    second, _ = console((RIGHT, other), "d")
+    second.selected = {"MTMX_PSM1"}
+    first.elsewhere, second.elsewhere = set(second.selected), set(first.selected)
+    first.step(1)
+    second.step(1)
+    assert (first.selected, second.selected) == ({"MTMR_PSM1"}, set())
+
+
+def test_teleop_that_began_anew_waits_for_presence() -> None:
+    logic, desk = console()
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True)
+    logic.began_anew("MTMR_PSM1")
+    logic.step(1)
+    assert desk.words("MTMR_PSM1")[-1] == ALIGN and desk.words("MTML_PSM2")[-1] == ENABLE
+    logic.press(OPERATOR, RELEASED)
+    logic.press(OPERATOR, PRESSED)
+    assert desk.words("MTMR_PSM1")[-1] == ENABLE
+
+
+def test_who_cannot_be_told_is_asked_until_it_can() -> None:
+    logic, desk = console((RIGHT,))
+    desk.deaf = {"MTMR_PSM1"}
+    logic.enable(True)
+    assert desk.asks == []
+    desk.deaf = set()
+    logic.step(5)
+    assert desk.words("MTMR_PSM1") == [ALIGN]
+
+
+def test_refused_is_asked_again_in_a_while() -> None:
+    logic, desk = console((RIGHT,))
+    logic.enable(True)
+    logic.refused("MTMR_PSM1", 10)
+    logic.step(11)
+    assert len(desk.words("MTMR_PSM1")) == 1
+    logic.step(11 + REFUSED_NS)
+    assert len(desk.words("MTMR_PSM1")) == 2
+
+
+def test_scale_is_for_all_of_the_console() -> None:
+    logic, desk = console()
+    logic.set_scale(0.4)
+    assert [(row[0], row[2]) for row in desk.asks] == [(member.name, (0.4,)) for member in ALL]
+    assert logic.scale == 0.4
