@@ -1,0 +1,23 @@
+"""A short `trocar bench arm`: every figure is there, and makes sense."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from shm.segment import names_of
+from tools import bench_arm
+
+KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", "ik_near_us_p50",
+        "ik_unreachable_us_p999")
+
+
+@pytest.mark.slow
+def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
+    result = bench_arm.run(cycles=60, poses=60)
+    figures = result["figures"]
+    assert result["bench"] == "arm" and all(figures[key] > 0.0 for key in KEYS)
+    assert figures["cycle_following_cpu_us_p50"] > figures["cycle_holding_cpu_us_p50"] > 0.0
+    assert figures["ik_unreachable_poses"] > 10
+    assert not names_of(f"bench-arm-{os.getpid()}")
