@@ -96,7 +96,8 @@ def test_a_process_that_dies_while_engaging_begins_it_again(state: str) -> None:
     assert not troubles(robot)
 
 
-@pytest.mark.parametrize("doing", ("holding", "moving", "effort", "clutched"))
+@pytest.mark.parametrize("doing", (
+    pytest.param("holding", marks=pytest.mark.soak), "moving", "effort", "clutched"))
 def test_a_process_that_dies_with_an_instrument_on_jerks_nothing(doing: str) -> None:
     made = Site("jhu-dVRK")
     robot = made.homed()

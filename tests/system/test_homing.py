@@ -24,7 +24,6 @@ ARMS = (
     ("jhu-daVinci/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
     ("jhu-daVinci-Si/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 10.0),
     ("jhu-daVinci-Si/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
-    ("jhu-dVRK/system-MTML.json", "MTML", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,), 20.0),
     ("jhu-dVRK/system-MTMR.json", "MTMR", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,), 20.0),
 )
 

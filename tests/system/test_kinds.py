@@ -9,7 +9,7 @@ import pytest
 from tests.system.robot import ROOT, Robot
 
 pytestmark = pytest.mark.slow
-KINDS = {"demo-psm-si": ("PSM1",), "demo-ecm": ("ECM",), "demo-ecm-si": ("ECM",), "demo-mtm": ("MTML", "MTMR")}
+KINDS = {"demo-psm-si": ("PSM1",), "demo-ecm-si": ("ECM",)}  # demo-ecm and demo-mtm home in test_arm_deaths.py
 
 
 @pytest.mark.parametrize("name", KINDS)
