@@ -1,0 +1,97 @@
+"""Power and homing of all arms on fake arms and a fake clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.system.climb import HOME, POWER_OFF, POWER_ON, Climb
+
+SECOND = 1_000_000_000
+
+
+class FakeArm:
+    """An arm that takes its time; what it is asked for happens so many seconds later."""
+
+    def __init__(self, name: str, state: str = "DISABLED", takes_s: float = 0.5) -> None:
+        self.name, self.state, self.takes_s = name, state, takes_s
+        self.is_homed = self.is_busy = False
+        self.is_fresh = True
+        self.refusals: list[str] = []
+        self.words: list[str] = []
+        self._left_s = 0.0
+
+    def ask(self, word: str) -> bool:
+        if (word == "home" and self.state != "ENABLED") or (word == "enable" and self.state == "FAULT"):
+            self.refusals.append(f"{word} while {self.state}")
+        self.words.append(word)
+        self._left_s, self.is_busy = self.takes_s, True
+        return True
+
+    def pass_time(self, seconds: float) -> None:
+        self._left_s -= seconds
+        if self.is_busy and self._left_s <= 0.0:
+            self.is_busy = False
+            self.state = {"disable": "DISABLED"}.get(self.words[-1], "ENABLED")
+            self.is_homed = self.words[-1] == "home"
+
+
+def climbed(goal: str, *arms: FakeArm, limit_s: float = 100.0) -> tuple[Climb, float]:
+    climb, now = Climb(goal, arms, SECOND), 0.0
+    while not climb.is_over and now < limit_s:
+        climb.step(round((1.0 + now) * SECOND))
+        for arm in arms:
+            arm.pass_time(0.01)
+        now += 0.01
+    return climb, now
+
+
+def test_home_waits_for_slow_power() -> None:
+    slow, quick = FakeArm("PSM1", takes_s=5.0), FakeArm("PSM2", takes_s=0.1)
+    climb, now = climbed(HOME, slow, quick)
+    assert climb.problems == "" and slow.words == quick.words == ["enable", "home"]
+    assert 10.0 < now < 11.0 and slow.is_homed and quick.is_homed
+
+
+def test_arms_in_fault_are_disabled_first() -> None:
+    arm = FakeArm("PSM1", "FAULT")
+    climb, _ = climbed(POWER_ON, arm)
+    assert climb.problems == "" and arm.words == ["disable", "enable"]
+
+
+def test_what_is_there_already_is_not_asked() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    climb, _ = climbed(POWER_ON, arm)
+    assert climb.is_over and arm.words == []
+
+
+def test_power_that_does_not_come_is_told_after_seven_seconds() -> None:
+    stuck, fine = FakeArm("PSM1", takes_s=50.0), FakeArm("PSM2")
+    climb, now = climbed(POWER_ON, stuck, fine)
+    assert climb.problems == "PSM1: is still DISABLED" and fine.state == "ENABLED" and 7.0 <= now < 7.5
+
+
+def test_silent_arm_is_told_and_others_go_on() -> None:
+    silent, fine = FakeArm("PSM1"), FakeArm("PSM2")
+    silent.is_fresh = False
+    climb, _ = climbed(HOME, silent, fine)
+    assert climb.problems == "PSM1: does not answer" and fine.is_homed
+
+
+def test_refusal_is_told_as_it_is() -> None:
+    arm = FakeArm("PSM1", "ENABLED")
+    arm.ask = lambda word: arm.refusals.append("PSM1: its instrument is stuck") or True  # type: ignore[method-assign]
+    climb, _ = climbed(HOME, arm)
+    assert climb.problems == "PSM1: its instrument is stuck"
+
+
+@pytest.mark.parametrize("state", ["ENABLED", "FAULT", "DISABLED"])
+def test_power_off_disables_every_arm(state: str) -> None:
+    arm = FakeArm("PSM1", state)
+    climb, _ = climbed(POWER_OFF, arm)
+    assert climb.problems == "" and arm.words == ["disable"] and arm.state == "DISABLED"
+
+
+def test_waiting_names_who_is_missing() -> None:
+    climb = Climb(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND)
+    climb.step(SECOND)
+    assert climb.waiting == "waiting for PSM1 (DISABLED)"

@@ -1,0 +1,148 @@
+"""What the system answers; sounds, volume and everybody's messages."""
+
+from __future__ import annotations
+
+import io
+import math
+import wave
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.system.centre import BEEP_NS, Centre, Source
+from procs.system.commands import Commands
+from procs.system.sound import NOBODY, Sound, tone
+from shm.layout import schema_of
+from shm.topics import EVENTS
+from tests.io.stand import FakeCommand
+from tests.whole.test_climb import FakeArm
+
+
+class FakeEvents:
+    """Remembers what is told."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, str]] = []
+        self.components: list[str] = []
+
+    def emit(self, event: str, text: str = "", *, component: str = "", **_: object) -> None:
+        self.told.append((event, text))
+        self.components.append(component)
+
+    def status(self, text: str, component: str = "") -> None:
+        self.told.append(("status", text))
+
+    def warning(self, code: str, text: str, *_: object) -> None:
+        self.told.append(("warning", text))
+
+    def error(self, code: str, text: str, *_: object) -> None:
+        self.told.append(("error", text))
+
+
+class FakeConsole:
+    """A mailbox."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, tuple[float, ...]]] = []
+
+    def send(self, name: str, values: tuple[float, ...] = (), text: str = "") -> int:
+        self.sent.append((name, values))
+        return 1
+
+    def poll(self) -> list[object]:
+        return []
+
+
+class Stage:
+    """The system's commands on fake arms, without programs for sounds."""
+
+    def __init__(self, *arms: FakeArm) -> None:
+        self.events, self.console, self.arms = FakeEvents(), FakeConsole(), arms
+        self.sound = Sound(lambda name: None)
+        events: Any = self.events
+        consoles: Any = [self.console]
+        self.commands = Commands(arms, consoles, events, self.sound, 0.5)
+
+    def ask(self, name: str, *values: float, text: str = "") -> FakeCommand:
+        command = FakeCommand(name, text, *values)
+        self.commands.execute([command], 1)
+        return command
+
+
+def test_power_off_stops_teleoperation_first() -> None:
+    stage = Stage(FakeArm("PSM1", "ENABLED"))
+    command = stage.ask("power_off")
+    assert stage.console.sent == [("teleop_enable", (0.0,))] and stage.arms[0].words == ["disable"]
+    stage.arms[0].pass_time(1.0)
+    stage.commands.execute([], 2)
+    assert command.outcome == "done"
+
+
+def test_power_off_ends_homing() -> None:
+    stage = Stage(FakeArm("PSM1"))
+    homing = stage.ask("home")
+    off = stage.ask("power_off")
+    assert homing.outcome == "failed" and "power_off" in homing.answers[-1][1] and off.outcome == "accepted"
+
+
+def test_volume_is_clamped() -> None:
+    stage = Stage()
+    assert stage.ask("set_volume", 1.7).outcome == "done" and stage.commands.volume == 1.0
+    assert ("volume", "") in stage.events.told
+    assert stage.ask("set_volume", math.nan).outcome == "refused" and stage.commands.volume == 1.0
+
+
+@pytest.mark.parametrize("values", [(), (1.0, 2.0, 0.5, 1.0), (math.nan,), (0.3, math.inf)])
+def test_senseless_beep_is_refused(values: tuple[float, ...]) -> None:
+    assert Stage().ask("beep", *values).outcome == "refused"
+
+
+def test_long_beep_is_clipped_with_a_warning() -> None:
+    stage = Stage()
+    assert stage.ask("beep", 100.0, 3000.0, 2.0).outcome == "done"
+    assert [event for event, _ in stage.events.told] == ["warning", "warning", "beep"]
+
+
+def test_computer_without_sound_says_so() -> None:
+    sound = Sound(lambda name: None)
+    sound.beep(0.3, 3000.0, 0.5)
+    sound.say("hello", 0.5)
+    assert sound.step() == "" and sound.name == NOBODY and "aplay" in sound.lacks and "espeak" in sound.lacks
+
+
+def test_beep_is_a_sine_of_its_frequency() -> None:
+    with wave.open(io.BytesIO(tone(0.1, 1000.0, 0.5))) as file:
+        samples = np.frombuffer(file.readframes(file.getnframes()), np.int16)
+        rate = file.getframerate()
+    assert len(samples) == round(0.1 * rate) and np.abs(samples).max() == pytest.approx(0.5 * 32767, rel=0.01)
+    assert np.argmax(np.abs(np.fft.rfft(samples))) * rate / len(samples) == pytest.approx(1000.0, abs=10.0)
+
+
+def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
+    record: Any = np.zeros(1, dtype=schema_of(EVENTS, {}).dtype)
+    waiting: list[tuple[int, str]] = []
+
+    class Ring:
+        def field(self, name: str) -> Any:
+            return record[name].reshape(())
+
+        def next(self) -> bool:
+            if waiting:
+                record["severity"], record["text"] = waiting.pop(0)
+                return True
+            return False
+
+    events, beeps = FakeEvents(), []
+    told: Any = events
+    centre = Centre([Source("PSM1", Ring())], told, lambda: beeps.append(1))
+    waiting += [(3, "a"), (0, "no message"), (3, "b"), (2, "c"), (1, "d")]
+    centre.step(1)
+    assert events.told == [("error", "a"), ("error", "b"), ("warning", "c"), ("status", "d")]
+    assert set(events.components) == {"PSM1"} and (centre.errors, centre.warnings, len(beeps)) == (2, 1, 1)
+    waiting.append((3, "e"))
+    centre.step(BEEP_NS)
+    assert len(beeps) == 1
+    waiting.append((3, "f"))
+    centre.step(1 + BEEP_NS)
+    assert len(beeps) == 2
