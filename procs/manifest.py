@@ -38,6 +38,8 @@ PROCS: tuple[Proc, ...] = (
          ("state", "setpoint"), phase=0.5, budget_us=150),
     Proc("suj", "procs.suj.loop", 1 / 500, 0.05, 3.0, "brakes engage, base frames unknown; restart goes on",
          ("state", "setpoint"), phase=0.75, budget_us=150),
+    Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
+         ("state",), phase=0.75, budget_us=200),
     Proc("console", "procs.console.loop", 0.01, 0.05, 3.0, "operator counts as absent; restart goes on",
          ("state",), budget_us=300),
     Proc("system", "procs.system.loop", 0.01, 0.5, 3.0, "nothing moves differently; restart",

@@ -372,7 +372,7 @@ REPLY = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    CONSOLE_STATE, SYSTEM_STATE, EVENTS, COMMAND, REPLY,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, EVENTS, COMMAND, REPLY,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

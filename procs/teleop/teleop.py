@@ -143,6 +143,13 @@ class Teleop:
             self._run()
         self._show()
 
+    def leave(self, now_ns: int) -> None:
+        """The process ends in order: as if it were disabled."""
+        self.now_ns = now_ns
+        self.desire(State.DISABLED)
+        if self.state is not State.DISABLED:
+            self.go(State.DISABLED)
+
     def _run(self) -> None:
         if self.state is State.DISABLED:
             self.go(State.SETTING)

@@ -91,15 +91,13 @@ def test_site_system_needs_only_our_own_files() -> None:
     assert system.ios[0].pids[0].source.endswith("configs/pid/PSM.yaml")
 
 
-def test_system_with_parts_that_wait_says_so() -> None:
+def test_tele_operation_starts_after_its_arms() -> None:
     path = stock.find("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json")
     loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
     system = loaded.system
     assert system is not None and system.emulation is not None
     assert [arm.name for arm in system.arms] == ["PSM1", "MTML"]
-    assert set(system.notes) >= {
-        "not started yet: teleop MTML_PSM1",
-    }
+    assert ("MTML_PSM1", "teleop", ("MTML", "PSM1")) in [(p.name, p.kind, p.after) for p in system.processes]
     assert [row.name for row in system.processes if row.kind in ("console", "system")] == ["console1", "system"]
     (console,) = system.consoles
     assert console.teleops == ("MTML_PSM1",) and console.clutch == document.WiredInput("IO1", "clutch")

@@ -12,7 +12,7 @@ from procs.lib.config.source import Source
 from procs.lib.config.trocar_section import TrocarSection
 
 BOARDS = "boards"
-STARTED: Final = frozenset({"console", "system"})  # of teleop, console, system: those whose processes exist
+STARTED: Final = frozenset({"teleop", "console", "system"})  # those whose processes exist
 SYSTEM_PERIOD_S: Final = 0.01
 RESERVED = frozenset({BOARDS, "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
 

@@ -1,0 +1,101 @@
+"""The process of one tele-operation: records of its arms and the console in, commands to the arms out, once a cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs import runtime
+from procs.lib.document import TeleopPsm as PsmRow
+from procs.teleop.arms import Arm, BaseFrame
+from procs.teleop.ecm import TeleopEcm
+from procs.teleop.presence import Operator
+from procs.teleop.psm import JawRange, TeleopPsm
+from procs.teleop.record import TeleopRecord
+from procs.teleop.teleop import Teleop
+from shm.client import Client, MailboxFull, Reply
+from shm.ring import RingWriter
+
+# The master's record is out so long after its stamp. Its cycles are two thirds of ours: every other time it is a third
+# of a millisecond older, and half of that is what the grid settles on.
+BEHIND_MASTER_NS: Final = 360_000
+
+
+class ArmMailbox:
+    """An arm's mailbox; a full one is no error here: goals come again, the rest is asked for again."""
+
+    def __init__(self, client: Client) -> None:
+        """`client` is our place in it."""
+        self._client = client
+
+    def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:
+        """Queue a command; its number, 0: there was no room."""
+        try:
+            return self._client.send(name, values, text)
+        except MailboxFull:
+            return 0
+
+    def poll(self) -> list[Reply]:
+        """What became of earlier ones."""
+        return self._client.poll()
+
+
+def jaw_range(me: runtime.Me, psm: str) -> JawRange:
+    """The jaws of the instruments that the arm may carry."""
+    arm = me.document.arm(psm)
+    tools = (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))
+    return {tool.name: (tool.jaw.lower, tool.jaw.upper) for tool in tools}.get
+
+
+def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
+    """What carries the slave, if the file says so; ValueError: it is no arm that runs."""
+    name = row.base_frame_from
+    if not name:
+        return None
+    running = [process.name for process in me.document.processes if process.kind == "arm"]
+    if name not in running:
+        raise ValueError(f"{row.name}: PSM_base_frame names {name}; allowed are the arms {', '.join(running)}")
+    return BaseFrame(name, me.reads(name, "state"))
+
+
+def build(me: runtime.Me, record: RingWriter) -> Teleop:
+    """The tele-operation of this process, on `record`."""
+    row = me.document.teleop(me.name)
+    there = row.console in {process.name for process in me.document.processes}
+    operator = Operator(row.console, me.reads(row.console, "state") if there else None)
+
+    def arm(name: str) -> Arm:
+        return Arm(name, me.reads(name, "state"), me.reads(name, "events"), ArmMailbox(me.commands(name)))
+
+    if isinstance(row, PsmRow):
+        own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
+        return TeleopPsm(row, arm(row.mtm), arm(row.psm), operator, own, me.events, jaw_range(me, row.psm),
+                         base_frame(me, row))
+    own = TeleopRecord(record.field, "ECM", (row.mtml, row.mtmr), row.ecm, row.console)
+    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events)
+
+
+def main() -> None:
+    """Run one tele-operation until asked to stop; its slave then holds."""
+    with runtime.process("teleop") as me:
+        state = me.writes("state")
+        teleop = build(me, state)
+        mailbox = me.mailbox()
+        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
+        master = teleop.arms[0]
+        me.ready()
+        while me.tick():
+            teleop.step(me.now_ns, mailbox.drain(me.wall_ns))
+            state.publish(me.now_ns)
+            if master.whole:
+                me.follow(master.stamp_ns, BEHIND_MASTER_NS)
+                if teleop.following:
+                    me.latency(me.clock.now_ns() - master.stamp_ns)
+        teleop.leave(me.now_ns)
+
+
+if __name__ == "__main__":
+    main()
