@@ -27,6 +27,7 @@ class Mailboxes:
         self._teleops = {name: me.commands(name) for name in mine}
         self._states = {name: me.reads(name, "state") for name in mine}
         self._epochs = {name: ring.epoch for name, ring in self._states.items()}
+        self._desired = {name: ring.field("desired_state") for name, ring in self._states.items()}
         self._homes = {member.name: member.console for member in members if member.console in running - {me.name}}
         others = dict.fromkeys(self._homes.values())
         self._consoles = {name: me.commands(name) for name in others}
@@ -81,6 +82,8 @@ class Mailboxes:
                 self._epochs[teleop] = epoch
                 self.status(f"{teleop} was started again: it follows when presence is shown again")
                 logic.began_anew(teleop)
+            elif self._states[teleop].newest():
+                logic.shows(teleop, self._desired[teleop].item().decode())
         for clients in (self._consoles.values(), [self._system] if self._system else []):
             for client in clients:
                 client.poll()

@@ -15,6 +15,7 @@ from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm,
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
+DISABLED: Final = "DISABLED"
 OPERATOR, CLUTCH, CAMERA = "operator_present", "clutch", "camera"
 PAYLOADS: Final = {RELEASED: 0.0, PRESSED: 1.0, CLICKED: 2.0}  # as the commands of tele-operations have them
 BEEPS: Final = {  # s, Hz, how often
@@ -60,6 +61,7 @@ class Logic:
         self.elsewhere: set[str] = set()  # selected in other consoles, as these show it
         self.asked = dict.fromkeys(self._by_name, "")
         self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
+        self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._awaiting = ""  # to be selected as soon as other consoles have let go
@@ -74,6 +76,8 @@ class Logic:
             self.lapsed -= {member.name for member in self.mine if member.kind != ECM}
         elif kind == PRESSED and button == CAMERA:
             self.lapsed -= {member.name for member in self.mine if member.kind == ECM}
+        if kind == PRESSED and button != CLUTCH:
+            self._pick_up()
         self._desk.button(button, kind)
         self.update(0)  # tele-operations are stopped before anything else is told
         if button == CLUTCH:
@@ -96,6 +100,7 @@ class Logic:
         self.wanted = on
         if on:
             self.lapsed.clear()
+            self._pick_up()
         self._desk.tell("teleop_enabled", component=self.name, value=float(on))
         self._desk.status(f"{self.name}: tele-operation {'enabled' if on else 'disabled'}")
         self.update(0)
@@ -121,6 +126,7 @@ class Logic:
             self._awaiting = teleop
             return False
         self._awaiting = "" if self._awaiting == teleop else self._awaiting
+        self._pick_up()
         if teleop not in self.selected:
             self.selected.add(teleop)
             self._desk.tell("selected", teleop, teleop)
@@ -156,6 +162,17 @@ class Logic:
         """It would not do what it was asked for; it is asked again in a while."""
         self.asked[teleop] = ""
         self._again_ns[teleop] = now_ns + REFUSED_NS
+
+    def shows(self, teleop: str, desired: str) -> None:
+        """The desired state that a tele-operation shows; DISABLED although asked to run: an error has stopped it."""
+        if desired == DISABLED and self.asked[teleop] in (ENABLE, ALIGN):
+            self.fallen.add(teleop)
+        else:
+            self.fallen.discard(teleop)
+
+    def _pick_up(self) -> None:
+        self.asked.update(dict.fromkeys(self.fallen, ""))
+        self.fallen.clear()
 
     # -- what follows --------------------------------------------------------------------------------------------------
 

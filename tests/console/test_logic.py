@@ -218,3 +218,15 @@ def test_scale_is_for_all_of_the_console() -> None:
     logic.set_scale(0.4)
     assert [(row[0], row[2]) for row in desk.asks] == [(member.name, (0.4,)) for member in ALL]
     assert logic.scale == 0.4
+
+
+def test_teleop_that_an_error_stopped_is_asked_again_by_a_person_only() -> None:
+    logic, desk = console((RIGHT,))
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True)
+    logic.shows("MTMR_PSM1", "ENABLED")
+    logic.shows("MTMR_PSM1", "DISABLED")
+    logic.step(1)
+    assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE]
+    logic.enable(True)
+    assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ENABLE]
