@@ -91,6 +91,11 @@ class Sound:
             return f"{command[0]} cannot be started: {error.strerror}"
         return ""
 
+    def finish(self) -> None:
+        """Wait until what is heard now has ended; not in a loop."""
+        if self._now is not None:
+            self._now.wait()
+
     def close(self) -> None:
         """End what is heard."""
         self._waiting.clear()

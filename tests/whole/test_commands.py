@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import wave
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,3 +147,29 @@ def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
     waiting.append((3, "f"))
     centre.step(1 + BEEP_NS)
     assert len(beeps) == 2
+
+
+def test_sounds_are_heard_one_after_the_other(tmp_path: Path) -> None:
+    heard = tmp_path / "heard"
+    programs = {}
+    for name, line in (("aplay", "wc -c"), ("espeak", 'echo "$@"')):
+        programs[name] = tmp_path / name
+        programs[name].write_text(f"#!/bin/sh\n{line} >> {heard}\n")
+        programs[name].chmod(0o755)
+    sound = Sound(lambda name: str(programs[name]) if name in programs else None)
+    assert sound.name == "aplay, espeak" and sound.lacks == ""
+    sound.beep(0.1, 1000.0, 0.5)
+    sound.say("hello", 0.5)
+    sound.beep(0.1, 1000.0, 0.0)  # nothing to hear
+    for _ in range(2):
+        assert sound.step() == ""
+        sound.finish()
+    bytes_of_the_beep, words = heard.read_text().splitlines()
+    assert int(bytes_of_the_beep) == len(tone(0.1, 1000.0, 0.5)) and words == "-a 100 -- hello"
+    sound.close()
+
+
+def test_player_that_cannot_be_started_is_told() -> None:
+    sound = Sound(lambda name: f"/nowhere/{name}")
+    sound.beep(0.1, 1000.0, 0.5)
+    assert "cannot be started" in sound.step() and sound.step() == ""
