@@ -17,7 +17,7 @@ Fields = Callable[[str], NDArray[Any]]
 SILENT_NS: Final = 30_000_000  # an arm writes 1500 records a second; none for this long means that it is gone
 SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
 ERROR: Final = 3  # severity of events
-EFFORT: Final = 3  # control mode
+POSITION: Final = 1  # control mode
 
 
 class Ring(Protocol):
@@ -83,6 +83,7 @@ class Arm:
         self.twist = field("measured_cv")
         """Of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
+        self._simulated = field("simulated")
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
         self._severity, self._text = events.field("severity"), events.field("text")
@@ -140,9 +141,9 @@ class Arm:
         return self._told
 
     @property
-    def is_free(self) -> bool:
-        """It is in effort mode."""
-        return bool(self._mode.item() == EFFORT)
+    def is_held(self) -> bool:
+        """Somebody has it hold or follow joint positions; one that is only played is moved like that."""
+        return bool(self._mode.item() == POSITION and not self._simulated)
 
     @property
     def told(self) -> str:

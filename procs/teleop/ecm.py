@@ -114,8 +114,8 @@ class TeleopEcm(Teleop):
     def _run_following(self) -> None:
         left, right = self.masters
         settled = self.now_ns - self._let_go_ns > LET_GO_NS
-        if settled and not (left.is_free and right.is_free):
-            self.go(State.SETTING)  # somebody else had one hold or move meanwhile: begin anew from here
+        if settled and (left.is_held or right.is_held):
+            self.go(State.SETTING)  # somebody else had one hold meanwhile: begin anew from here
             return
         goal = self.camera.step(left.measured[:3, 3], right.measured[:3, 3], left.twist[:3], right.twist[:3])
         if self.slave.send("servo_jp", goal):

@@ -208,8 +208,8 @@ class TeleopPsm(Teleop):
         if not (settings.ignore_jaw or slave.has_jaw):
             self.stop("no-jaw", f"{slave.name} has no jaw anymore", slave.name)
             return
-        if settings.mtm_is_haptic and not master.is_free and self.now_ns - self._let_go_ns > LET_GO_NS:
-            self._free_master(self.mapping.rotation_locked)  # somebody else had it hold or move meanwhile
+        if settings.mtm_is_haptic and master.is_held and self.now_ns - self._let_go_ns > LET_GO_NS:
+            self._free_master(self.mapping.rotation_locked)  # somebody else had it hold meanwhile
         pose_from_matrix(self.mapping.step(master.measured, self._base_pose), values[:7])
         linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
         if linear or angular:

@@ -83,6 +83,8 @@ class Teleop:
         self.passed_s = 0.0
         self._said_ns = -SAID_NS
         self._asked: set[tuple[str, str]] = set()
+        self._recovering = False
+        """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
         self._rows: dict[str, Row] = {
             "state_command": Row(self._state_command), "clutch": Row(self._clutch, 1), **self.commands()}
 
@@ -139,7 +141,7 @@ class Teleop:
             self.lose()
         if self.desired is State.DISABLED and self.state is not State.DISABLED:
             self.go(State.DISABLED)
-        elif self.desired is not State.DISABLED and all(arm.whole for arm in self.arms):
+        elif self.desired is not State.DISABLED:
             self._run()
         self._show()
 
@@ -155,35 +157,58 @@ class Teleop:
             self.go(State.SETTING)
         elif self.state is State.SETTING:
             self._set_arms()
-        else:
+        elif all(arm.whole for arm in self.arms):
             self.run()
 
     def _supervise(self) -> None:
-        """Whatever is wrong with an arm ends it."""
+        """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
         for arm in self.arms:
             errors = arm.errors()
-            if self.desired is State.DISABLED:
-                continue
-            for text in errors:
-                self.stop("arm-error", f"received from arm {arm.name}: {text}", arm.name)
-            if arm.is_silent:
-                self.stop("arm-silent", f"{arm.name} is silent", arm.name)
-            elif self.state in NEEDS_ARMS:
-                if arm.restarted:
-                    self.stop("arm-restarted", f"{arm.name} was started anew", arm.name)
-                elif not arm.is_ready:
-                    missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
-                    self.stop("arm-not-ready", f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
+            if self.desired is not State.DISABLED:
+                self._watch(arm, errors)
+
+    def _watch(self, arm: Arm, errors: list[str]) -> None:
+        for text in errors:
+            self.stop("arm-error", f"received from arm {arm.name}: {text}", arm.name)
+        if self.state not in NEEDS_ARMS or errors:
+            return
+        if arm.is_silent:
+            self._interrupt("arm-silent", f"{arm.name} is silent", arm.name)
+        elif arm.restarted:
+            self._interrupt("arm-restarted", f"{arm.name} was started anew", arm.name)
+        elif not arm.is_ready:
+            self._miss_arm(arm)
+
+    def _miss_arm(self, arm: Arm) -> None:
+        missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
+        self.stop("arm-not-ready", f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
+
+    def _interrupt(self, code: str, text: str, component: str) -> None:
+        """An arm's process is gone or was: back to SETTING_ARMS_STATE, and presence has to be shown again.
+
+        Nothing is enabled or homed there that is not by itself, see `_recovering`.
+        """
+        self.events.error(code, f"{self.name}: {text}", component)
+        self.forget_presence()
+        self.go(State.SETTING)
+        self._recovering = True
 
     def _set_arms(self) -> None:
         """Enable and home arms; `home` is refused while an arm is DISABLED, so one after the other."""
-        missing = [arm for arm in self.arms if not arm.is_ready]
+        silent = [arm for arm in self.arms if arm.is_silent]
+        missing = silent or [arm for arm in self.arms if not arm.is_ready]
         if not missing:
             self.set_up()
             return
         if self.now_ns - self.entered_ns > SETTING_NS:
             for arm in missing:
                 self.stop("arm-time-out", f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
+            return
+        if silent:
+            self.reason = f"waiting: {', '.join(arm.name for arm in silent)} is silent"
+            return
+        if self._recovering:
+            self._miss_arm(missing[0])
             return
         for arm in missing:
             word = "home" if arm.is_enabled else "enable"
@@ -200,6 +225,7 @@ class Teleop:
             self.follow(False)
         self.state, self.entered_ns = state, self.now_ns
         self._asked.clear()
+        self._recovering = False
         if state is not State.DISABLED:
             self.reason = ""
         self.events.emit("current_state", state)

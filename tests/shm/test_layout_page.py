@@ -158,7 +158,8 @@ def laid_out(schema: Schema) -> tuple[dict[str, int], int, int]:
 
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_the_rules_give_the_offsets_of_every_topic(count: int) -> None:
-    named = ("axes", "drives", "robots", "inputs", "outputs", "readers", "boards", "setups", "instances")
+    named = ("axes", "drives", "robots", "inputs", "outputs", "readers", "boards", "setups", "instances",
+             "teleops", "arms")
     dims = dict.fromkeys(named, count)
     for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, clock.SCHEMA]:
         names = schema.dtype.names or ()

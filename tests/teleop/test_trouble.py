@@ -68,19 +68,38 @@ def test_disable_stops_at_once(following: Theatre) -> None:
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_a_silent_arm_ends_following(following: Theatre, which: str) -> None:
+def test_a_silent_arm_ends_following_until_presence_is_shown(following: Theatre, which: str) -> None:
     following.arms[which].alive = False
     following.run(0.029)
     assert following.following
     following.run(0.003)
-    assert not following.following and following.text("reason") == f"{which} is silent"
+    assert not following.following and following.text("state") == "SETTING_ARMS_STATE"
+    assert following.text("reason") == f"waiting: {which} is silent"
+    assert following.reports.of("error") == [f"MTMR_PSM1: {which} is silent"]
+    show(following)
+    assert not following.following
+    following.arms[which].alive = True
+    following.arms[which].ring.epoch += 1
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
 def test_an_arm_started_anew_ends_following(following: Theatre, which: str) -> None:
     following.arms[which].ring.epoch += 1
     following.step()
-    assert not following.following and following.text("reason") == f"{which} was started anew"
+    assert not following.following and following.reports.of("error") == [f"MTMR_PSM1: {which} was started anew"]
+
+
+def test_an_arm_that_comes_back_without_power_is_left_alone(following: Theatre) -> None:
+    following.slave.alive = False
+    following.run(0.05)
+    following.slave.alive = True
+    following.slave.ring.set(state=b"FAULT", sub_state=b"FAULT", is_homed=False)
+    following.run(0.01)
+    assert following.text("state") == "DISABLED" and not following.slave.asked("state_command")
 
 
 def test_a_torn_record_is_waited_over(following: Theatre) -> None:
