@@ -96,8 +96,8 @@ class Arm:
 
     # what is seen
 
-    def look(self, now_ns: int) -> None:
-        """Its newest record and what became of commands."""
+    def look(self, now_ns: int, poses: bool = True) -> None:
+        """Its newest record and what became of commands; `poses`: `measured` and `setpoint` are needed."""
         self._now_ns = now_ns
         epoch = self._ring.epoch
         self.restarted, self._epoch = self._epoch not in (0, epoch), epoch
@@ -109,7 +109,7 @@ class Arm:
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
             self._told = bool(self._known) and math.isfinite(self.pose.dot(self.pose) + self.setpoint_pose.sum())
-            if self._told:
+            if self._told and poses:
                 matrix_from_pose(self.pose, self.measured)
                 matrix_from_pose(self.setpoint_pose, self.setpoint)
         for answer in self._sender.poll():

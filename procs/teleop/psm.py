@@ -312,7 +312,8 @@ class TeleopPsm(Teleop):
         if master.whole and slave.whole:
             self._poses[0][...], self._poses[1][...] = master.pose, slave.setpoint_pose
             self._twist[...] = master.twist
-        self._offset[:3, :3] = self.mapping.offset
-        self._offset_shown[...] = pose_from_matrix(self._offset)[3:]
+        if self.following:
+            self._offset[:3, :3] = self.mapping.offset
+            self._offset_shown[...] = pose_from_matrix(self._offset)[3:]
         if math.isnan(self._error_shown.item()):
             self._error_shown[...] = 0.0

@@ -24,6 +24,7 @@ class TeleopRecord:
         for name in ("sent_ns", "master_stamp_ns", "slave_stamp_ns", "gripper_range", "roll_range", "angle_error"):
             field(name)[...] = 0
         field("operator_active")[...] = False
+        field("alignment_offset")[...] = (0.0, 0.0, 0.0, 1.0)
         self.valid = field("valid")
         self._state, self._desired, self._reason = field("state"), field("desired_state"), field("reason")
         self._following, self._clutched, self._busy = field("following"), field("clutched"), field("is_busy")
