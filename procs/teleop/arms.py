@@ -141,6 +141,11 @@ class Arm:
         return self._told
 
     @property
+    def is_played(self) -> bool:
+        """There is no robot: forces do not move it, only who tells it where to be."""
+        return bool(self._simulated)
+
+    @property
     def is_held(self) -> bool:
         """Somebody has it hold or follow joint positions; one that is only played is moved like that."""
         return bool(self._mode.item() == POSITION and not self._simulated)

@@ -123,6 +123,8 @@ class TeleopEcm(Teleop):
         turned = angle_between(self._turned, self.camera.orientation(np.eye(3))) > NEW_TURN
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
                                         self._first_turns, strict=True):
+            if master.is_played:
+                continue  # a force would only end the move that somebody has it make
             self._wrench[:3] = force
             master.send("body/servo_cf", self._wrench)
             if turned:

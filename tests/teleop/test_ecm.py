@@ -93,3 +93,12 @@ def test_it_aligns_nothing_and_locks_nothing(theatre: EcmTheatre) -> None:
     assert theatre.state_command("align_MTM").outcomes == ["refused"]
     assert theatre.send("lock_rotation", 1).outcomes == ["refused"]
     assert theatre.following
+
+
+def test_masters_that_are_played_are_left_to_who_moves_them(theatre: EcmTheatre) -> None:
+    for name in ("MTML", "MTMR"):
+        theatre.arms[name].ring.set(simulated=True)
+    theatre.forget()
+    theatre.arms["MTML"].shift(0.02, 0, 0)
+    theatre.run(0.1)
+    assert theatre.slave.asked("servo_jp") and not theatre.arms["MTML"].sent
