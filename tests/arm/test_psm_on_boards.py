@@ -17,7 +17,7 @@ from tests.arm.on_boards import OnBoards
 pytestmark = pytest.mark.slow
 MOST_JUMP = 0.5e-3  # m
 SITES = (("jhu-dVRK", "LARGE_NEEDLE_DRIVER:400006"), ("jhu-dVRK", "5MM_NEEDLE_DRIVER:400117"),
-         ("jhu-daVinci-Si", "LARGE_NEEDLE_DRIVER:420006[11]"))
+         pytest.param("jhu-daVinci-Si", "LARGE_NEEDLE_DRIVER:420006[11]", marks=pytest.mark.soak))
 
 
 class Site:

@@ -86,7 +86,7 @@ def watched(robot: Robot) -> Callable[[str], Watched]:
     return lambda name: Watched(robot, name)
 
 
-@pytest.mark.parametrize("arm", STATES)
+@pytest.mark.parametrize("arm", ["ECM", pytest.param("MTML", marks=pytest.mark.soak)])
 def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
     robot: Robot, watched: Callable[[str], Watched], arm: str
 ) -> None:

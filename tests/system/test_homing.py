@@ -20,11 +20,14 @@ TO_ZERO, STAY = True, False
 
 # system file, arm, states on the way to HOMED, homing goal, tolerance of every joint, most s from power-on to HOMED
 ARMS = (
-    ("jhu-dVRK/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 8.0),
+    pytest.param("jhu-dVRK/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 8.0,
+                 marks=pytest.mark.soak),  # test_robot.py homes it, too
     ("jhu-daVinci/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
     ("jhu-daVinci-Si/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 10.0),
-    ("jhu-daVinci-Si/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
-    ("jhu-dVRK/system-MTMR.json", "MTMR", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,), 20.0),
+    pytest.param("jhu-daVinci-Si/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0,
+                 marks=pytest.mark.soak),
+    pytest.param("jhu-dVRK/system-MTMR.json", "MTMR", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,),
+                 20.0, marks=pytest.mark.soak),  # test_masters.py homes both
 )
 
 
@@ -40,7 +43,7 @@ def sequence(robot: Robot, arm: str) -> Iterator[tuple[str, int]]:
     reader.close()
 
 
-@pytest.mark.parametrize(("file", "arm", "states", "zero", "tolerance", "most_s"), ARMS, ids=[a[0] for a in ARMS])
+@pytest.mark.parametrize(("file", "arm", "states", "zero", "tolerance", "most_s"), ARMS)
 def test_an_arm_homes_from_its_own_files(
     robot: Robot, data: Callable[[str], Path], file: str, arm: str, states: tuple[str, ...], zero: bool,
     tolerance: tuple[float, ...], most_s: float, record_property: Callable[[str, object], None]

@@ -8,7 +8,7 @@ import pytest
 
 from tests.system.robot import ROOT, Robot
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.soak]  # sites' own arms home in test_homing.py
 KINDS = {"demo-psm-si": ("PSM1",), "demo-ecm-si": ("ECM",)}  # demo-ecm and demo-mtm home in test_arm_deaths.py
 
 

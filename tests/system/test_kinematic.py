@@ -59,7 +59,7 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
     assert robot.down() == 0
 
 
-@pytest.mark.parametrize("clock", ["wall", "lockstep"])
+@pytest.mark.parametrize("clock", [pytest.param("wall", marks=pytest.mark.soak), "lockstep"])
 def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, clock: str) -> None:
     robot.up(KINEMATIC, "--set", f"clock={clock}")
     homed(robot)

@@ -72,6 +72,7 @@ def test_whoever_waits_at_a_bell_is_woken_by_the_next_cycle(robot: Robot) -> Non
         place, reader = page.waiter(), directory.reader(robot.name, instance, "state")
         for _ in range(50):
             seen = reader.head
-            assert place.wait(lambda: reader.head != seen, 20_000_000_000)  # noqa: B023  # called within the loop
+            waits = (place.wait(lambda: reader.head != seen, 20_000_000_000) for _ in range(3))  # noqa: B023
+            assert any(waits), "a ring for the record before may come first"
         reader.close()
         page.close()

@@ -75,6 +75,7 @@ GOLDEN = {
 }
 
 
+@pytest.mark.soak  # tests/suj has the same numbers
 def test_stock_full_system_shows_tips_where_the_original_does(robot: Robot, data: Callable[[str], Path]) -> None:
     robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")),
              *LOCKSTEP)
