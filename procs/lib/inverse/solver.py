@@ -24,6 +24,7 @@ CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to g
 ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
 STEPS: Final = 8
+MOST_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
 SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
 LONGEST_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
 DAMPING: Final = 1e-12
@@ -93,6 +94,8 @@ class Inverse:
             elif beyond < best:
                 best, why, axis = beyond, self.reason, self.axis
         for _, start in sorted(candidates, key=lambda each: each[0]):
+            if self.steps >= MOST_STEPS:
+                break
             np.copyto(q, start)
             if not self._newton(target, math.inf):
                 continue
