@@ -102,7 +102,7 @@ class Arm:
             State.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
             State.HOMED: Homed(control, self.look_after, self.checks_tracking),
             State.MANUAL: Manual(control, self.is_clutched),
-            State.PAUSED: Paused(control),
+            State.PAUSED: Paused(control, self.checks_tracking),
             State.FAULT: Fault(control),
             **self.stages(),
         }

@@ -13,7 +13,7 @@ from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
-from procs.arm.motion import Space
+from procs.arm.motion import Mode, Space
 from procs.lib.poses import matrix_from_pose, unit_quaternion
 from procs.lib.requests import Request
 
@@ -155,7 +155,7 @@ class CartesianCommands:
     def _move_cr(self, request: Request) -> None:
         self.enter(request.name)
         control = self._control
-        self._move(request, self._relative(request, control.take_target()[: control.joints.count]))
+        self._move(request, self._relative(request, control.target[: control.joints.count]))
 
     def _move(self, request: Request, goal: Array) -> None:
         control = self._control
@@ -164,7 +164,8 @@ class CartesianCommands:
         try:
             joints = self._solve(request.name, goal, seed)
         except Refused:
-            control.stop(control.here, control.motion.mode, "replaced by a move that cannot be done")
+            if control.motion.moving:
+                control.stop(control.here, Mode.POSITION, "replaced by a move that cannot be done")
             raise
         control.take_target()[:n] = joints
         control.move(request, Space.CARTESIAN)

@@ -108,8 +108,10 @@ class Commands:
         """A stream that stopped although its client may not: hold."""
         control = self._control
         silent_ns = control.now_ns - self._streamed_ns
-        if control.machine.state is not State.HOMED or silent_ns <= self._timeout_ns:
+        if control.machine.state is State.HOMED and silent_ns <= self._timeout_ns:
             return
         self._streamed_ns = 0
+        if control.machine.state is not State.HOMED:
+            return  # it was stopped already
         control.stop(control.here, Mode.POSITION, "its client is silent")
         control.warn("client-silent", f"no servo command for {silent_ns * 1e-9:.3f} s; holding")

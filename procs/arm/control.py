@@ -52,7 +52,6 @@ class Control:
         self.homed_generation = 0
         self.held = False
         """A successor found the joint controller on, in no state for it: it just holds."""
-        self.deadline_ns = 0
         self.now_ns = 0
         self._moves: dict[str, Request] = {}
         self._clipped_ns = -SAID_NS
@@ -101,6 +100,11 @@ class Control:
     def here(self) -> Array:
         """Where the joints are kept; in effort mode where io would keep them."""
         return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.goal
+
+    @property
+    def target(self) -> Array:
+        """Where the joints are going now; in effort mode where io would keep them."""
+        return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.target
 
     def take_target(self) -> Array:
         """`goal` := where the joints are going now."""

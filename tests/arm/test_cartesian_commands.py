@@ -264,6 +264,34 @@ def test_joint_velocities_go_on_for_a_tenth_of_a_second_and_stop_at_limits(rig: 
     assert rig.io.setpoint[2] == pytest.approx(0.24)
 
 
+def test_a_process_that_was_stopped_does_not_catch_up_with_joint_velocities(rig: Rig) -> None:
+    rig.send("servo_jv", (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    before = rig.io.setpoint[0]
+    rig.now_ns += 90_000_000  # shorter than the stream may pause
+    rig.step()
+    rig.step()
+    assert rig.io.setpoint[0] - before < 0.5 * 0.01
+
+
+def test_a_move_out_of_reach_leaves_an_arm_that_pushes_as_it_is(rig: Rig) -> None:
+    wrench = np.array((0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    rig.send("body/servo_cf", wrench)
+    for name in ("move_cp", "move_cr"):
+        assert rig.send(name, (5.0, 5.0, -0.1, *STRAIGHT)).outcomes == ["refused"]
+    rig.run(0.01)
+    assert rig.state["control_mode"] == 3 and rig.setpoint["in_effort"][:7].all()
+    assert rig.arm.control.motion.effort[:6] == pytest.approx(rig.state["jacobian"][:, :6].T @ wrench)
+
+
+def test_an_arm_that_is_paused_while_it_pushes_holds_under_the_tracking_check(rig: Rig) -> None:
+    rig.send("free")
+    rig.run(0.05)
+    assert not rig.io.flag("tracking_check")
+    rig.state_command("pause")
+    rig.run(0.3)
+    assert rig.arm.state == "PAUSED" and not rig.setpoint["in_effort"].any() and rig.io.flag("tracking_check")
+
+
 def test_a_client_that_falls_silent_is_held_when_that_is_asked_for() -> None:
     rig = bent(client_timeout_s=0.1)
     rig.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))

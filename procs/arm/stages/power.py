@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from procs.arm.control import Control
 from procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
 from procs.arm.states import Event
 from procs.arm.supervision import POWER_PROBLEMS
@@ -90,7 +91,15 @@ class Enabled(Stage):
 
 
 class Paused(Stage):
-    """The joint controller holds, or stays off."""
+    """The joint controller holds, or stays off; what it did before, it is watched while it holds."""
+
+    def __init__(self, control: Control, checks_tracking: bool) -> None:
+        super().__init__(control)
+        self._checks_tracking = checks_tracking
+
+    def enter(self) -> None:
+        """See Stage."""
+        self.control.duties.tracking.want(self._checks_tracking)
 
 
 class Fault(Stage):
