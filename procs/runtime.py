@@ -24,7 +24,7 @@ from procs.lib.document import Process, System, from_json
 from procs.manifest import proc
 from procs.pacing import Pacing
 from shm import directory
-from shm.client import Client
+from shm.client import LoopClient
 from shm.clock import LockstepClock, WallClock, monotonic_ns
 from shm.events import Events
 from shm.mailbox import Mailbox
@@ -80,9 +80,9 @@ class Me:
         """Our own mailbox."""
         return Mailbox(self.system, self.name, self.kind)
 
-    def commands(self, instance: str) -> Client:
+    def commands(self, instance: str) -> LoopClient:
         """A place in the mailbox of another instance."""
-        return Client(self.system, instance)
+        return LoopClient(self.system, instance)
 
     @property
     def stop_reason(self) -> str:

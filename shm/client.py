@@ -147,3 +147,14 @@ class Client:
     def close(self) -> None:
         """Free the place."""
         self._map.segment.close()
+
+
+class LoopClient(Client):
+    """A client for loops, which ask again for what they want: a full mailbox is no error there."""
+
+    def send(self, name: str, values: Any = (), text: str = "") -> int:
+        """Queue a command, returns its id; 0 when there was no room."""
+        try:
+            return super().send(name, values, text)
+        except MailboxFull:
+            return 0

@@ -18,7 +18,7 @@ from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import Commands, Row, Table
 from procs.arm.control import SAID_NS, Control
 from procs.arm.detection import Reading
-from procs.arm.duties import Duties, Sender
+from procs.arm.duties import Duties
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import AXES, Joints, joints, kinematic_home
 from procs.arm.machine import Machine
@@ -35,7 +35,7 @@ from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
-from procs.lib.requests import Reports, Request
+from procs.lib.requests import Reports, Request, Sender
 
 Array = NDArray[np.float64]
 

@@ -7,43 +7,18 @@ switch is asked for at once when it is wanted, then again every `RETRY_NS`, and 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from numpy.typing import NDArray
 
 from procs.arm.readings import Readings
+from procs.lib.requests import Answer, Sender
 
 RETRY_NS = 100_000_000
 REFUSED_NS = 1_000_000_000
 MEMORY = 64
 
 Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
-
-
-class Answer(Protocol):
-    """A reply of io."""
-
-    @property
-    def id(self) -> int:
-        """Number of the command answered."""
-
-    @property
-    def outcome(self) -> str:
-        """accepted, refused, done or failed."""
-
-    @property
-    def text(self) -> str:
-        """The reason."""
-
-
-class Sender(Protocol):
-    """The way to io's mailbox."""
-
-    def send(self, name: str, values: Sequence[float], text: str) -> int:
-        """Queue a command; returns its id, 0 when there was no room."""
-
-    def poll(self) -> Sequence[Answer]:
-        """Replies since the last call."""
 
 
 class Wishes:

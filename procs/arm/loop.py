@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,31 +19,11 @@ from procs.arm.psm import Psm
 from procs.arm.setup_base import SetupBase, place_of
 from procs.lib.document import Arm, Io
 from procs.lib.faults import fault_of
-from shm.client import Client, MailboxFull, Reply
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
 RECENT_NS = 200_000_000
 TYPES: dict[str, type[AnyArm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}
-
-
-class IoMailbox:
-    """io's mailbox; a full one is no error here, what is wanted is asked for again."""
-
-    def __init__(self, client: Client) -> None:
-        """`client` is our place in it."""
-        self._client = client
-
-    def send(self, name: str, values: Sequence[float], text: str) -> int:
-        """Queue a command; returns its id, 0 when there was no room."""
-        try:
-            return self._client.send(name, values, text)
-        except MailboxFull:
-            return 0
-
-    def poll(self) -> list[Reply]:
-        """Replies since the last call."""
-        return self._client.poll()
 
 
 class LastGood:
@@ -155,7 +135,7 @@ class Loop:
         self._mailbox = me.mailbox()
         self.arm = TYPES[arm.type](arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
-            bool(io.robots[number].brakes), IoMailbox(me.commands(arm.io)), self._state.field, self._setpoint.field,
+            bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
             me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
             setup_base=setup_base(me, arm),
             reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader)))

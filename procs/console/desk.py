@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from typing import Final
 
@@ -10,7 +9,7 @@ from procs.console.logic import Logic
 from procs.console.selection import Member
 from procs.lib.debounce import NAMES
 from procs.runtime import Me
-from shm.client import Client, MailboxFull
+from shm.client import LoopClient
 from shm.ring import RingReader
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
@@ -96,12 +95,9 @@ class Mailboxes:
             self._me.events.warning("teleop-refused", f"{teleop} refuses: {reason}", teleop)
 
 
-def _send(client: Client | None, command: str, values: Sequence[float], text: str) -> int:
+def _send(client: LoopClient | None, command: str, values: Sequence[float], text: str) -> int:
     """The number of the command; 0 when nobody takes it."""
-    if client is not None:
-        with contextlib.suppress(MailboxFull):
-            return client.send(command, values, text)
-    return 0
+    return client.send(command, values, text) if client is not None else 0
 
 
 def _selected(ring: RingReader, names: Sequence[str]) -> list[str]:

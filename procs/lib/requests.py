@@ -1,7 +1,8 @@
-"""What a process that follows commands is handed: the commands to be answered, and somewhere to tell what happened."""
+"""What a process that follows commands is handed: commands to answer, a way to ask others, events to tell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -58,3 +59,29 @@ class Reports(Protocol):
 
     def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
         """An event of its own name."""
+
+
+class Answer(Protocol):
+    """What became of a command of ours."""
+
+    @property
+    def id(self) -> int:
+        """Its number."""
+
+    @property
+    def outcome(self) -> str:
+        """accepted, refused, done or failed."""
+
+    @property
+    def text(self) -> str:
+        """The reason."""
+
+
+class Sender(Protocol):
+    """The way to somebody's mailbox; see shm/client.py."""
+
+    def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:
+        """Queue a command; returns its id, 0 when there was no room."""
+
+    def poll(self) -> Sequence[Answer]:
+        """Replies since the last call."""

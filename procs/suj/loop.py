@@ -19,7 +19,7 @@ from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Fields, Setups
 from procs.suj.si import EmulatedBoards, Si
-from shm.client import Client, MailboxFull
+from shm.client import LoopClient
 
 BEHIND_IO_NS: Final = 120_000
 
@@ -27,14 +27,13 @@ BEHIND_IO_NS: Final = 120_000
 class IoMailbox:
     """io's mailbox: what is refused is told, once in a row."""
 
-    def __init__(self, client: Client, me: runtime.Me) -> None:
+    def __init__(self, client: LoopClient, me: runtime.Me) -> None:
         """`client` is our place in it."""
         self._client, self._me, self._told = client, me, ""
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
         """Queue a command; a full mailbox is no error here, the multiplexer notices and begins anew."""
-        with contextlib.suppress(MailboxFull):
-            self._client.send(name, values, text)
+        self._client.send(name, values, text)
 
     def poll(self) -> None:
         """Look at the replies."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from typing import Final
 
 from procs.runtime import Me
-from shm.client import Client, MailboxFull
+from shm.client import LoopClient
 from shm.ring import RingReader
 
 STALE_NS: Final = 100_000_000
@@ -17,7 +16,7 @@ DISABLED, ENABLED, FAULT = "DISABLED", "ENABLED", "FAULT"
 class ArmOnRing:
     """One arm or the set-up joints of a cart."""
 
-    def __init__(self, name: str, ring: RingReader, client: Client) -> None:
+    def __init__(self, name: str, ring: RingReader, client: LoopClient) -> None:
         """Nothing is known until `look`."""
         self.name = name
         self._ring, self._client = ring, client
@@ -36,9 +35,7 @@ class ArmOnRing:
     def ask(self, word: str) -> bool:
         """A state_command; false: it does not take any."""
         self.refusals.clear()
-        with contextlib.suppress(MailboxFull):
-            return bool(self._client.send("state_command", (), word))
-        return False
+        return bool(self._client.send("state_command", (), word))
 
 
 def arms_of(me: Me) -> Sequence[ArmOnRing]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from procs.lib.requests import Request
 from procs.system.climb import HOME, POWER_OFF, POWER_ON, Arm, Climb
 from procs.system.sound import Sound
-from shm.client import Client, MailboxFull
+from shm.client import LoopClient
 from shm.events import Events
 
 BEEP_S, BEEP_HZ = 0.3, 3000.0
@@ -25,7 +24,7 @@ class Refused(Exception):
 class Commands:
     """One method per row of the `system` command table."""
 
-    def __init__(self, arms: Sequence[Arm], consoles: Sequence[Client], events: Events, sound: Sound,
+    def __init__(self, arms: Sequence[Arm], consoles: Sequence[LoopClient], events: Events, sound: Sound,
                  volume: float) -> None:
         """`consoles` are the mailboxes of all consoles."""
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
@@ -67,8 +66,7 @@ class Commands:
             self._end(f"{request.name} was asked for")
         if request.name == POWER_OFF:
             for console in self._consoles:
-                with contextlib.suppress(MailboxFull):
-                    console.send("teleop_enable", (0.0,))
+                console.send("teleop_enable", (0.0,))
                 console.poll()
         self._events.status(f"system: {request.name}", "system")
         request.accept()

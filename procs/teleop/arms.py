@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.poses import matrix_from_pose
+from procs.lib.requests import Answer, Sender
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
@@ -39,32 +40,6 @@ class Ring(Protocol):
 
     def next(self) -> bool:
         """Copy the next record in order; False: there is none."""
-
-
-class Answer(Protocol):
-    """What became of a command."""
-
-    @property
-    def id(self) -> int:
-        """Its number."""
-
-    @property
-    def outcome(self) -> str:
-        """accepted, refused, done or failed."""
-
-    @property
-    def text(self) -> str:
-        """Why."""
-
-
-class Sender(Protocol):
-    """The sending end of an arm's mailbox."""
-
-    def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
-        """Queue a command; its number, 0: there was no room."""
-
-    def poll(self) -> Iterable[Answer]:
-        """What became of earlier ones."""
 
 
 class Arm:

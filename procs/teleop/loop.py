@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from procs import runtime
 from procs.lib.document import TeleopPsm as PsmRow
@@ -16,31 +12,11 @@ from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
-from shm.client import Client, MailboxFull, Reply
 from shm.ring import RingWriter
 
 # The master's record is out so long after its stamp. Its cycles are two thirds of ours: every other time it is a third
 # of a millisecond older, and half of that is what the grid settles on.
 BEHIND_MASTER_NS: Final = 360_000
-
-
-class ArmMailbox:
-    """An arm's mailbox; a full one is no error here: goals come again, the rest is asked for again."""
-
-    def __init__(self, client: Client) -> None:
-        """`client` is our place in it."""
-        self._client = client
-
-    def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:
-        """Queue a command; its number, 0: there was no room."""
-        try:
-            return self._client.send(name, values, text)
-        except MailboxFull:
-            return 0
-
-    def poll(self) -> list[Reply]:
-        """What became of earlier ones."""
-        return self._client.poll()
 
 
 def jaw_range(me: runtime.Me, psm: str) -> JawRange:
@@ -68,7 +44,7 @@ def build(me: runtime.Me, record: RingWriter) -> Teleop:
     operator = Operator(row.console, me.reads(row.console, "state") if there else None)
 
     def arm(name: str) -> Arm:
-        return Arm(name, me.reads(name, "state"), me.reads(name, "events"), ArmMailbox(me.commands(name)))
+        return Arm(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
