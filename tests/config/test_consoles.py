@@ -78,11 +78,24 @@ def test_generic_and_components_are_told_in_plain_words(home: Home) -> None:
     teleops = {"teleop_PSMs": [{"type": "TELEOP_PSM_GENERIC", "MTM": "MTMR", "PSM": "PSM1", "component": "mine"}]}
     given = {"component": "a", "interface": "b"}
     row = console(clutch=given, camera=given, operator_present=given, **teleops) | {"input_type": "COMPONENTS"}
-    loaded = home.load_made({"arms": ARMS, "consoles": [row], "component_manager": {"components": []}})
+    loaded = home.load_made({"arms": ARMS, "consoles": [row]})
     assert loaded.system is not None, loaded.errors
     notes = " / ".join(loaded.system.notes)
     assert "not started: teleop MTMR_PSM1 (TELEOP_PSM_GENERIC)" in notes
     assert "c: its inputs are components of the original software" in notes
+
+
+def test_component_manager_is_refused_in_plain_words(home: Home) -> None:
+    loaded = home.load_made({"arms": ARMS, "component_manager": {"components": []}})
+    (error,) = loaded.errors
+    assert error.key == "component_manager" and error.line > 1
+    assert "components of the original software" in error.text and "third-party-masters.md" in error.allowed
+
+
+def test_console_files_of_old_are_told_how_to_become_new(home: Home) -> None:
+    error = home.error(file=str(stock.find("dvrk-share/system/console-PSM1_SNAKE_KIN_SIMULATED.json")))
+    assert "before dVRK 2.4" in error.text
+    assert "trocar convert console-PSM1_SNAKE_KIN_SIMULATED.json" in error.allowed
 
 
 def test_goovis_comes_from_its_file() -> None:

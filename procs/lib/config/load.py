@@ -83,7 +83,8 @@ def _load(
 ) -> document.System | None:
     if _is_old_console(source):
         text = "this is a console file from before dVRK 2.4, which is not read"
-        allowed = f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"'
+        allowed = (f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"; '
+                   f"trocar convert {source.path.name} makes one of it")
         context.problems.append(Problem(str(source.path), 1, "$id", "", text, allowed))
         return None
     source, problems = apply_overrides(source, sets)
@@ -97,6 +98,7 @@ def _load(
     context.calibration_mode = options.calibration_mode
     if options.calibration_mode:
         context.notes.append("calibration mode: potentiometers are not compared with encoders")
+    _refuse_components(context, source, content)
     _check_names(context, source, content)
     _check_accounts(context, source, options)
     emulated = (boards or options.boards) == "emulated"
@@ -193,12 +195,16 @@ def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
     return dataclasses.replace(loaded, arm=dataclasses.replace(loaded.arm, period_s=period))
 
 
+def _refuse_components(context: Context, source: Source, content: SystemFile) -> None:
+    if content.component_manager is not None:
+        text = "it loads components of the original software into its program; there is no such program here"
+        context.error(source, ("component_manager",), text,
+                      "a file without it; a process of your own takes such a place, see docs/third-party-masters.md")
+
+
 def _note_what_waits(context: Context, content: SystemFile) -> None:
     if content.ISI_focus_controller is not None:
         context.notes.append("not started yet: ISI_focus_controller")
-    if content.component_manager is not None:
-        context.notes.append("component_manager is not loaded: what it names are components of the original software; "
-                             "here another process takes such a place")
 
 
 def _assemble(
