@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,29 +13,54 @@ from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, table
 
-BENCHES = {"ring": "tools.bench_ring", "io": "tools.bench_io", "boards": "tools.bench_boards",
-           "arm": "tools.bench_arm"}
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """One measurement: its module, and which options of the verb its `run` takes, by their names there."""
+
+    module: str
+    takes: tuple[str, ...] = ()
+
+
+BENCHES = {
+    "ring": Bench("tools.bench_ring"), "io": Bench("tools.bench_io"), "boards": Bench("tools.bench_boards"),
+    "arm": Bench("tools.bench_arm"), "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds")),
+}
 
 
 def bench(
     name: Annotated[str, typer.Argument(help=f"What to measure: {', '.join(BENCHES)}.")],
+    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; none: ours.")] = None,
+    path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
+    boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
+    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="system: so long; 0: the usual.")] = 0.0,
     as_json: JsonOption = False,
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
 
-    Example: trocar bench ring --json
+    Example: trocar bench system --seconds 20 --json
     """
     if name not in BENCHES:
         raise Misuse(f"no bench {name}; there are: {', '.join(BENCHES)}")
+    if boards not in ("", "emulated"):
+        raise Misuse(f"--boards {boards}: allowed is emulated")
+    row = BENCHES[name]
+    given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds}
+    options = {key: value for key, value in given.items() if value}
+    if left := [key for key in options if key not in row.takes]:
+        raise Misuse(f"bench {name} takes no {' and no '.join(left)}")
     try:
-        module = importlib.import_module(BENCHES[name])
+        module = importlib.import_module(row.module)
     except ModuleNotFoundError as error:
         raise Problem(f"bench {name} cannot run: {error}") from None
-    result: dict[str, Any] = module.run()
+    result: dict[str, Any] = module.run(**options)
+    problems = result.get("problems", [])
     if as_json:
         emit(result)
-        return 0
+        return int(bool(problems))
     for part in ("figures", "conditions"):
         rows = [(key, f"{x:.6g}" if isinstance(x, float) else str(x)) for key, x in result[part].items()]
         table(f"bench {name}: {part}", (part, "value"), rows, right=("value",) if part == "figures" else ())
-    return 0
+    if hasattr(module, "show"):
+        module.show(result)
+    return int(bool(problems))

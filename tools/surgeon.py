@@ -1,0 +1,155 @@
+"""Whoever sits at a console: shows presence, wants tele-operation, selects, and sees what each tele-operation does."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm import directory
+from shm.client import Client
+from shm.clock import monotonic_ns, pause
+from tools.errors import Problem
+from tools.printing import plain
+from tools.remote import Remote
+from tools.systems import instances_of_kind
+
+POLL_S = 0.01
+PATIENCE_S = 30.0  # alignment of a master far off takes some seconds
+
+
+class Seen:
+    """The newest record of an instance."""
+
+    def __init__(self, system: str, name: str, kind: str) -> None:
+        self.name = name
+        self.ring = directory.reader(system, name, "state", kind)
+
+    def value(self, field: str) -> Any:
+        """A field of the newest record as Python has it; Problem: there is none."""
+        if not self.ring.newest():
+            raise Problem(f"{self.name}: its state cannot be read: {self.ring.trouble or 'it has shown none'}")
+        return plain(self.ring.field(field))
+
+
+class Teleop(Seen):
+    """A tele-operation as its record tells."""
+
+    def __init__(self, system: str, name: str) -> None:
+        super().__init__(system, name, "teleop")
+        self.kind = str(self.value("kind"))
+        self.masters = [str(master) for master in self.value("masters") if master]
+        self.slave = str(self.value("slave"))
+
+    @property
+    def is_following(self) -> bool:
+        """The slave follows."""
+        return bool(self.value("following"))
+
+    @property
+    def told(self) -> str:
+        """Its state, and what it waits for."""
+        state, reason = self.value("state"), self.value("reason")
+        return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
+
+
+class Seat:
+    """One console with its tele-operations; a context manager."""
+
+    def __init__(self, system: str, console: str) -> None:
+        self._stack = contextlib.ExitStack()
+        self.console = Seen(system, console, "console")
+        self._stack.callback(self.console.ring.close)
+        self._remote = self._stack.enter_context(Remote(system, console))
+        self.teleops: list[Teleop] = []
+        for name in self.console.value("teleop"):
+            self.teleops.append(Teleop(system, str(name)))
+            self._stack.callback(self.teleops[-1].ring.close)
+
+    @property
+    def chosen(self) -> list[Teleop]:
+        """Tele-operations that are selected."""
+        selected = self.console.value("selected")
+        return [teleop for teleop, is_selected in zip(self.teleops, selected, strict=True) if is_selected]
+
+    def expected(self) -> list[Teleop]:
+        """Those that follow now if all is well: by the camera pedal those of PSMs or those of the ECM."""
+        kind = "ECM" if self.console.value("camera") else "PSM"
+        return [teleop for teleop in self.chosen if teleop.kind == kind]
+
+    def begin(self) -> None:
+        """Sit down and want tele-operation."""
+        self.ask("emulate_operator_present", 1)
+        self.ask("teleop_enable", 1)
+
+    def ask(self, command: str, *values: float, text: str = "") -> None:
+        """A command of the console; Refused says why not."""
+        self._remote.ask(command, values, text)
+
+    def wait(self, seconds: float = PATIENCE_S) -> None:
+        """Until all that should follow do; Problem says what keeps them."""
+        end = monotonic_ns() + round(seconds * 1e9)
+        while waiting := [teleop for teleop in self.expected() if not teleop.is_following]:
+            if monotonic_ns() >= end:
+                raise Problem(f"after {seconds:g} s {'; '.join(teleop.told for teleop in waiting)}")
+            pause(POLL_S)
+
+    def try_all(self) -> list[str]:
+        """Have every tele-operation follow for once, then those that did before; the names of all that followed."""
+        before, found = self.chosen, {teleop.name for teleop in self.expected()}
+        for teleop in self.teleops:
+            if teleop.kind == "PSM" and teleop.name not in found:
+                self.ask("select_teleop", text=teleop.name)
+                self.wait()
+                found |= {each.name for each in self.expected()}
+        for teleop in before:
+            self.ask("select_teleop", text=teleop.name)
+        self.wait()
+        if any(teleop.kind == "ECM" for teleop in before):
+            self.ask("emulate_camera", 1)
+            self.wait()
+            found |= {each.name for each in self.expected()}
+            self.ask("emulate_camera", 0)
+            self.wait()
+        return [teleop.name for teleop in self.teleops if teleop.name in found]
+
+    def __enter__(self) -> Seat:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+
+@contextlib.contextmanager
+def seats(system: str) -> Iterator[list[Seat]]:
+    """Every console of a system."""
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(Seat(system, name)) for name in instances_of_kind(system, "console")]
+
+
+class Sway:
+    """A master without a robot, moved by its joints all the time: each swings about where it was."""
+
+    def __init__(self, system: str, master: str, amplitude: float = 0.05, turn_s: float = 4.0) -> None:
+        """rad; every joint has a phase of its own."""
+        self.name = master
+        arm = Seen(system, master, "arm")
+        count = int(arm.value("count"))
+        self._centre: NDArray[np.float64] = np.array(arm.value("setpoint_position")[:count])
+        arm.ring.close()
+        self._phases = np.arange(count) * 0.8
+        self._amplitude, self._rate = amplitude, 2.0 * np.pi / turn_s
+        self._client = Client(system, master)
+
+    def step(self, passed_s: float) -> None:
+        """Where it is so long after the beginning; it sets out from where it was."""
+        swing = np.sin(self._rate * passed_s + self._phases) - np.sin(self._phases)
+        self._client.poll()
+        self._client.send("servo_jp", self._centre + self._amplitude * min(1.0, passed_s) * swing)
+
+    def close(self) -> None:
+        """Let go."""
+        self._client.close()
