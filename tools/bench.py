@@ -24,7 +24,7 @@ class Bench:
 
 BENCHES = {
     "ring": Bench("tools.bench_ring"), "io": Bench("tools.bench_io"), "boards": Bench("tools.bench_boards"),
-    "arm": Bench("tools.bench_arm"), "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds")),
+    "arm": Bench("tools.bench_arm"), "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
 
@@ -34,6 +34,7 @@ def bench(
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="system: so long; 0: the usual.")] = 0.0,
+    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="system: as for up.")] = None,
     as_json: JsonOption = False,
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
@@ -45,7 +46,8 @@ def bench(
     if boards not in ("", "emulated"):
         raise Misuse(f"--boards {boards}: allowed is emulated")
     row = BENCHES[name]
-    given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds}
+    given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds,
+             "sets": tuple(sets or ())}
     options = {key: value for key, value in given.items() if value}
     if left := [key for key in options if key not in row.takes]:
         raise Misuse(f"bench {name} takes no {' and no '.join(left)}")

@@ -43,10 +43,11 @@ KEPT_TEXTS = 5
 FIFO_SHARE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 
 
-def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", seconds: float = SECONDS) -> dict[str, Any]:
+def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", seconds: float = SECONDS,
+        sets: tuple[str, ...] = ()) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-system-{os.getpid()}"
-    background = Background(Request(file, name, boards, paths), tied=True)
+    background = Background(Request(file, name, boards, paths, sets), tied=True)
     try:
         background.wait_until_up(_silent)
         begin = monotonic_ns()
@@ -65,7 +66,8 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
     conditions = {
         "system": str(file), "boards": boards or "as the file says", "seconds": seconds, "homed_after_s": homed_s,
         "homing_failed_before": refusals, "teleops_tried": followed,
-        "cores": len(psutil.Process().cpu_affinity() or []), "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else "",
+        "sets": list(sets), "cores": len(psutil.Process().cpu_affinity() or []),
+        "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else "",
         "kernel": platform.release(), "python": platform.python_version(),
     }
     return {"bench": "system", **found, "conditions": conditions}
