@@ -24,7 +24,8 @@ class Bench:
 
 BENCHES = {
     "ring": Bench("tools.bench_ring"), "io": Bench("tools.bench_io"), "boards": Bench("tools.bench_boards"),
-    "arm": Bench("tools.bench_arm"), "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds", "sets")),
+    "arm": Bench("tools.bench_arm"),
+    "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
 
