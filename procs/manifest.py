@@ -41,9 +41,9 @@ PROCS: tuple[Proc, ...] = (
     Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
          ("state",), phase=0.75, budget_us=200),
     Proc("console", "procs.console.loop", 0.01, 0.05, 3.0, "operator counts as absent; restart goes on",
-         ("state",), budget_us=300),
+         ("state",), phase=0.05, budget_us=300),
     Proc("system", "procs.system.loop", 0.01, 0.5, 3.0, "nothing moves differently; restart",
-         ("state",), realtime=False, budget_us=500),
+         ("state",), phase=0.06, realtime=False, budget_us=500),
 )
 
 

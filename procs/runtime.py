@@ -26,6 +26,7 @@ from procs.pacing import Pacing
 from shm import directory
 from shm.client import LoopClient
 from shm.clock import LockstepClock, WallClock, monotonic_ns
+from shm.doorbell import Nap
 from shm.events import Events
 from shm.mailbox import Mailbox
 from shm.pulse import Pulse
@@ -36,6 +37,7 @@ PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
 SUPERVISOR_CHECK_NS = 100_000_000
 LOCKSTEP_SERVE_NS = 200_000
+QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
 MOST_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 
@@ -60,7 +62,7 @@ class Me:
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
         period_ns = round(self.row.period_s * 1e9)
-        self._bell = self.pulse.bell()
+        self._bell, self._nap = self.pulse.bell(), self.pulse.nap()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
         self._supervisor = Pulse(system, "supervisor")
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
@@ -83,6 +85,10 @@ class Me:
     def commands(self, instance: str) -> LoopClient:
         """A place in the mailbox of another instance."""
         return LoopClient(self.system, instance)
+
+    def rouses(self, instance: str) -> Nap:
+        """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""
+        return Pulse(self.system, instance, write=True).nap()
 
     @property
     def stop_reason(self) -> str:
@@ -121,14 +127,17 @@ class Me:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
         return 0 if self.clock.simulated else self.now_ns
 
-    def tick(self, serve: Callable[[int], None] | None = None) -> bool:
+    def tick(self, serve: Callable[[int], None] | None = None, news: Callable[[], bool] | None = None) -> bool:
         """End this cycle, wait for the next one; False when the process must end.
 
-        `serve(timeout_ns)` is called while waiting, for processes that also answer sockets.
+        `serve(timeout_ns)` is called while waiting, for processes that also answer sockets. `news()` true begins the
+        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py).
         """
         self._bell.ring()  # what this cycle published is out
         deadline = self._pacing.end_of_work(self.clock.now_ns())
-        if serve is None:
+        if news is not None:
+            self._wait_for_news(deadline, news)
+        elif serve is None:
             self.clock.sleep_until(deadline, self._stopped)
         elif isinstance(self.clock, LockstepClock):
             self._serve_lockstep(self.clock, deadline, serve)
@@ -138,6 +147,19 @@ class Me:
         self.now_ns = self.clock.now_ns()
         self._pacing.begin_work(self.now_ns)
         return not self._stopped()
+
+    def _wait_for_news(self, deadline: int, news: Callable[[], bool]) -> None:
+        clock, found = self.clock, False
+        if isinstance(clock, LockstepClock):  # nothing wakes who waits for simulated time
+            while not found and (now := clock.now_ns()) < deadline and not self._stopped():
+                clock.sleep_until(min(deadline, now + QUICKEST_NS), self._stopped)
+                found = news()
+        else:
+            while not found and (left := deadline - clock.now_ns()) > 0 and not self._stop:
+                found = self._nap.sleep(news, left)
+            clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
+        if clock.now_ns() < deadline:
+            self._pacing.early()
 
     def _serve_lockstep(self, clock: LockstepClock, deadline: int, serve: Callable[[int], None]) -> None:
         clock.announce(deadline)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
+from shm.commands import COMMANDS, WAKING
 from shm.doorbell import Places
 from shm.header import SegmentError
 from shm.mailbox import (
@@ -29,6 +29,7 @@ from shm.mailbox import (
     REPLY_START,
     MailboxMap,
 )
+from shm.pulse import Pulse
 
 SEQUENCES = (tuple, list)
 FAR = 1 << 40  # commands; twenty years at 1500 Hz
@@ -73,6 +74,8 @@ class Client:
         self._count: int = self._words[self._sent]
         self._known: int = self._words[self._taken]
         self._seen: int = self._words[self._answered]
+        self._pulse = Pulse(system, instance, write=True) if self.kind in WAKING else None
+        self._nap = self._pulse.nap() if self._pulse is not None else None
         self.lost = 0
 
     def _fit(self, place: int, room: int = 1) -> bool:
@@ -120,6 +123,8 @@ class Client:
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
+        if self._nap is not None:
+            self._nap.rouse()
         return n
 
     def poll(self) -> list[Reply]:
@@ -146,6 +151,8 @@ class Client:
 
     def close(self) -> None:
         """Free the place."""
+        if self._pulse is not None:
+            self._pulse.close()
         self._map.segment.close()
 
 

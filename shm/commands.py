@@ -7,6 +7,10 @@ A command travels as a place in its kind's table, up to 64 numbers and a short t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+WAKING: Final = frozenset(("console", "system"))
+"""Kinds that sleep between their cycles and are woken by a command; see the nap in shm/doorbell.py."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,17 @@ Ring:  E1 the data is out       E2 full fence       E3 any flag set?       E4 co
        E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0;
           if not, the place is looked at again UNHURRIED rings later
 
-Without the fences the store of D1 and the load of D3 (and E1, E3) may pass each other even on x86-64, and a wake-up is
-lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting
-the wall clock disturbs nobody.
+A nap is the other way round: one sleeper, and whoever has news for it wakes it. Its word is 1 while it sleeps.
+
+Sleep: P1 word := 1           P2 full fence            P3 is there news? then word := 0, done
+       P4 futex wait while the word is 1, bounded; then word := 0
+Rouse: Q1 the news is out     Q2 full fence            Q3 word 1?         Q4 word := 0, futex wake
+
+A rouser that comes late in Q4 ends another sleep than it meant, early; nobody else ever stores 1, so none is missed.
+
+Without the fences the store of D1 and the load of D3 (and E1, E3; P1, P3; Q1, Q3) may pass each other even on x86-64,
+and a wake-up is lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the
+monotonic clock: setting the wall clock disturbs nobody.
 """
 
 from __future__ import annotations
@@ -66,6 +74,10 @@ class Futex:
         """The word."""
         return int(self._word[0])
 
+    @value.setter
+    def value(self, value: int) -> None:
+        self._word[0] = value
+
     def wait(self, value: int, timeout_ns: int) -> None:
         """Sleep while the word equals `value`, at most `timeout_ns`; may wake early."""
         if timeout_ns <= 0:
@@ -76,6 +88,10 @@ class Futex:
     def wake(self) -> int:
         """Add one to the word and wake everybody who sleeps on it, returns how many. One process alone may do this."""
         self._word[0] = (self._word[0] + 1) & 0xFFFFFFFF
+        return self.wake_sleepers()
+
+    def wake_sleepers(self) -> int:
+        """Wake everybody who sleeps on it, returns how many; the word stays as it is."""
         return int(SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0))
 
 
@@ -187,3 +203,31 @@ class Waiter:
         finally:
             self._flag[0] = 0
         return ready()
+
+
+class Nap:
+    """One word of a segment: its one sleeper's end, and that of whoever wakes it."""
+
+    def __init__(self, segment: Segment, offset: int) -> None:
+        self._futex = Futex(segment, offset)
+        self._fence = full_fence()
+
+    def sleep(self, news: Callable[[], bool], timeout_ns: int) -> bool:
+        """Sleep until roused or `timeout_ns`; returns `news()`. May return early without it."""
+        futex = self._futex
+        futex.value = 1  # P1
+        self._fence()  # P2
+        try:
+            if news():  # P3
+                return True
+            futex.wait(1, timeout_ns)  # P4
+        finally:
+            futex.value = 0
+        return news()
+
+    def rouse(self) -> None:
+        """Wake the sleeper if it sleeps; call after the news is out."""
+        self._fence()  # Q2
+        if self._futex.value:  # Q3
+            self._futex.value = 0  # Q4
+            self._futex.wake_sleepers()

@@ -270,6 +270,11 @@ class Mailbox:
         self._now_ns = now_ns
         return self._drain(sent)
 
+    @property
+    def has_news(self) -> bool:
+        """Whether a client has sent something since the last `drain`, or something is left of it."""
+        return bool(self._backlog) or self._sent_bytes.tobytes() != self._seen
+
     def refuse_waiting(self, reason: str) -> None:
         """Refuse all that came in before now: an owner that begins must not act on what its predecessor was told."""
         for _ in range(COMMANDS_DEPTH // PER_CYCLE):

@@ -1,8 +1,9 @@
 """The control page: one per instance, where it shows that it lives, how it keeps time, and who waits for it.
 
 One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except the bell's flags, each of which belongs to one waiter, and `state` and `error` before there is an instance: the
-supervisor shows CREATED when it starts one. Statistics are of the last full second.
+except the bell's flags, each of which belongs to one waiter, `nap`, which whoever has news sets back, and `state` and
+`error` before there is an instance: the supervisor shows CREATED when it starts one. Statistics are of the last full
+second.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.doorbell import PLACES, Bell, Futex, Waiter
+from shm.doorbell import PLACES, Bell, Futex, Nap, Waiter
 from shm.layout import cut_text, schema_of
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
@@ -30,6 +31,7 @@ CONTROL = Topic(
         Field("flags", "(16,)u1", "", "bell: place k is waiting (W: its waiter)"),
         Field("counters", "(16,)<u4", "", "bell: place k was rung (W: the instance)"),
         Field("turn", "<u4", "", "lock-step: counts finished cycles, a futex word"),
+        Field("nap", "<u4", "", "1: sleeps until there is news, a futex word (W: the instance; 0: who has news)"),
         Field("state", "u1", "", "place in STATES"),
         Field("pid", "<u4", "", "process"),
         Field("period_ns", "<i8", "ns", "nominal period, 0: event driven"),
@@ -116,6 +118,10 @@ class Pulse:
     def turn(self) -> Futex:
         """The lock-step word."""
         return Futex(self.segment, _offset(self.segment, "turn"))
+
+    def nap(self) -> Nap:
+        """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""
+        return Nap(self.segment, _offset(self.segment, "nap"))
 
     def close(self) -> None:
         """Unmap."""

@@ -146,3 +146,15 @@ def test_a_clock_that_jumps_far_costs_one_step(page: Page) -> None:
     pacing.begin_work(PERIOD)
     assert pacing.end_of_work(10**18) <= 10**18
     assert page["missed"] == pytest.approx(10**12, rel=1e-6)
+
+
+def test_a_cycle_that_begins_early_moves_no_deadline(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, simulated=False)
+    assert pacing.end_of_work(100) == PERIOD
+    for now in (200_000, 400_000, 700_000):
+        pacing.early()
+        pacing.begin_work(now)
+        assert pacing.end_of_work(now + 1000) == PERIOD
+    pacing.begin_work(PERIOD)
+    assert pacing.end_of_work(PERIOD + 1000) == 2 * PERIOD and page["missed"] == 0

@@ -20,6 +20,14 @@ class Reader(Protocol):
     def stamp_ns(self) -> int:
         """Stamp of the record."""
 
+    @property
+    def head(self) -> int:
+        """Number of the newest record, 0: none."""
+
+    @property
+    def sequence(self) -> int:
+        """Number of the record at hand."""
+
     def field(self, name: str) -> Any:
         """A view on a field of the record."""
 
@@ -84,6 +92,11 @@ class Inputs:
             events = reads(io, "events")
             events.newest()
             self._clicks.append((events, names))
+
+    @property
+    def has_news(self) -> bool:
+        """An io has told something since the last `poll`; it tells of every input that changes."""
+        return any(events.head != events.sequence for events, _ in self._clicks)
 
     def poll(self, now_ns: int) -> list[tuple[str, int]]:
         """Buttons with PRESSED, RELEASED or CLICKED since the last call; who leaves comes first."""

@@ -39,7 +39,7 @@ def main() -> None:
         mailbox = me.mailbox()
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         me.ready()
-        while me.tick():
+        while me.tick(news=lambda: inputs.has_news or mailbox.has_news):
             for button, kind in inputs.poll(me.now_ns):
                 logic.press(button, kind)
             if not inputs.valid:

@@ -15,6 +15,7 @@ from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from procs.lib.document import Io
+from shm.doorbell import Nap
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
 
@@ -45,6 +46,8 @@ def main() -> None:
         robots = Robots(io)
         port = _port(me, io, robots, held) if io.port else None
         out, mailbox = me.writes("state"), me.mailbox()
+        consoles = [me.rouses(row.name) for row in me.document.processes
+                    if row.kind == "console" and me.document.console(row.name).is_wired_to(me.name)]
         others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
         now_ns, record, gains = me.clock.now_ns, Record(out.field), others["gains"].field
@@ -65,7 +68,7 @@ def main() -> None:
                 while core.reports.changed:
                     others[core.reports.changed.pop()].publish(core.stamp_ns)
                 if core.reports.events:
-                    _tell(me, core.reports.events)
+                    _tell(me, core.reports.events, consoles)
         finally:
             core.farewell()
 
@@ -79,12 +82,15 @@ def _port(me: runtime.Me, io: Io, robots: Robots, held: contextlib.ExitStack) ->
     return port
 
 
-def _tell(me: runtime.Me, events: list[Event]) -> None:
+def _tell(me: runtime.Me, events: list[Event], consoles: list[Nap]) -> None:
     for event in events:
         me.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
                        component=event.component, axis=event.axis, value=event.value, limit=event.limit)
         if event.kind in ("warning", "error"):
             me.log.log(SEVERITY[event.kind] * 10 + 10, "%s: %s", event.component or me.name, event.text)
+    if any(event.kind == "button" for event in events):
+        for console in consoles:
+            console.rouse()
     events.clear()
 
 

@@ -78,3 +78,7 @@ class Console:
     present_count: int = 1  # so many of them are needed
     turn_off: WiredInput | None = None  # a digital output: low, and the head sensor works
     hid_file: str = ""  # Goovis: where its description is
+
+    def is_wired_to(self, io: str) -> bool:
+        """One of its inputs is a digital input of that io."""
+        return any(wired is not None and wired.io == io for wired in (self.clutch, self.camera, *self.operator_present))

@@ -38,7 +38,7 @@ def main() -> None:
         mailbox = me.mailbox()
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         me.ready()
-        while me.tick():
+        while me.tick(news=lambda: mailbox.has_news):
             for arm in arms:
                 arm.look(me.now_ns)
             commands.execute(mailbox.drain(me.wall_ns), me.now_ns)

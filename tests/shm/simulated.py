@@ -284,5 +284,9 @@ class Real:
         """A Waiter at the same bell."""
         return self.doorbell.Waiter(self._page(), FLAGS_AT, COUNTERS_AT)
 
+    def nap(self) -> Any:
+        """A Nap, in the first word of the bell's counters."""
+        return self.doorbell.Nap(self._page(), COUNTERS_AT)
+
     def _page(self) -> Segment:
         return Segment(self, "page", "control", PAIR, 1, range(FLAGS_AT, FLAGS_AT + self.doorbell.PLACES))

@@ -267,3 +267,35 @@ def test_a_ringer_without_descriptors_rings_on(pulse: Pulse, monkeypatch: pytest
     for _ in range(2 * UNHEARD):
         bell.ring()
     assert flags[0] == 1
+
+
+NAPPER = """
+import sys
+from shm.pulse import Pulse
+pulse = Pulse(sys.argv[1], "PSM1", write=True)
+nap, cycles = pulse.nap(), pulse.field("cycles")
+for seen in range(int(sys.argv[2])):
+    while not nap.sleep(lambda: int(cycles) > seen, 60_000_000_000):
+        pass
+    print(seen + 1, flush=True)
+"""
+
+
+def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: Pulse) -> None:
+    other = Pulse(world.name, "PSM1", write=True)
+    naps, cycles, word = (pulse.nap(), other.nap()), pulse.field("cycles"), pulse.field("nap")
+    child = world.start(NAPPER, "20")
+    for i in range(1, 21):
+        world.until(lambda: word == 1, "it sleeps")
+        cycles[...] = i
+        naps[i % 2].rouse()
+        assert child.stdout.readline() == f"{i}\n"
+    world.finish(child)
+    other.close()
+
+
+def test_a_nap_ends_by_itself_and_news_need_no_rousing(pulse: Pulse) -> None:
+    nap, word = pulse.nap(), pulse.field("nap")
+    nap.rouse()
+    assert not nap.sleep(lambda: False, 1_000_000) and word == 0
+    assert nap.sleep(lambda: True, 10**12) and word == 0
