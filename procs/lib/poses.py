@@ -6,6 +6,7 @@ One pose is too little work for numpy's per-call cost, so the arithmetic is scal
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,35 @@ def renormalised(matrix: Array) -> Array:
     that this one is right.
     """
     return matrix_from_pose(pose_from_matrix(np.asarray(matrix, dtype=np.float64)))
+
+
+def product(
+    first: Sequence[float], second: Sequence[float]
+) -> tuple[float, float, float, float]:
+    """The quaternion x y z w of one rotation after another: first · second."""
+    ax, ay, az, aw = first
+    bx, by, bz, bw = second
+    return (aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw, aw * bw - ax * bx - ay * by - az * bz)
+
+
+def conjugate(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
+    """The quaternion of the rotation back."""
+    x, y, z, w = quaternion
+    return -x, -y, -z, w
+
+
+def turned(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """A vector (3,), rotated."""
+    (x, y, z, w), (a, b, c) = quaternion, vector
+    u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * u + y * t - z * v, b + w * v + z * u - x * t, c + w * t + x * v - y * u
+
+
+def angle_between(first: Array, second: Array) -> float:
+    """The angle (0 to π) of the rotation from one pose (7,) to another."""
+    x, y, z, w = product(conjugate(first[3:].tolist()), second[3:].tolist())
+    return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
 def check_matrix(matrix: Array, tolerance: float = ROTATION_TOLERANCE) -> None:

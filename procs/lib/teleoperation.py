@@ -1,21 +1,26 @@
 """How a master's motion becomes that of a PSM: pose, jaw, and whether somebody holds the master.
 
-Poses are 4×4 matrices in the arms' reference frames, which is what makes motion agree with the view; "first" values
+Poses are (7,), x y z qx qy qz qw, in the arms' reference frames, which makes motion agree with the view; "first" values
 are those of the last `rebase`. Angles in rad, lengths in m. Formulas as in dVRK 2.4, mtsTeleOperationPSM.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import inverse, renormalised
+from procs.lib.poses import conjugate, product, turned
 
 Array = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
+
+IDENTITY: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+Y_AXIS: Final = (0.0, 1.0, 0.0)
 
 TOGETHER: Final = 0.8  # of both thresholds: a bit of each is presence as well
 CAUGHT_UP: Final = math.radians(2.0)
@@ -23,41 +28,32 @@ NO_GRIPPER_JAW: Final = math.radians(45.0)  # jaw where the master has no grippe
 MOST_LOST_S: Final = 0.03  # a cycle that came later than this lets the jaw go no further
 
 
-def angle_between(first: Array, second: Array) -> float:
-    """The angle (0 to π) of the rotation from one orientation to another, each in a 3×3 or 4×4 matrix."""
-    a, b = first[:3, :3], second[:3, :3]
-    (_, ab, ac), (ba, _, bc), (ca, cb, _) = turn = (a.T @ b).tolist()
-    sine = math.sqrt((cb - bc) ** 2 + (ac - ca) ** 2 + (ba - ab) ** 2)
-    return math.atan2(sine, turn[0][0] + turn[1][1] + turn[2][2] - 1.0)
-
-
 def roll_between(master: Array, slave: Array) -> float:
-    """The angle (0 to π) between the tips' y axes: how far the master is rolled against the slave."""
-    return math.acos(max(-1.0, min(1.0, float(master[:3, 1] @ slave[:3, 1]))))
+    """The angle (0 to π) between the y axes of two tips, poses (7,): how far the master is rolled against the slave."""
+    a, b, c = turned(master[3:].tolist(), Y_AXIS)
+    d, e, f = turned(slave[3:].tolist(), Y_AXIS)
+    return math.acos(max(-1.0, min(1.0, a * d + b * e + c * f)))
 
 
 class Follow:
-    """The pose mapping. `goal` (4, 4) is where the slave was last told to go; it never jumps but by `begin`."""
+    """The pose mapping. `goal` (7,) is where the slave was last told to go; it never jumps but by `begin`."""
 
     def __init__(self, scale: float, *, rotation_locked: bool = False, translation_locked: bool = False) -> None:
         """Not yet based: call `begin` before `step`."""
         self.scale, self.rotation_locked, self.translation_locked = scale, rotation_locked, translation_locked
-        self.goal = np.eye(4)
-        self.offset = np.eye(3)
+        self.goal: Array = np.array(IDENTITY)
+        self.offset: Quaternion = IDENTITY[3:]
         """Of the slave's orientation to the master's: R_masterᵀ · R_goal."""
-        self._first_master, self._first_slave = np.eye(4), np.eye(4)
-        self._first_offset = np.eye(3)
-        self._first_base: Array | None = None
-        self._twist = np.zeros(6)
+        self._first_offset = self.offset
+        self._first_master, self._first_slave = list(IDENTITY), list(IDENTITY)
+        self._first_base: list[float] | None = None
 
     def begin(self, master: Array, slave: Array, base: Array | None = None) -> None:
         """Follow from here on: the master's measured pose, the slave's set-point, its base frame where one moves."""
-        self._first_master[...] = master
-        self._first_slave[...] = renormalised(slave)
-        self.goal[...] = self._first_slave
-        np.matmul(master[:3, :3].T, self._first_slave[:3, :3], out=self._first_offset)
-        self.offset[...] = self._first_offset
-        self._first_base = None if base is None else base.copy()
+        self._first_master, self._first_slave = master.tolist(), slave.tolist()
+        self._first_base = None if base is None else base.tolist()
+        self.goal[...] = slave
+        self.offset = self._first_offset = product(conjugate(self._first_master[3:]), self._first_slave[3:])
 
     def rebase(self, master: Array, base: Array | None = None) -> None:
         """The same from the last goal, so that a change of scale or locks moves nothing."""
@@ -65,30 +61,42 @@ class Follow:
 
     def step(self, master: Array, base: Array | None = None) -> Array:
         """The slave's goal for the master's measured pose; `base`: the slave's base frame now."""
-        goal = self.goal
-        goal[...] = self._first_slave
+        x, y, z, *turn = master.tolist()
+        p, q, r, *first_turn = self._first_slave
+        quaternion: Sequence[float] = first_turn
         if not self.translation_locked:
-            goal[:3, 3] += self.scale * (master[:3, 3] - self._first_master[:3, 3])
+            scale, (a, b, c, *_) = self.scale, self._first_master
+            p, q, r = p + scale * (x - a), q + scale * (y - b), r + scale * (z - c)
         if not self.rotation_locked:
-            np.matmul(master[:3, :3], self._first_offset, out=goal[:3, :3])
+            quaternion = product(turn, self._first_offset)
         if base is not None and self._first_base is not None:
-            goal[...] = inverse(base) @ self._first_base @ goal
-        goal[...] = renormalised(goal)
-        np.matmul(master[:3, :3].T, goal[:3, :3], out=self.offset)
-        return goal
+            p, q, r, quaternion = _carried(self._first_base, base.tolist(), (p, q, r), quaternion)
+        i, j, k, w = quaternion
+        length = math.copysign(math.sqrt(i * i + j * j + k * k + w * w), w)
+        unit = (i / length, j / length, k / length, w / length)
+        self.goal[...] = (p, q, r, *unit)
+        self.offset = product(conjugate(turn), unit)
+        return self.goal
 
-    def velocity(self, twist: Array, *, linear: bool, angular: bool) -> Array:
-        """The slave's twist (6,) for the master's: linear scaled, angular as it is; zero where not `linear`, `angular`.
+    def velocity(self, twist: Array, *, linear: bool, angular: bool) -> Sequence[float]:
+        """The slave's twist (6) for the master's: linear scaled, angular as it is; zero where not `linear`, `angular`.
 
         What is locked does not move.
         """
-        out = self._twist
-        out[...] = 0.0
-        if linear and not self.translation_locked:
-            np.multiply(twist[:3], self.scale, out=out[:3])
-        if angular and not self.rotation_locked:
-            out[3:] = twist[3:]
-        return out
+        x, y, z, a, b, c = twist.tolist()
+        scale = self.scale if linear and not self.translation_locked else 0.0
+        turn = 1.0 if angular and not self.rotation_locked else 0.0
+        return scale * x, scale * y, scale * z, turn * a, turn * b, turn * c
+
+
+def _carried(
+    first: Sequence[float], base: Sequence[float], place: Sequence[float], quaternion: Sequence[float]
+) -> tuple[float, float, float, Quaternion]:
+    """What stays where it is, seen from a base that has moved: base⁻¹ · first · pose."""
+    back = conjugate(base[3:])
+    x, y, z = turned(first[3:], place)
+    x, y, z = turned(back, (first[0] + x - base[0], first[1] + y - base[1], first[2] + z - base[2]))
+    return x, y, z, product(back, product(first[3:], quaternion))
 
 
 class Presence:

@@ -9,7 +9,6 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import matrix_from_pose
 from procs.lib.requests import Answer, Sender
 
 Array = NDArray[np.float64]
@@ -53,8 +52,7 @@ class Arm:
         field = ring.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
         self._sub_state, self._mode, self._known = field("sub_state"), field("control_mode"), field("reference_valid")
-        self.pose, self.setpoint_pose = field("measured_cp"), field("setpoint_cp")
-        """Poses (7,) of the tip in the reference frame."""
+        self._pose, self._setpoint_pose = field("measured_cp"), field("setpoint_cp")
         self.twist = field("measured_cv")
         """Of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
@@ -62,8 +60,8 @@ class Arm:
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
         self._severity, self._text = events.field("severity"), events.field("text")
-        self.measured, self.setpoint = np.eye(4), np.eye(4)
-        """The same as matrices (4, 4), of the last record in which they were known."""
+        self.measured, self.setpoint = np.zeros(7), np.zeros(7)
+        """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
         self.stamp_ns = self._epoch = self._move = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
         self._refusal, self._refused_ns = "", -SHOWN_NS
@@ -71,8 +69,8 @@ class Arm:
 
     # what is seen
 
-    def look(self, now_ns: int, poses: bool = True) -> None:
-        """Its newest record and what became of commands; `poses`: `measured` and `setpoint` are needed."""
+    def look(self, now_ns: int) -> None:
+        """Its newest record and what became of commands."""
         self._now_ns = now_ns
         epoch = self._ring.epoch
         self.restarted, self._epoch = self._epoch not in (0, epoch), epoch
@@ -83,10 +81,10 @@ class Arm:
             self.stamp_ns = self._ring.stamp_ns
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
-            self._told = bool(self._known) and math.isfinite(self.pose.dot(self.pose) + self.setpoint_pose.sum())
-            if self._told and poses:
-                matrix_from_pose(self.pose, self.measured)
-                matrix_from_pose(self.setpoint_pose, self.setpoint)
+            pose, setpoint = self._pose, self._setpoint_pose
+            self._told = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
+            if self._told:
+                self.measured[...], self.setpoint[...] = pose, setpoint
         for answer in self._sender.poll():
             self._hear(answer)
 
@@ -199,7 +197,7 @@ class BaseFrame:
     def __init__(self, name: str, ring: Ring) -> None:
         self.name, self._ring = name, ring
         self._measured, self._known = ring.field("measured_cp"), ring.field("reference_valid")
-        self._pose = np.eye(4)
+        self._pose = np.zeros(7)
         self._stamp_ns = self._now_ns = 0
         self._told = False
 
@@ -209,9 +207,9 @@ class BaseFrame:
         if self._ring.newest():
             self._stamp_ns, self._told = self._ring.stamp_ns, bool(self._known)
             if self._told:
-                matrix_from_pose(self._measured, self._pose)
+                self._pose[...] = self._measured
 
     @property
     def pose(self) -> Array | None:
-        """(4, 4); None: not known."""
+        """(7,); None: not known."""
         return self._pose if self._told and self._now_ns - self._stamp_ns <= SILENT_NS else None

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from procs.lib.camera import Camera, outside
 from procs.lib.consoles import TeleopEcm as Settings
-from procs.lib.poses import pose_from_matrix
+from procs.lib.poses import matrix_from_pose, pose_from_matrix
 from procs.lib.requests import Request
-from procs.lib.teleoperation import angle_between
 from procs.teleop.arms import Arm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
@@ -23,7 +22,7 @@ Array = NDArray[np.float64]
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = 0.03  # forces on the masters end by themselves when we do
 LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
-NEW_TURN: Final = 1e-3  # rad: masters are turned further when the view has turned by as much
+NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
 
 
 class TeleopEcm(Teleop):
@@ -36,7 +35,7 @@ class TeleopEcm(Teleop):
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
-        self._turned = np.eye(3)
+        self._turned = np.zeros(JOINTS)
         self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
         self._wrench[6] = WRENCH_LASTS_S
         self._let_go_ns = 0
@@ -57,7 +56,7 @@ class TeleopEcm(Teleop):
             self.reason = "waiting: the poses of all three arms in their reference frames are not known yet"
             return
         for master in self.masters:
-            reason = outside(master.name, master.measured[:3, 3])
+            reason = outside(master.name, master.measured[:3])
             if reason:
                 self.stop("master-outside", reason, master.name)
                 return
@@ -89,7 +88,7 @@ class TeleopEcm(Teleop):
 
     def _begin_following(self) -> None:
         left, right = self.masters
-        self.camera.begin(left.measured[:3, 3], right.measured[:3, 3], self.slave.joint_setpoint[:JOINTS])
+        self.camera.begin(left.measured[:3], right.measured[:3], self.slave.joint_setpoint[:JOINTS])
         self._free_masters()
         if not self.clutched:
             self.follow(True)
@@ -97,12 +96,12 @@ class TeleopEcm(Teleop):
     def _free_masters(self) -> None:
         """Their places are free, their orientations stay."""
         for turn, master in zip(self._first_turns, self.masters, strict=True):
-            turn[...] = master.measured[:3, :3]
+            turn[...] = matrix_from_pose(master.measured)[:3, :3]
             if master.is_ready:
                 master.send("body/set_cf_orientation_absolute", (1.0,))
                 master.let_go()
                 master.send("lock_orientation")
-        self._turned[...] = np.eye(3)
+        self._turned[...] = self.camera.goal
         self._let_go_ns = self.now_ns
 
     def _calm(self, master: Arm) -> None:
@@ -117,10 +116,10 @@ class TeleopEcm(Teleop):
         if settled and (left.is_held or right.is_held):
             self.go(State.SETTING)  # somebody else had one hold meanwhile: begin anew from here
             return
-        goal = self.camera.step(left.measured[:3, 3], right.measured[:3, 3], left.twist[:3], right.twist[:3])
+        goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
         if self.slave.send("servo_jp", goal):
             self._goal_shown[...], self._sent[...] = goal, self.now_ns
-        turned = angle_between(self._turned, self.camera.orientation(np.eye(3))) > NEW_TURN
+        turned = float(np.abs(goal - self._turned).max()) > NEW_TURN
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
                                         self._first_turns, strict=True):
             if master.is_played:
@@ -131,7 +130,7 @@ class TeleopEcm(Teleop):
                 self._turn[:3, :3] = self.camera.orientation(first)
                 master.send("lock_orientation", pose_from_matrix(self._turn, self._pose)[3:])
         if turned:
-            self._turned[...] = self.camera.orientation(np.eye(3))
+            self._turned[...] = goal
         self.reason = self.slave.refusal or left.refusal or right.refusal
 
     # the clutch
@@ -152,10 +151,10 @@ class TeleopEcm(Teleop):
         self._scale[...] = self.camera.scale
         left, right = self.masters
         if self.following:  # from here on: nothing moves by the change itself
-            self.camera.begin(left.measured[:3, 3], right.measured[:3, 3], self.camera.goal.copy())
+            self.camera.begin(left.measured[:3], right.measured[:3], self.camera.goal.copy())
             for turn, master in zip(self._first_turns, self.masters, strict=True):
-                turn[...] = master.measured[:3, :3]
-            self._turned[...] = np.eye(3)
+                turn[...] = matrix_from_pose(master.measured)[:3, :3]
+            self._turned[...] = self.camera.goal
         self.events.emit("scale", value=self.camera.scale)
 
     # the record

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.consoles import TeleopPsm as Settings
-from procs.lib.poses import pose_from_matrix
+from procs.lib.poses import angle_between
 from procs.lib.requests import Request
-from procs.lib.teleoperation import Follow, Jaw, Presence, Start, angle_between, roll_between, waiting_for
+from procs.lib.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
@@ -43,11 +43,11 @@ class TeleopPsm(Teleop):
         self.jaw = Jaw(settings.gripper_zero, settings.gripper_max, settings.jaw_rate, settings.jaw_rate_after_clutch)
         self._jaw_range = jaw_range
         self._was_active = False  # before the clutch
-        self._aligned_to = np.eye(4)
+        self._aligned_to = np.zeros(7)
         self._aligned_ns = self._let_go_ns = 0
         self._wrench: Array | None = None
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
-        self._values, self._offset = np.zeros(13), np.eye(4)
+        self._values = np.zeros(13)
         field = record.field
         self._goal_shown, self._jaw_shown, self._sent = field("goal_cp"), field("jaw_goal"), field("sent_ns")
         self._error_shown, self._offset_shown = field("angle_error"), field("alignment_offset")
@@ -140,9 +140,9 @@ class TeleopPsm(Teleop):
     def _send_alignment(self) -> None:
         """The master stays where it is and turns as the slave is."""
         pose = self.master.setpoint.copy()
-        pose[:3, :3] = self.slave.setpoint[:3, :3]
+        pose[3:] = self.slave.setpoint[3:]
         self._aligned_to[...], self._aligned_ns = self.slave.setpoint, self.now_ns
-        self.master.move(pose_from_matrix(pose))
+        self.master.move(pose)
 
     def _run_alignment(self) -> None:
         master, slave, settings = self.master, self.slave, self.settings
@@ -210,7 +210,7 @@ class TeleopPsm(Teleop):
             return
         if settings.mtm_is_haptic and master.is_held and self.now_ns - self._let_go_ns > LET_GO_NS:
             self._free_master(self.mapping.rotation_locked)  # somebody else had it hold meanwhile
-        pose_from_matrix(self.mapping.step(master.measured, self._base_pose), values[:7])
+        values[:7] = self.mapping.step(master.measured, self._base_pose)
         linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
         if linear or angular:
             values[7:] = self.mapping.velocity(master.twist, linear=linear, angular=angular)
@@ -310,10 +310,9 @@ class TeleopPsm(Teleop):
         self._ranges[0][...], self._ranges[1][...] = presence.gripper_range, presence.roll_range
         self._stamps[0][0], self._stamps[1][...] = master.stamp_ns, slave.stamp_ns
         if master.whole and slave.whole:
-            self._poses[0][...], self._poses[1][...] = master.pose, slave.setpoint_pose
+            self._poses[0][...], self._poses[1][...] = master.measured, slave.setpoint
             self._twist[...] = master.twist
         if self.following:
-            self._offset[:3, :3] = self.mapping.offset
-            self._offset_shown[...] = pose_from_matrix(self._offset)[3:]
+            self._offset_shown[...] = self.mapping.offset
         if math.isnan(self._error_shown.item()):
             self._error_shown[...] = 0.0

@@ -128,7 +128,7 @@ class Teleop:
         self.passed_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else 0.0
         self.now_ns = self._last_ns = now_ns
         for arm in self.arms:
-            arm.look(now_ns, self.state is not State.DISABLED)
+            arm.look(now_ns)
         was_silent = self.operator.is_silent
         self.operator.look(now_ns)
         self.look()
