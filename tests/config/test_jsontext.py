@@ -36,6 +36,12 @@ def test_every_key_keeps_its_line() -> None:
     assert (lines[("a",)], lines[("a", "b")], lines[("a", "b", 0)], lines[("a", "b", 1, "c")]) == (2, 3, 3, 4)
 
 
+def test_numbers_keep_their_lines_as_anything_else_does() -> None:
+    numbers, mixed = parse_json("\n[\n1, 2,\n\n -3e4\n]"), parse_json("\n[\n1, 2,\n\n -3e4 //\n]")
+    assert numbers == mixed and numbers.data == [1, 2, -3e4]
+    assert [numbers.lines[(place,)] for place in range(3)] == [3, 3, 5]
+
+
 def test_repeated_key_is_told_and_last_counts() -> None:
     parsed = parse_json('{"a": 1,\n "b": 2,\n "a": 3}')
     assert parsed.data == {"a": 3, "b": 2}
@@ -50,6 +56,9 @@ def test_repeated_key_is_told_and_last_counts() -> None:
         ('{"a": }', 1, 7, "a value must come here, not '}'"),
         ('{"a": NaN}', 1, 7, "a value must come here, not 'NaN'"),
         ('{"a": 01}', 1, 7, "a value must come here"),
+        ("[1, 2\n, 03]", 2, 3, "a value must come here"),
+        ("[1, 2,\n]", 1, 6, "comma before ]"),
+        ("[1 2]", 1, 4, "a comma or ] must come here"),
         ('{"a": .5}', 1, 7, "a value must come here"),
         ('{"a": "x\n"}', 1, 7, "text is never closed on its line"),
         ('{"a": "\\q"}', 1, 8, "bad text"),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 
+from procs.lib.config import PROJECT_CONFIGS
 from procs.lib.config.jsontext import TextError
 from procs.lib.config.yamltext import parse_yaml
 
@@ -88,3 +90,11 @@ def test_aliases_cannot_explode() -> None:
     )
     with pytest.raises(TextError):
         parse_yaml(bomb)
+
+
+def test_without_libyaml_all_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = [file.read_text() for file in sorted(PROJECT_CONFIGS.rglob("*.yaml"))[::4]]
+    texts += ["a: &x [1, 'é']\nb: *x\n# end", "a: |\n  one\n  two\nb: >\n  x\n", "? a\n: !!str 1\n", "# nothing"]
+    here = [parse_yaml(text) for text in texts]
+    monkeypatch.setattr(yaml, "__with_libyaml__", False)
+    assert [parse_yaml(text) for text in texts] == here

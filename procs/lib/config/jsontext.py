@@ -18,6 +18,7 @@ _DEEPEST = 64
 _SPACE = re.compile(r"(?:[ \t\r\n]+|//[^\n]*|/\*.*?\*/)*", re.DOTALL)
 _STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"')
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(\.[0-9]+)?([eE][-+]?[0-9]+)?(?![\w.+-])")
+_NUMBERS = re.compile(r"\[[-+.eE0-9, \t\r\n]+\]")  # most of the large files are such lists
 _WORD = re.compile(r"[\w.+-]+")
 _WORDS = {"true": True, "false": False, "null": None}
 
@@ -83,14 +84,12 @@ class _Reader:
         if first == "{":
             return self.mapping(at, key)
         if first == "[":
-            return self.sequence(at, key)
+            return self.numbers(at, key) or self.sequence(at, key)
         if first == '"':
             return self.string(at)
         match = _NUMBER.match(self.text, at)
         if match:
-            # more digits than any whole number needs: a float, so that int() never meets its length limit
-            whole = match.group(1) is None and match.group(2) is None and len(match.group()) < 30
-            return (int(match.group()) if whole else float(match.group())), match.end()
+            return _number(match), match.end()
         word = _WORD.match(self.text, at)
         if word and word.group() in _WORDS:
             return _WORDS[word.group()], word.end()
@@ -142,6 +141,25 @@ class _Reader:
             if not more:
                 return result, at
 
+    def numbers(self, at: int, key: Key) -> tuple[list[object], int] | None:
+        """A list of nothing but numbers, in one go; None when there is anything else in it, mistakes included."""
+        match = _NUMBERS.match(self.text, at)
+        if match is None or len(key) >= _DEEPEST:
+            return None
+        result: list[object] = []
+        lines: dict[Key, int] = {}
+        line = self.line(at)
+        for piece in match.group()[1:-1].split(","):
+            bare = piece.lstrip(" \t\r\n")
+            number = _NUMBER.fullmatch(bare.rstrip(" \t\r\n"))
+            if number is None:
+                return None
+            lines[(*key, len(result))] = line + piece.count("\n", 0, len(piece) - len(bare))
+            line += piece.count("\n")
+            result.append(_number(number))
+        self.parsed.lines |= lines
+        return result, match.end()
+
     def separator(self, at: int, close: str, opened: int) -> tuple[int, bool]:
         """After a member: the offset of the next one and True, or the offset behind the closing bracket and False."""
         at = self.skip(at)
@@ -154,6 +172,12 @@ class _Reader:
         if self.text.startswith(close, at):
             raise self.error(comma, f"comma before {close}")
         return at, True
+
+
+def _number(match: re.Match[str]) -> int | float:
+    # more digits than any whole number needs: a float, so that int() never meets its length limit
+    whole = match.group(1) is None and match.group(2) is None and len(match.group()) < 30
+    return int(match.group()) if whole else float(match.group())
 
 
 def _seen(text: str, at: int) -> str:
