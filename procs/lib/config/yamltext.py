@@ -4,7 +4,8 @@ PyYAML follows YAML 1.1, where `1e-3` is a text, `on` a boolean and `1:30` a num
 robot's configuration. Only its scanner and composer are used here; what a plain word means is decided below.
 
 The scanner is libyaml's where PyYAML has it, ten times as fast. What it refuses is read once more by PyYAML's own,
-which says better what is wrong. The composer is PyYAML's own in either case: libyaml's overflows the stack on deep nesting.
+which says better what is wrong. The composer is PyYAML's own in either case: libyaml's overflows the stack when texts
+are nested deeply.
 """
 
 from __future__ import annotations
