@@ -58,15 +58,15 @@ class Pacing:
             self._latencies[self._latency_count] = latency_ns
             self._latency_count += 1
 
-    def end_of_work(self, now_ns: int) -> int:
-        """The cycle's work is done; returns the next deadline."""
+    def end_of_work(self, now_ns: int, periods: int = 1) -> int:
+        """The cycle's work is done; returns the next deadline, so many periods after this cycle's."""
         work = now_ns - self._start
         if self._count < ROOM:
             self._work[self._count] = work
         if work > self.period_ns:
             self._overrun_count += 1
             self._overruns[...] = self._overrun_count
-        self._deadline += self.period_ns
+        self._deadline += self.period_ns * periods
         if now_ns > self._deadline:
             skipped = (now_ns - self._deadline) // self.period_ns + 1
             self._missed_count += skipped

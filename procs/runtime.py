@@ -127,14 +127,16 @@ class Me:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
         return 0 if self.clock.simulated else self.now_ns
 
-    def tick(self, serve: Callable[[int], None] | None = None, news: Callable[[], bool] | None = None) -> bool:
+    def tick(self, serve: Callable[[int], None] | None = None, news: Callable[[], bool] | None = None,
+             periods: int = 1) -> bool:
         """End this cycle, wait for the next one; False when the process must end.
 
         `serve(timeout_ns)` is called while waiting, for processes that also answer sockets. `news()` true begins the
-        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py).
+        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). `periods`:
+        who has nothing to do sleeps that many instead of one.
         """
         self._bell.ring()  # what this cycle published is out
-        deadline = self._pacing.end_of_work(self.clock.now_ns())
+        deadline = self._pacing.end_of_work(self.clock.now_ns(), periods)
         if news is not None:
             self._wait_for_news(deadline, news)
         elif serve is None:

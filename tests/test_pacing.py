@@ -68,6 +68,15 @@ def test_deadlines_that_passed_are_skipped_and_counted(page: Page) -> None:
     assert (page["missed"], page["overruns"]) == (5, 1)
 
 
+def test_who_has_nothing_to_do_sleeps_through_periods_and_misses_none(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    assert pacing.end_of_work(100, periods=10) == 10 * PERIOD
+    pacing.begin_work(10 * PERIOD)
+    assert pacing.end_of_work(10 * PERIOD + 100) == 11 * PERIOD
+    assert (page["missed"], page["overruns"]) == (0, 0)
+
+
 def test_work_of_exactly_one_period_misses_nothing(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)

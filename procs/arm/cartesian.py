@@ -13,7 +13,7 @@ from procs.lib.poses import inverse, pose_from_matrix
 
 Array = NDArray[np.float64]
 
-DAMPING = 1e-12  # of wrenches where the Jacobian is singular: no number but a finite one is right there
+DAMPING = 1e-12  # of wrenches and rates where the Jacobian is singular: no number but a finite one is right there
 
 
 class Cartesian:
@@ -52,6 +52,9 @@ class Cartesian:
         self._wrench_rows, self._body_wrench_rows = self._wrench.reshape(2, 3), self._body_wrench.reshape(2, 3)
         self._spatial_rows = self._spatial_wrench.reshape(2, 3)
         self._setpoint_done = b""
+        self._is_done = False
+        """What was measured last is in the record."""
+        self._shown_absolute = False
 
     def use(self, joints: Joints) -> None:
         """Another joint space; `Readings` must have it already."""
@@ -64,6 +67,7 @@ class Cartesian:
         self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
         if kinematics is not None:
             self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the set-point for a moment, see update
+            self._driven = kinematics.body
         self._free = joints.free
         self._damping = DAMPING * np.eye(min(n, 6))
         self.clear()
@@ -72,7 +76,7 @@ class Cartesian:
         """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""
         self.base_known = base is not None
         self._base_valid[...] = False  # until the next update
-        self._setpoint_done = b""
+        self._setpoint_done, self._is_done = b"", False
         if base is not None:
             self.base[...] = base
             self._to_base = inverse(base)
@@ -92,7 +96,7 @@ class Cartesian:
         self.valid = False
         self._valid[...] = False
         self._base_valid[...] = False
-        self._setpoint_done = b""
+        self._setpoint_done, self._is_done = b"", False
 
     def update(self) -> None:
         """Fill the record from this cycle's readings, if they are valid and there is a tip."""
@@ -101,11 +105,15 @@ class Cartesian:
             if self.valid:
                 self.clear()
             return
-        self.valid = True
+        wanted = self._setpoint_motion.tobytes()
+        is_new = wanted != self._setpoint_done  # an arm that holds needs this once
+        if not is_new and self._is_done and not self._io.changed and self.absolute is self._shown_absolute:
+            return  # a played robot at rest
+        self.valid = self._is_done = True
+        self._shown_absolute = self.absolute
         self._valid[...] = True
         self._base_valid[...] = self.base_known
-        wanted = self._setpoint_motion.tobytes()
-        if wanted != self._setpoint_done:  # an arm that holds needs this once
+        if is_new:
             self._setpoint_done = wanted
             self._show_setpoint(kinematics)
         kinematics.update(self._position)
@@ -118,7 +126,7 @@ class Cartesian:
         self._show_wrench(kinematics)
 
     def _show_setpoint(self, kinematics: Kinematics) -> None:
-        if not self._setpoint_velocity.any():  # the Jacobian is not needed
+        if not any(self._setpoint_velocity.tolist()):  # the Jacobian is not needed
             self._fill(kinematics.fk(self._setpoint_position), self._local_setpoint, self._setpoint)
             self._setpoint_twist[...] = 0.0
             return
@@ -128,11 +136,22 @@ class Cartesian:
         np.matmul(kinematics.body, self._setpoint_velocity, out=self._setpoint_body)
         np.matmul(self._setpoint_body.reshape(2, 3), rotation.T, out=self._setpoint_rows)
 
+    def rates(self, twist: Array) -> Array:
+        """Joint velocities (count,) for a twist (6,) of the measured tip in the reference frame: pinv(J) · twist."""
+        turned = (twist.reshape(2, 3) @ self.rotation).reshape(6)  # Rᵀ · v, in rows
+        body = self._driven
+        if body.shape[1] < 6:
+            rates: Array = self._ldlt.solve(body.T @ turned)
+        else:
+            rates = body.T @ self._ldlt.solve(turned)
+        return rates if self._free is None else self._free @ rates
+
     def _show_wrench(self, kinematics: Kinematics) -> None:
         """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
         body, effort = kinematics.body, self._effort
         if self._free is not None:  # joints that bend together are pushed together
             body, effort = body @ self._free, effort @ self._free
+        self._driven = body
         if len(effort) < 6:
             self._wrench[...] = body @ self._ldlt.compute(body.T @ body + self._damping).solve(effort)
         else:

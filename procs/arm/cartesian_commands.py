@@ -110,7 +110,7 @@ class CartesianCommands:
     def _servo_cp(self, request: Request) -> str:
         self.enter(request.name)
         goal = self._pose(request.name, request.values)
-        velocity = self._rates(request.values[POSE:]) if len(request.values) > POSE else None
+        velocity = self._control.cartesian.rates(request.values[POSE:]) if len(request.values) > POSE else None
         return self._follow(request.name, goal, velocity)
 
     def _servo_cr(self, request: Request) -> str:
@@ -120,14 +120,6 @@ class CartesianCommands:
         pending = control.motion.pending_since(control.now_ns)  # then on top of the goal given in this very cycle
         base = control.here if pending else control.io.setpoint
         return self._follow(request.name, self._relative(request, base[:n]))
-
-    def _rates(self, twist: Array) -> Array:
-        """Joint velocities (count,) for a twist (6,) of the tip in the reference frame."""
-        cartesian, free = self._control.cartesian, self._control.joints.free
-        body = (twist.reshape(2, 3) @ cartesian.rotation).reshape(6)  # Rᵀ · v, in rows
-        if free is not None:
-            return (free @ np.linalg.lstsq(cartesian.jacobian @ free, body, rcond=1e-6)[0]).astype(np.float64)
-        return np.linalg.lstsq(cartesian.jacobian, body, rcond=1e-6)[0].astype(np.float64)
 
     def _servo_cs(self, request: Request) -> str:
         """Pose, twist, wrench, then which of them are meant (1 or 0 each)."""
@@ -140,7 +132,7 @@ class CartesianCommands:
         if not pose:
             self._push_body(request.name, force, absolute=wrench)
             return ""
-        velocity = self._rates(values[POSE : POSE + TWIST]) if twist else None
+        velocity = self._control.cartesian.rates(values[POSE : POSE + TWIST]) if twist else None
         text = self._follow(request.name, self._pose(request.name, values), velocity)
         control = self._control
         if wrench:

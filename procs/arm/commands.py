@@ -99,8 +99,10 @@ class Commands:
                 raise Refused(f"{request.name}: there is no instrument, so no tip")
             if row.ready is Ready.JAW and not control.joints.has_jaw:
                 raise Refused(f"{request.name}: there is no instrument, so no jaw")
+        if not row.sizes or len(request.values) in row.sizes:
+            return
         allowed = [size if size >= 0 else -size * control.joints.count for size in row.sizes]
-        if allowed and len(request.values) not in allowed:
+        if len(request.values) not in allowed:
             wanted = f"{' or '.join(map(str, allowed))} value{'s' if allowed != [1] else ''}"
             raise Refused(f"{request.name} takes {wanted}, {len(request.values)} were given")
 

@@ -116,7 +116,7 @@ class Control:
     def _clip(self) -> tuple[NDArray[np.bool_], str]:
         """Bring `goal` into the limits; what was clipped is in the answer, and once an episode a warning."""
         outside = self.joints.clip(self.goal, self.here)
-        if not outside.any():
+        if outside is self.joints.none or not outside.any():
             return outside, ""
         if self.now_ns - self._clipped_ns >= CLIP_EPISODE_NS:
             self._clipped[...] = False
@@ -132,7 +132,8 @@ class Control:
         outside, text = self._clip()
         if velocity is not None:
             velocity = self._feed(velocity)
-            velocity[outside] = 0.0
+            if text:
+                velocity[outside] = 0.0
         self.motion.space = space
         if self.motion.servo(self.goal, velocity, self.now_ns):
             self.move_ended(False, "replaced by a servo command")

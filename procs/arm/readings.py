@@ -41,6 +41,9 @@ class Readings:
         self.stamp_ns = 0
         self.epoch = 0
         self.fresh = False
+        self.changed = True
+        """Joint values are others than in the cycle before."""
+        self._raw = b""
         self.input = field("input")
         self.age_ns = field("age_ns")
         self.at_limit, self.in_effort, self.encoder_set = axis("at_limit"), axis("effort_mode"), axis("encoder_set")
@@ -67,6 +70,7 @@ class Readings:
         self._efforts, self._joint_efforts = self._actuator[:, 2], both[:, 2]
         # row vectors: (A · x)ᵀ = xᵀ · Aᵀ; joint efforts are the actuators' by the transpose of joint → actuator
         self._motion_map, self._effort_map = joints.to_joint.T, joints.to_actuator
+        self._raw = b""
         self._convert()
 
     def update(self, now_ns: int, stamp_ns: int, epoch: int) -> None:
@@ -82,5 +86,10 @@ class Readings:
         self._convert()
 
     def _convert(self) -> None:
+        raw = self._actuator.tobytes()
+        self.changed = raw != self._raw
+        if not self.changed:  # a played robot at rest
+            return
+        self._raw = raw
         np.matmul(self._motions, self._motion_map, out=self._joint_motions)
         np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)

@@ -18,6 +18,8 @@ from shm.ring import RingWriter
 # of a millisecond older, and half of that is what the grid settles on.
 BEHIND_MASTER_NS: Final = 360_000
 
+IDLE_PERIODS: Final = 10  # while DISABLED it looks after commands and the clutch a hundred times a second
+
 
 def jaw_range(me: runtime.Me, psm: str) -> JawRange:
     """The jaws of the instruments that the arm may carry."""
@@ -63,7 +65,7 @@ def main() -> None:
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         master = teleop.arms[0]
         me.ready()
-        while me.tick():
+        while me.tick(periods=IDLE_PERIODS if teleop.is_idle else 1):
             teleop.step(me.now_ns, mailbox.drain(me.wall_ns))
             state.publish(me.now_ns)
             if master.whole:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 WRENCH_LASTS_S: Final = 0.03  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
+SAME_JAW: Final = 1e-6  # rad: it is there already
 LET_GO_NS: Final = 50_000_000  # the master has gone to effort mode by then
 
 JawRange = Callable[[str], tuple[float, float] | None]
@@ -219,7 +220,8 @@ class TeleopPsm(Teleop):
         if not settings.ignore_jaw:
             jaw = self.jaw.step(master.gripper, self.passed_s)
             self._jaw_shown[...], self._ghost[...] = jaw, self.jaw.ghost
-            slave.send("jaw/servo_jp", (jaw,))
+            if abs(jaw - slave.jaw) > SAME_JAW:
+                slave.send("jaw/servo_jp", (jaw,))
         if self._wrench is not None and settings.mtm_is_haptic:
             self._wrench_values[:6] = self._wrench
             master.send("body/servo_cf", self._wrench_values)

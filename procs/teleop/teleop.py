@@ -123,6 +123,11 @@ class Teleop:
 
     # the cycle
 
+    @property
+    def is_idle(self) -> bool:
+        """DISABLED, and nothing else is asked for."""
+        return self.state is State.DISABLED and self.desired is State.DISABLED
+
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
         """Look, answer commands, act, show."""
         self.passed_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else 0.0

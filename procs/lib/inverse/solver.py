@@ -26,6 +26,7 @@ CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and 
 STEPS: Final = 8
 MOST_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
 SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
+LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
 LONGEST_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
 DAMPING: Final = 1e-12
 LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
@@ -62,6 +63,7 @@ class Inverse:
         self.reason, self.axis = "", -1
         self._partial = rows != slice(None)
         self.steps = 0  # Newton steps that the last solution took
+        self._longest = 0.0  # change of a coordinate in the last one
         self._geometry, self._free, self._rows = geometry, free, rows
         self._lower, self._upper = kinematics.lower, kinematics.upper
         self._lu, self._ldlt = eigenpy.PartialPivLU(np.eye(6)), eigenpy.LDLT(np.eye(6))  # a third of numpy's overhead
@@ -124,18 +126,20 @@ class Inverse:
             change = self._step(jacobian if free is None else jacobian @ free, error)
             q += change if free is None else free @ change
             self.steps += 1
+            if self._longest < LAST_STEP:
+                return True
         return size < ACCEPTED
 
     def _step(self, jacobian: Array, error: Array) -> Array:
         """Change of the independent coordinates that takes the error away, shortened where it is too long."""
         square = jacobian.shape[0] == jacobian.shape[1]
         change = self._lu.compute(jacobian).solve(error) if square else self._damped(jacobian, error)
-        longest = max(float(change.max()), -float(change.min()))
-        if not longest <= LONGEST_STEP:
+        self._longest = max(map(abs, change.tolist()))
+        if not self._longest <= LONGEST_STEP:
             change = self._damped(jacobian, error)
-            longest = max(float(change.max()), -float(change.min()))
-            if longest > LONGEST_STEP:
-                change *= LONGEST_STEP / longest
+            self._longest = max(map(abs, change.tolist()))
+            if self._longest > LONGEST_STEP:
+                change *= LONGEST_STEP / self._longest
         return change
 
     def _damped(self, jacobian: Array, error: Array) -> Array:
@@ -156,6 +160,8 @@ class Inverse:
                     q[i] -= 2.0 * math.pi
                 elif q[i] < lower[i] - room:
                     q[i] += 2.0 * math.pi
+        if np.minimum(np.maximum(q, lower), upper).tobytes() == q.tobytes() and math.isfinite(q.dot(q)):
+            return 0.0
         beyond = np.maximum(lower - q, q - upper)
         most = float(beyond.max())
         if most <= room:
