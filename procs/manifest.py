@@ -9,6 +9,8 @@ from dataclasses import dataclass
 class Proc:
     """One kind: its module, default period, when silence counts as trouble, and what happens after it died.
 
+    Without a module it is a program of somebody else, who starts it: only its places in shared memory are ours.
+
     `topics` are the rings its instances write besides `events`; `phase` is where in the period its cycle lies in
     lock-step; `stop_s` is how long it may take to end when asked; `on_exit` is said in words for `trocar status`.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
@@ -44,6 +46,8 @@ PROCS: tuple[Proc, ...] = (
          ("state",), phase=0.05, budget_us=300),
     Proc("system", "procs.system.loop", 0.01, 0.5, 3.0, "nothing moves differently; restart",
          ("state",), phase=0.06, realtime=False, budget_us=500),
+    Proc("external", "", 0.005, 0.03, 0.0, "tele-operations that use it stop following; who owns it starts it again",
+         ("state",), realtime=False, restart=False),
 )
 
 

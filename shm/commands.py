@@ -181,6 +181,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     ),
 }
 
+COMMANDS["external"] = COMMANDS["arm"]  # a program refuses what it does not carry out
+
 
 def code_of(kind: str, name: str) -> int:
     """The place of a command in its kind's table; KeyError names what there is."""

@@ -1,7 +1,7 @@
-"""Rows of the topic table for those who operate: tele-operations, consoles and the system.
+"""Rows of the topic table for those who operate: tele-operations, consoles, the system, and programs of others.
 
-Sizes in brackets: `teleops` those of a console, `arms` those of the system; the names stand in the header's info and in
-the record.
+Sizes in brackets: `teleops` those of a console, `arms` those of the system, `inputs` the buttons that consoles take
+from a program; the names stand in the header's info, and but for `inputs` in the record.
 """
 
 from __future__ import annotations
@@ -92,5 +92,42 @@ SYSTEM_STATE = Topic(
         Field("beeps", "<u4", "", "beeps since start, heard or not"),
         Field("errors", "<u4", "", "errors of all processes since start"),
         Field("warnings", "<u4", "", "warnings of all processes since start"),
+    ),
+)
+
+# What a program of somebody else says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
+EXTERNAL_STATE = Topic(
+    "state",
+    writer="external",
+    rate_hz=200,
+    depth_s=5.0,
+    fields=(
+        Field("program", "S40", "", "name of the program"),
+        Field("state", "S16", "", "operating state: DISABLED, ENABLED, PAUSED, FAULT"),
+        Field("sub_state", "S40", "", "the same in the program's own words"),
+        Field("is_homed", "?", "", "ready for use"),
+        Field("is_busy", "?", "", "a move or a transition is under way"),
+        Field("control_mode", "u1", "", "0 none, 1 position, 3 effort"),
+        Field("simulated", "?", "", "forces do not move it: it carries out no body/servo_cf"),
+        Field("reference_valid", "?", "", "poses and twist are known"),
+        Field("reference_frame", "S24", "", "frame of the poses"),
+        Field("measured_cp", "(7,)<f8", "m, -", "measured tip pose in the reference frame: x y z, quaternion x y z w"),
+        Field("setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the reference frame"),
+        Field("measured_cv", "(6,)<f8", "m/s, rad/s", "tip twist in the reference frame, linear then angular"),
+        Field("gripper_valid", "?", "", "a master's gripper is seen"),
+        Field("gripper_position", "<f8", "rad", "angle of a master's gripper"),
+        Field("has_jaw", "?", "", "an instrument with a jaw is on"),
+        Field("jaw_setpoint_position", "<f8", "rad", "jaw set-point"),
+        Field("setpoint_position", "(8,)<f8", "rad|m", "joint set-point; of an ECM yaw, pitch, insertion, roll"),
+        Field("tool", "S40", "", "instrument, empty: none is known to be on"),
+        Field("input", "(inputs,)?", "", "buttons, true: pressed"),
+        Field("age_ns", "<i8", "ns", "age of the buttons when this record was written"),
+    ),
+    views=(
+        View("measured_cp", "cp", (("pose", "measured_cp"),), where="reference_valid"),
+        View("setpoint_cp", "cp", (("pose", "setpoint_cp"),), where="reference_valid"),
+        View("measured_cv", "cv", (("twist", "measured_cv"),), where="reference_valid"),
+        View("gripper/measured_js", "js", (("position", "gripper_position"),), where="gripper_valid"),
+        View("jaw/setpoint_js", "js", (("position", "jaw_setpoint_position"),), where="has_jaw"),
     ),
 )

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from shm.operation import CONSOLE_STATE as CONSOLE_STATE
+from shm.operation import EXTERNAL_STATE as EXTERNAL_STATE
 from shm.operation import SYSTEM_STATE as SYSTEM_STATE
 from shm.operation import TELEOP_STATE as TELEOP_STATE
 from shm.rows import Field as Field
@@ -372,7 +373,7 @@ REPLY = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, EVENTS, COMMAND, REPLY,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, EXTERNAL_STATE, EVENTS, COMMAND, REPLY,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

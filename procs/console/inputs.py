@@ -46,7 +46,7 @@ class HeadSensor(Protocol):
 
 
 class Line:
-    """One digital input."""
+    """One digital input of an io, or button of somebody else's program."""
 
     __slots__ = ("_age", "_index", "_input", "_ring", "name")
 
@@ -57,8 +57,8 @@ class Line:
 
     def pressed(self, now_ns: int) -> bool | None:
         """Its debounced value; None: nothing fresh is known."""
-        if not self._ring.newest() or now_ns - self._ring.stamp_ns + int(self._age) > STALE_NS:
-            return None
+        if not self._ring.newest() or abs(now_ns - self._ring.stamp_ns) + abs(int(self._age)) > STALE_NS:
+            return None  # a stamp from the future is no better than one of long ago
         return bool(self._input[self._index])
 
 
@@ -80,8 +80,7 @@ class Inputs:
                 return None
             if wired.io not in states:
                 states[wired.io] = reads(wired.io, "state")
-            names = [one.name for one in system.io(wired.io).digital_inputs]
-            return Line(states[wired.io], names.index(wired.name), wired.name)
+            return Line(states[wired.io], system.inputs(wired.io).index(wired.name), wired.name)
 
         self._lines = {CLUTCH: line(row.clutch), CAMERA: line(row.camera)}
         self._present = [found for wired in row.operator_present if (found := line(wired)) is not None]

@@ -31,6 +31,7 @@ from procs.lib.emulated import Controller as Controller
 from procs.lib.emulated import Likeness as Likeness
 from procs.lib.emulated import Quirks as Quirks
 from procs.lib.emulated import SetupJoints as SetupJoints
+from procs.lib.external import External as External
 from procs.lib.tasks import TaskRow as TaskRow
 
 T = TypeVar("T")
@@ -257,6 +258,7 @@ class System:
     consoles: tuple[Console, ...] = ()
     teleop_psms: tuple[TeleopPsm, ...] = ()
     teleop_ecms: tuple[TeleopEcm, ...] = ()
+    externals: tuple[External, ...] = ()
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
@@ -283,6 +285,16 @@ class System:
         """The tele-operation `name`; KeyError when there is none."""
         rows: tuple[TeleopPsm | TeleopEcm, ...] = (*self.teleop_ecms, *self.teleop_psms)
         return _named(rows, name)
+
+    def external(self, name: str) -> External:
+        """The place of somebody else's program `name`; KeyError when there is none."""
+        return _named(self.externals, name)
+
+    def inputs(self, name: str) -> tuple[str, ...]:
+        """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""
+        if any(row.name == name for row in self.externals):
+            return self.external(name).inputs
+        return tuple(row.name for row in self.io(name).digital_inputs)
 
     def process(self, name: str) -> Process:
         """The process row `name`; KeyError when there is none."""

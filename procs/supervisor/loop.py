@@ -86,7 +86,8 @@ class Supervisor:
         self.events = Events(self._writes("events"), self.now_ns)
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor")
         self._state = self._writes("state")
-        self.children = [self._child(row, folder) for row in system.processes]
+        self._rows = tuple(row for row in system.processes if proc(row.kind).module)  # others are not ours to start
+        self.children = [self._child(row, folder) for row in self._rows]
 
     def _writes(self, topic: str) -> RingWriter:
         return directory.writer(self.system.name, "supervisor", topic, "supervisor")
@@ -108,7 +109,7 @@ class Supervisor:
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.pulse.show("STARTING")
-        for wave in _waves(self.system.processes):
+        for wave in _waves(self._rows):
             names = {row.name for row in wave}
             children = [c for c in self.children if c.row.name in names]
             for child in children:
@@ -204,7 +205,7 @@ class Supervisor:
         """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
         self.pulse.show("STOPPING")
         clean = True
-        for wave in reversed(_waves(self.system.processes)):
+        for wave in reversed(_waves(self._rows)):
             names = {row.name for row in wave}
             children = [c for c in self.children if c.row.name in names]
             for child in children:

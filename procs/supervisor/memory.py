@@ -54,6 +54,9 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
         return {"instances": len(system.processes)}, {"instances": [p.name for p in system.processes]}
     if process.kind == "suj":
         return _of_cart(system.cart(process.name))
+    if process.kind == "external":
+        row = system.external(process.name)
+        return {"inputs": len(row.inputs)}, {"inputs": list(row.inputs), "type": row.type}
     if process.kind in ("console", "system"):
         return _of_operation(system, process)
     played = [arm.simulation for arm in system.arms if arm.name == process.name and arm.simulation != "NONE"]
@@ -141,7 +144,7 @@ def clear_left_over(name: str) -> int:
 def _orphans(name: str) -> list[str]:
     found = []
     for system, instance, what in names_of(name):
-        if what == "control":
+        if what == "control" and not _is_external(system, instance):
             page = segment_name(system, instance, what)
             try:
                 with Segment(page) as segment:
@@ -151,6 +154,15 @@ def _orphans(name: str) -> list[str]:
                 if held(page):
                     found.append(f"{instance} (of another version; see fuser -v /dev/shm{page})")
     return found
+
+
+def _is_external(system: str, instance: str) -> bool:
+    """Whether it is somebody else's program, which has nothing to do with the next system of this name."""
+    try:
+        with Segment(segment_name(system, instance, "state")) as segment:
+            return segment.header.info.get("kind") == "external"
+    except SegmentError:
+        return False
 
 
 def maker(group: str) -> Make:

@@ -74,15 +74,12 @@ def test_teleop_is_listed_in_one_console_only(home: Home) -> None:
     assert error.key == "consoles[1].teleop_PSMs[0]" and "first in console c" in error.text
 
 
-def test_generic_and_components_are_told_in_plain_words(home: Home) -> None:
+def test_a_generic_teleop_is_told_in_plain_words(home: Home) -> None:
     teleops = {"teleop_PSMs": [{"type": "TELEOP_PSM_GENERIC", "MTM": "MTMR", "PSM": "PSM1", "component": "mine"}]}
-    given = {"component": "a", "interface": "b"}
-    row = console(clutch=given, camera=given, operator_present=given, **teleops) | {"input_type": "COMPONENTS"}
-    loaded = home.load_made({"arms": ARMS, "consoles": [row]})
+    loaded = home.load_made({"arms": ARMS, "consoles": [console(**teleops)]})
     assert loaded.system is not None, loaded.errors
     notes = " / ".join(loaded.system.notes)
-    assert "not started: teleop MTMR_PSM1 (TELEOP_PSM_GENERIC)" in notes
-    assert "c: its inputs are components of the original software" in notes
+    assert "not started: teleop MTMR_PSM1 (TELEOP_PSM_GENERIC)" in notes and "third-party-masters.md" in notes
 
 
 def test_component_manager_is_refused_in_plain_words(home: Home) -> None:

@@ -23,8 +23,7 @@ PEDALS = Console("c", "PEDALS_ONLY", 0.01, (), WiredInput("IO1", "clutch"), Wire
                  (WiredInput("IO1", "coag"),))
 BEAMS = Console("c", "PEDALS_ISI_HEAD_SENSOR", 0.01, (), WiredInput("IO1", "clutch"), WiredInput("IO1", "camera"),
                 tuple(WiredInput("IO1", name) for name in NAMES[3:]), 3)
-SYSTEM: Any = SimpleNamespace(io=lambda name: SimpleNamespace(
-    digital_inputs=[SimpleNamespace(name=known) for known in NAMES]))
+SYSTEM: Any = SimpleNamespace(inputs=lambda name: NAMES)
 
 
 class FakeRing:

@@ -94,7 +94,7 @@ def load_arm(
     _check_required(context, place, family, kinematic)
     if keys.type.endswith("_GENERIC") or family not in ACTUATORS:
         _load_other_files(context, place)
-        if not keys.type.startswith("SUJ"):
+        if not keys.type.startswith("SUJ") and not keys.type.endswith("_GENERIC"):  # see externals.py
             context.notes.append(f"not started yet: {keys.name} ({keys.type})")
         return None
     if kinematic:
@@ -107,8 +107,10 @@ def load_arm(
 def _check_required(context: Context, place: ArmPlace, family: str, kinematic: bool) -> None:
     keys = place.keys
     required: list[str] = []
-    if keys.type.endswith("_GENERIC") or keys.type.endswith("_DERIVED"):
-        required += ["component", "interface"] if keys.type.endswith("_GENERIC") else ["component"]
+    if keys.type.endswith("_GENERIC"):
+        pass  # which program is this arm is not for the file to say
+    elif keys.type.endswith("_DERIVED"):
+        required += ["component"]
     elif family in ACTUATORS and not kinematic:
         required += ["IO", "serial"]
     elif keys.type == "SUJ_Classic" and not kinematic:

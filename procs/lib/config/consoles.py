@@ -9,10 +9,12 @@ from typing import Final
 
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
+from procs.lib.config.externals import COMPONENTS, GENERIC, place_of
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import (
     ConsoleKeys,
+    InterfaceKeys,
     IoDeviceKeys,
     SystemFile,
     TeleopEcmKeys,
@@ -87,31 +89,44 @@ class _Loader:
         self.ecms += [row for row in ecms if row is not None]
         self.psms += [row for row in psms if row is not None]
         names = tuple(row.name for row in (*ecms, *psms) if row is not None)
-        if keys.input_type == "COMPONENTS":
-            self.context.notes.append(f"{keys.name}: its inputs are components of the original software; here its "
-                                      "emulate_clutch, emulate_camera and emulate_operator_present say what is pressed")
         return self._with_inputs(key, keys, names)
 
     # -- inputs --------------------------------------------------------------------------------------------------------
 
     def _with_inputs(self, key: Key, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
+        if keys.input_type == COMPONENTS:
+            clutch, camera, present = (self._component((*key, button), getattr(keys, button))
+                                       for button in ("clutch", "camera", "operator_present"))
+            return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, (present,) if present else ())
         wired = keys.input_type.startswith("PEDALS")
         pedals = keys.IO_pedals if wired else None
         clutch, camera = (self._input((*key, PEDALS), pedals, name) for name in ("clutch", "camera"))
-        present: tuple[WiredInput, ...] = ()
+        seen: tuple[WiredInput, ...] = ()
         count, turn_off = 1, None
         if keys.input_type == "PEDALS_ONLY":
             coag = self._input((*key, PEDALS), pedals, "coag")
-            present = (coag,) if coag else ()
+            seen = (coag,) if coag else ()
         elif keys.input_type == "PEDALS_ISI_HEAD_SENSOR" and keys.IO_head_sensor is not None:
             beams = [self._input((*key, HEAD), keys.IO_head_sensor, beam) for beam in BEAMS]
-            present, count = tuple(beam for beam in beams if beam), BEAMS_NEEDED
+            seen, count = tuple(beam for beam in beams if beam), BEAMS_NEEDED
             turn_off = self._turn_off(keys.IO_head_sensor)
         elif keys.input_type == "PEDALS_DVRK_HEAD_SENSOR" and keys.IO_head_sensor is not None:
             head = self._head_input((*key, HEAD), keys.IO_head_sensor)
-            present = (head,) if head else ()
-        return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, present, count, turn_off,
-                                keys.HID_file if keys.input_type == GOOVIS else "")
+            seen = (head,) if head else ()
+        return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, seen, count, turn_off,
+                       keys.HID_file if keys.input_type == GOOVIS else "")
+
+    def _component(self, key: Key, keys: InterfaceKeys | None) -> WiredInput | None:
+        """A digital input of an io, or a button of somebody's program."""
+        bus = self.buses.get(keys.component) if keys is not None else None
+        if keys is None or bus is None:
+            return WiredInput(place_of(self.content, keys.component), keys.interface) if keys is not None else None
+        names = [row.name for file in bus.opened() for row in file.content.digital_inputs]
+        if keys.interface not in names:
+            self.context.error(self.source, (*key, "interface"), f"{keys.component} has no such digital input",
+                               f"one of {', '.join(names)}" if names else "an IO whose files have digital inputs")
+            return None
+        return WiredInput(keys.component, keys.interface)
 
     def _names(self, device: IoDeviceKeys, outputs: bool = False) -> list[str] | None:
         """Digital inputs (or outputs) of a device's own file; None when that has errors of its own."""
@@ -215,12 +230,19 @@ class _Loader:
         """Whether it can be started; a note when it cannot."""
         absent = [arm for arm in arms if arm not in self.arms]
         if keys.type.endswith("_GENERIC"):
-            self.context.notes.append(f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} "
-                                      "is for the original software")
+            self.context.notes.append(
+                f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} is for the original "
+                "software; a tele-operation of your own is a program that reads arms and asks them (docs/python.md), "
+                "or one of ours with an arm of your own (docs/third-party-masters.md)")
             return False
         if keys.type.endswith("_DERIVED"):
             self.context.notes.append(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
                                       f" {keys.component or 'its component'} is for the original software")
         if absent:
             self.context.notes.append(f"not started: teleop {name} ({', '.join(absent)} not started)")
+        given = keys.configure_parameter if isinstance(keys, TeleopPsmKeys) else None
+        generic = arms[0] in [row.name for row in self.content.arms if row.type.endswith(GENERIC)]
+        if generic and isinstance(keys, TeleopPsmKeys) and (given is None or given.MTM_is_haptic):
+            self.context.notes.append(f"teleop {name}: {arms[0]} is a program of somebody else; unless that carries "
+                                      "out move_cp and body/servo_cf, say MTM_is_haptic: false and align_MTM: false")
         return not absent

@@ -12,9 +12,10 @@ from procs.lib.config.source import Source
 from procs.lib.config.trocar_section import TrocarSection
 
 BOARDS = "boards"
+EXTERNAL: Final = "external"
+EXTERNAL_PERIOD_S: Final = 0.005
 STARTED: Final = frozenset({"teleop", "console", "system"})  # those whose processes exist
 SYSTEM_PERIOD_S: Final = 0.01
-RESERVED = frozenset({BOARDS, "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
 
 
 def build_processes(
@@ -26,9 +27,13 @@ def build_processes(
     operation: Operation,
     emulation: document.Emulation | None,
     options: TrocarSection,
+    externals: tuple[document.External, ...] = (),
 ) -> tuple[document.Process, ...]:
-    """Boards first, every io that has any after them, arms and carts after their io, then who operates them."""
-    rows: list[document.Process] = []
+    """Boards first, every io that has any after them, arms and carts after their io, then who operates them.
+
+    Programs of somebody else are listed, too: nobody here starts them, but they have places of their own.
+    """
+    rows = [document.Process(row.name, EXTERNAL, EXTERNAL_PERIOD_S) for row in externals]
     if emulation is not None:
         boards = options.emulation
         rows.append(document.Process(BOARDS, "boards", boards.period_s, priority=boards.priority, cpu=boards.cpu))

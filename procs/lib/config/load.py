@@ -18,14 +18,15 @@ from procs.lib.config.carts import load_carts, with_base_frames, with_brakes
 from procs.lib.config.consoles import Operation, load_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
-from procs.lib.config.instances import RESERVED, build_processes, with_period
+from procs.lib.config.externals import load_externals
+from procs.lib.config.instances import build_processes, with_period
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.lib.config.overrides import SECTION, apply_overrides
 from procs.lib.config.problem import ERROR, WARNING, Problem
 from procs.lib.config.search import SearchPath, expanded, is_folder, search_path
 from procs.lib.config.setup_joints import with_setup_joints
 from procs.lib.config.source import Source, read_source
-from procs.lib.config.system_file import PERIOD_S, PROTOCOLS, SystemFile
+from procs.lib.config.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.lib.config.tasks import with_tasks
 from procs.lib.config.trocar_section import TrocarSection
 from procs.lib.config.validate import validate
@@ -115,11 +116,15 @@ def _load(
             arms.append(_with_period(arm, options))
     carts = load_carts(context, source, content, buses, options, emulated)
     check_buses(context, buses)
-    running = [loaded.arm.name for loaded in arms if loaded.starts]
+    externals = load_externals(context, source, content)
+    if options.clock == "lockstep" and externals:
+        text = f"{', '.join(row.name for row in externals)}: somebody else's program does not wait for us"
+        context.error(source, (SECTION, "clock"), text, "wall")
+    running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
     operation = load_consoles(context, source, content, buses, running)
     _note_what_waits(context, content)
-    system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
-                       bus_address)
+    system = _assemble(context, source, list(buses.values()), arms, carts, operation, externals, options, emulated,
+                       name, bus_address)
     system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
     return with_setup_joints(context, source, content, system)
 
@@ -214,6 +219,7 @@ def _assemble(
     arms: list[LoadedArm],
     carts: tuple[document.Cart, ...],
     operation: Operation,
+    externals: tuple[document.External, ...],
     options: TrocarSection,
     emulated: bool,
     name: str | None,
@@ -245,7 +251,8 @@ def _assemble(
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options)
+    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options,
+                                externals)
     return document.System(
         name=system_name,
         source=str(source.path),
@@ -258,6 +265,7 @@ def _assemble(
         consoles=tuple(with_period(row, options) for row in operation.consoles),
         teleop_psms=tuple(with_period(row, options) for row in operation.teleop_psms),
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
+        externals=externals,
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,
