@@ -44,8 +44,13 @@ class Ring(Protocol):
 class Arm:
     """One arm. `look` once a cycle; what it says holds until the next one.
 
-    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle.
+    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `fault`: why it
+    is not to be believed from this cycle on, `doubt`: the same for as long as it lasts, see Outsider.
     """
+
+    sets_pace = True
+    """Its records come in time with ours."""
+    fault = doubt = ""
 
     def __init__(self, name: str, ring: Ring, events: Ring, sender: Sender) -> None:
         self.name, self._ring, self._events, self._sender = name, ring, events, sender
@@ -193,6 +198,8 @@ class Arm:
 
 class BaseFrame:
     """Where the slave's base stands, when something else carries it: the measured tip of another arm."""
+
+    doubt = ""
 
     def __init__(self, name: str, ring: Ring) -> None:
         self.name, self._ring = name, ring

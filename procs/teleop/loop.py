@@ -8,6 +8,7 @@ from procs import runtime
 from procs.lib.document import TeleopPsm as PsmRow
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.ecm import TeleopEcm
+from procs.teleop.outside import EXTERNAL, Outsider
 from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
@@ -23,8 +24,8 @@ IDLE_PERIODS: Final = 10  # while DISABLED it looks after commands and the clutc
 
 def jaw_range(me: runtime.Me, psm: str) -> JawRange:
     """The jaws of the instruments that the arm may carry."""
-    arm = me.document.arm(psm)
-    tools = (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))
+    arms = [arm for arm in me.document.arms if arm.name == psm]  # none: a program of somebody else
+    tools = [tool for arm in arms for tool in (*arm.tools, arm.tool) if tool is not None]
     return {tool.name: (tool.jaw.lower, tool.jaw.upper) for tool in tools}.get
 
 
@@ -33,7 +34,7 @@ def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
     name = row.base_frame_from
     if not name:
         return None
-    running = [process.name for process in me.document.processes if process.kind == "arm"]
+    running = [process.name for process in me.document.processes if process.kind in ("arm", EXTERNAL)]
     if name not in running:
         raise ValueError(f"{row.name}: PSM_base_frame names {name}; allowed are the arms {', '.join(running)}")
     return BaseFrame(name, me.reads(name, "state"))
@@ -46,7 +47,8 @@ def build(me: runtime.Me, record: RingWriter) -> Teleop:
     operator = Operator(row.console, me.reads(row.console, "state") if there else None)
 
     def arm(name: str) -> Arm:
-        return Arm(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
+        make = Outsider if me.document.process(name).kind == EXTERNAL else Arm
+        return make(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
@@ -68,7 +70,7 @@ def main() -> None:
         while me.tick(periods=IDLE_PERIODS if teleop.is_idle else 1):
             teleop.step(me.now_ns, mailbox.drain(me.wall_ns))
             state.publish(me.now_ns)
-            if master.whole:
+            if master.whole and master.sets_pace:
                 me.follow(master.stamp_ns, BEHIND_MASTER_NS)
                 if teleop.following:
                     me.latency(me.clock.now_ns() - master.stamp_ns)

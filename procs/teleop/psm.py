@@ -103,7 +103,7 @@ class TeleopPsm(Teleop):
             self._run_following()
 
     def _miss(self, who: Arm | BaseFrame) -> None:
-        reason = f"the pose of {who.name} in its reference frame is not known"
+        reason = who.doubt or f"the pose of {who.name} in its reference frame is not known"
         if self.state is State.ENABLED:
             self.stop("pose-unknown", reason, who.name)
         else:

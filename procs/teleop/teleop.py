@@ -181,6 +181,8 @@ class Teleop:
             self._interrupt("arm-silent", f"{arm.name} is silent", arm.name)
         elif arm.restarted:
             self._interrupt("arm-restarted", f"{arm.name} was started anew", arm.name)
+        elif arm.fault:
+            self._interrupt("arm-not-believed", arm.fault, arm.name)
         elif not arm.is_ready:
             self._miss_arm(arm)
 

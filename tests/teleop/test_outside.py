@@ -1,0 +1,162 @@
+"""A master that is a program of somebody else: what a tele-operation believes of it; on a fake clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from procs.teleop.arms import Arm
+from procs.teleop.outside import Outsider
+from shm.operation import EXTERNAL_STATE
+from shm.topics import EVENTS
+from tests.teleop.theatre import FakeArm, Ring, Theatre
+
+RECORD_NS = 10_000_000  # a hundred records a second
+
+
+class Program(FakeArm):
+    """Somebody's program: it carries nothing out."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.ring, self.events = name, Ring(EXTERNAL_STATE, inputs=0), Ring(EVENTS)
+        self.sent, self.answers, self.refuses = [], [], {}
+        self.alive, self.obeys = True, False
+        self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
+        self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+    def seen(self) -> Arm:
+        return Outsider(self.name, self.ring, self.events, self)
+
+
+class Stage(Theatre):
+    """Ten cycles for one record of the master."""
+
+    def __init__(self) -> None:
+        super().__init__(start_gripper_threshold=0.5, mtm_is_haptic=False, align_mtm=False)
+
+    def start(self) -> None:
+        self.arms["MTMR"] = Program("MTMR")
+        self.arms["MTMR"].ring.stamp_ns = self.now_ns
+        super().start()
+
+    def step(self, *requests: object) -> None:
+        master = self.arms["MTMR"]
+        stamp, alive = master.ring.stamp_ns, master.alive
+        super().step(*requests)  # type: ignore[arg-type]
+        if alive and self.now_ns - stamp < RECORD_NS:
+            master.ring.stamp_ns = stamp
+
+
+@pytest.fixture
+def stage() -> Stage:
+    stage = Stage()
+    stage.arms["MTMR"].ring.stamp_ns = 0
+    stage.run(0.02)
+    stage.state_command("enable")
+    show_presence(stage)
+    assert stage.following, stage.text("reason")
+    stage.forget()
+    return stage
+
+
+def show_presence(stage: Stage) -> None:
+    for gripper in (0.0, 1.0, 0.0):
+        stage.master.ring.set(gripper_position=gripper)
+        stage.run(0.02)
+
+
+def test_a_master_without_forces_is_followed_and_asked_for_nothing(stage: Stage) -> None:
+    before = stage.slave.pose
+    for _ in range(20):
+        stage.master.shift(0.005, 0.0, 0.0)
+        stage.run(0.01)
+    assert stage.following and stage.slave.pose[0] - before[0] == pytest.approx(0.02)
+    assert stage.master.sent == []
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: Stage, turn: bool) -> None:
+    before = stage.slave.pose
+    if turn:
+        stage.master.turn(2, math.radians(60))
+    else:
+        stage.master.shift(0.1, 0.0, 0.0)
+    stage.run(0.02)
+    assert not stage.following and np.array_equal(stage.slave.pose, before)
+    assert stage.slave.words()[-1] == "hold"
+    (said,) = stage.reports.of("error")
+    assert said.startswith("MTMR_PSM1: MTMR jumped by " + ("60°" if turn else "100 mm"))
+    assert said.removeprefix("MTMR_PSM1: ") in stage.text("reason")
+    show_presence(stage)
+    assert not stage.following, "it is not believed so soon"
+    stage.run(0.5)
+    assert not stage.following, "presence counts from when it is believed"
+    show_presence(stage)
+    assert stage.following and np.allclose(stage.slave.pose, before), "from where it is now, without a jump"
+
+
+def test_a_master_that_jumps_all_the_time_is_told_once(stage: Stage) -> None:
+    for place in range(100):
+        stage.master.shift(0.1 * (-1) ** place, 0.0, 0.0)
+        stage.run(0.01)
+    assert not stage.following and len(stage.reports.of("error")) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [({"measured_cp": (math.nan, 0, 0, 0, 0, 0, 1)}, "what MTMR says is no pose"),
+     ({"measured_cp": (0, 0, 0, 0, 0, 0, 0)}, "what MTMR says is no pose"),
+     ({"measured_cp": (0, 0, 0, 0, 0, 0, 2)}, "what MTMR says is no pose"),
+     ({"setpoint_cp": (math.inf, 0, 0, 0, 0, 0, 1)}, "what MTMR says is no pose"),
+     ({"measured_cv": (math.nan, 0, 0, 0, 0, 0)}, "MTMR says it goes at nan m/s"),
+     ({"measured_cv": (50.0, 0, 0, 0, 0, 0)}, "MTMR says it goes at 50 m/s"),  # mm/s?
+     ({"gripper_position": math.nan}, "MTMR's gripper is no angle"),
+     ({"gripper_valid": False}, "MTMR has lost its gripper")],
+)
+def test_nonsense_ends_following(stage: Stage, wrong: dict[str, object], said: str) -> None:
+    before = stage.slave.pose
+    stage.master.ring.set(**wrong)
+    stage.run(0.02)
+    assert not stage.following and said in stage.reports.of("error")[0]
+    assert np.isfinite(stage.slave.pose).all() and np.array_equal(stage.slave.pose, before)
+    assert len(stage.reports.of("error")) == 1
+
+
+def test_a_master_that_does_not_know_where_it_is_is_left(stage: Stage) -> None:
+    stage.master.ring.set(reference_valid=False)
+    stage.run(0.02)
+    assert stage.text("state") == "DISABLED"
+    assert stage.text("reason") == "the pose of MTMR in its reference frame is not known"
+
+
+def test_stamps_from_the_future_are_silence(stage: Stage) -> None:
+    stage.master.alive = False
+    stage.master.ring.stamp_ns = stage.now_ns + 10**12
+    stage.run(0.05)
+    assert not stage.following and stage.reports.of("error") == ["MTMR_PSM1: MTMR is silent"]
+
+
+def test_a_program_that_died_and_is_back_needs_presence(stage: Stage) -> None:
+    stage.master.alive = False
+    stage.run(0.045)
+    assert not stage.following and stage.text("reason") == "waiting: MTMR is silent"
+    stage.master.ring.epoch += 1
+    stage.master.shift(0.3, 0.0, 0.0)  # it may be anywhere
+    stage.master.alive = True
+    stage.run(0.1)
+    assert not stage.following
+    before = stage.slave.pose
+    show_presence(stage)
+    assert stage.following and np.allclose(stage.slave.pose, before)
+
+
+def test_records_that_were_held_up_are_no_jump(stage: Stage) -> None:
+    """25 mm within 25 ms: two records did not come, but none was silent."""
+    stage.master.alive = False
+    stage.run(0.02)
+    stage.master.alive = True
+    stage.master.shift(0.025, 0.0, 0.0)
+    stage.run(0.02)
+    assert stage.following, stage.text("reason")
