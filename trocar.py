@@ -19,6 +19,7 @@ with its reason; what cannot be had, or is not valid now, `TimeoutError`; what i
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import TypeVar
 
 from tools.client.arm import Arm
@@ -26,6 +27,7 @@ from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
 from tools.client.kinds import KINDS, Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
+from tools.client.provider import Handler, Provider
 from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
@@ -34,8 +36,9 @@ from tools.systems import chosen_system
 from tools.watch import arm_document
 
 __all__ = [
-    "Arm", "Ecm", "Gains", "Gripper", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle", "Mtm", "Problem", "Psm",
-    "Refused", "SetupArm", "Suj", "System", "arm", "ecm", "mtm", "psm", "suj", "system",
+    "Arm", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle", "Mtm",
+    "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "arm", "ecm", "mtm", "provide", "psm", "suj",
+    "system",
 ]
 
 A = TypeVar("A", bound=Arm)
@@ -67,6 +70,16 @@ def mtm(name: str, system: str | None = None, timeout: float = 5.0) -> Mtm:
 def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0) -> Suj:
     """The set-up joints `name`, once they are connected; TimeoutError after `timeout` s."""
     return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
+
+
+def provide(name: str, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
+            commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
+    """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
+
+    `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
+    TimeoutError after `timeout` s when there is no such place or another program has it.
+    """
+    return connected(lambda: Provider(_chosen(system), name, rate, commands, program), timeout, name)
 
 
 def system(name: str | None = None, timeout: float = 5.0) -> System:

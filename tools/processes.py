@@ -16,6 +16,8 @@ from tools.systems import alive, is_lockstep
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
+EXTERNAL = "external"  # a program of somebody else
+SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
 COUNTS = ("cycles", "missed", "overruns")
@@ -29,7 +31,8 @@ class Life:
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
     reply to the next write; what it has not measured is absent.
-    `simulation` is KINEMATIC for an arm without a robot, and for the process that plays it.
+    Of a program of somebody else `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
+    without a robot, and for the process that plays it.
     """
 
     name: str
@@ -62,20 +65,21 @@ def lives(system: str) -> list[Life]:
         except SegmentError:  # the system went down while we looked
             continue
         try:
-            life = _life(name, pulse, ledger.get(name, {}), simulated)
-            found.append(dataclasses.replace(life, simulation=_simulation(system, name)))
+            said = _said(system, name)
+            life = _life(name, pulse, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated)
+            found.append(dataclasses.replace(life, simulation=str(said.get("simulation", ""))))
         finally:
             pulse.close()
     return found
 
 
-def _simulation(system: str, name: str) -> str:
+def _said(system: str, name: str) -> dict[str, Any]:
     """What its state record says about itself; it may say anything."""
     try:
         with Segment(segment_name(system, name, "state")) as segment:
-            return str(segment.header.info.get("simulation", ""))
+            return dict(segment.header.info)
     except (SegmentError, ValueError, KeyError, TypeError, AttributeError):
-        return ""
+        return {}
 
 
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
@@ -104,8 +108,9 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool) -> L
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(pulse.get("heartbeat_ns"))
     wall = not simulated or name == "supervisor"
+    shown = SHOWN_OF_OTHERS.get(state, state) if kind == EXTERNAL else state
     return Life(
-        name=name, kind=kind, state=state, pid=int(pulse.get("pid")),
+        name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
         cycles=counts["cycles"], missed=counts["missed"], overruns=counts["overruns"],
@@ -122,7 +127,7 @@ def _trouble(kind: str, state: str, lives_on: bool, pulse: Pulse, wall: bool) ->
     if not lives_on:
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and wall and _stalled(kind, pulse):
-        return "stalled"
+        return "silent" if kind == EXTERNAL else "stalled"
     return ""
 
 

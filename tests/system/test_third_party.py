@@ -1,0 +1,98 @@
+"""A master that is another program: a slave follows a recording, and what a death of the program does."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shm import directory
+from shm.client import Client
+from shm.ring import RingReader
+from tests.system.robot import ROOT, Robot, wait_for
+from tools.processes import lives
+
+pytestmark = pytest.mark.slow
+SYSTEM = ROOT / "configs/systems/third-party-master.yaml"
+SCALE = 0.2
+
+
+def recording(path: Path) -> Path:
+    """The gripper is opened and closed, then the tip goes to and fro, and the console's operator is there."""
+    lines = ["time,x,y,z,qx,qy,qz,qw,gripper,operator_present"]
+    for step in range(400):
+        seconds = step * 0.05
+        gripper = 0.5 * (1 - math.cos(2 * math.pi * seconds)) if seconds < 1.0 else 0.0
+        away = 0.03 * math.sin(2 * (seconds - 1.5)) if seconds > 1.5 else 0.0
+        lines.append(f"{seconds},{away:.6f},0,0,0,0,0,1,{gripper:.4f},{int(seconds > 0.2)}")
+    path.write_text("\n".join(lines))
+    return path
+
+
+def start(robot: Robot, file: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "tools.recorded_master", str(file)]
+    master = subprocess.Popen(words, cwd=ROOT, env=robot.environment, stderr=subprocess.PIPE, text=True)
+    robot.pids.add(master.pid)
+    return master
+
+
+def state_of(robot: Robot, name: str) -> tuple[str, str]:
+    return next((life.state, life.trouble) for life in lives(robot.name) if life.name == name)
+
+
+def moved(ring: RingReader, records: np.ndarray) -> float:
+    """The largest way of the master while followed, m, each time compared with the slave's goal."""
+    followed = records[records["following"] & np.isfinite(records["goal_cp"][:, 0])]
+    if len(followed) < 10:
+        return 0.0
+    master, goal = followed["mtm_measured_cp"][:, :3], followed["goal_cp"][:, :3]
+    assert np.abs((goal - goal[0]) - SCALE * (master - master[0])).max() < 1e-6
+    return float(np.abs(master - master[0]).max())
+
+
+def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_path: Path) -> None:
+    robot.up(SYSTEM)
+    robot.trocar("send", "system", "home", "--wait")
+    teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
+    slave = directory.reader(robot.name, "PSM1", "state", "arm")
+    console = Client(robot.name, "console")
+    console.send("teleop_enable", (1,))
+    assert state_of(robot, "MTMR") == ("NOT ATTACHED", "")
+    file = recording(tmp_path / "hand.csv")
+
+    def following(wanted: bool) -> None:
+        wait_for(lambda: teleop.newest() and bool(teleop.field("following")) is wanted, 20,
+                 f"following is {wanted}: {bytes(teleop.field('reason').item()).decode()}")
+
+    master = start(robot, file)
+    following(True)
+    begin = teleop.stamp_ns
+    wait_for(lambda: moved(teleop, teleop.since(begin)) > 0.01, 20, "the slave goes a fifth of the master's way")
+
+    os.kill(master.pid, signal.SIGKILL)
+    master.communicate()
+    following(False)
+    records = teleop.since(begin)
+    followed = records[records["following"]]
+    assert (followed["stamp_ns"] - followed["master_stamp_ns"][:, 0]).max() < 45_000_000, "30 ms and a busy machine"
+    assert state_of(robot, "MTMR") == ("ATTACHED", "dead")
+    assert slave.newest()
+    held = slave.field("setpoint_cp").copy()
+
+    master = start(robot, file)
+    wait_for(lambda: teleop.newest() and not bytes(teleop.field("reason").item()).startswith(b"waiting: MTMR is"), 20,
+             "the program is there again")
+    assert not teleop.field("following") and slave.newest()
+    assert np.abs(slave.field("setpoint_cp") - held).max() < 1e-6, "it waits for presence"
+    following(True)
+    robot.down()
+    _, said = master.communicate(timeout=20)
+    assert "the system has ended" in said and master.returncode == 0
+    for part in (teleop, slave, console):
+        part.close()

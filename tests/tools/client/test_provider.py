@@ -1,0 +1,216 @@
+"""A program of somebody else in its place in a system: what others see of it, and what it is asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import trocar
+from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.supervisor.memory import create_all, remove_all
+from shm import directory
+from shm.client import Client, Reply
+from shm.clock import monotonic_ns
+from shm.pulse import Pulse
+from shm.ring import RingReader
+from tests.conftest import World
+from tools.errors import Problem, Refused
+from tools.processes import lives
+
+QUARTER = ((0.0, -1.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+@dataclasses.dataclass
+class Place:
+    """The memory of a system without its processes."""
+
+    name: str
+    ring: RingReader
+    events: RingReader
+    client: Client
+
+    def value(self, field: str) -> np.ndarray:
+        assert self.ring.newest()
+        return self.ring.field(field).copy()
+
+    def ask(self, master: trocar.Provider, command: str, values: object = (), text: str = "") -> Reply:
+        self.client.send(command, values, text)
+        master.serve()
+        (reply,) = self.client.poll()
+        return reply
+
+    def said(self) -> list[tuple[str, str, str]]:
+        rows = []
+        while self.events.next():
+            rows.append(tuple(self.events.field(name).item().decode() for name in ("event", "component", "text")))
+        return rows
+
+    def beat(self) -> None:
+        pulse = Pulse(self.name, "supervisor", write=True)
+        pulse.field("heartbeat_ns")[...] = monotonic_ns()
+        pulse.show("RUNNING")
+        pulse.close()
+
+
+@pytest.fixture
+def made(world: World) -> Iterator[Callable[..., Place]]:
+    opened: list[Place] = []
+
+    def make(**keys: object) -> Place:
+        loaded = load_system(PROJECT_CONFIGS / "systems/third-party-master.yaml", name=world.name)
+        assert loaded.system is not None, loaded.errors
+        (row,) = loaded.system.externals
+        system = dataclasses.replace(loaded.system, externals=(dataclasses.replace(row, **keys),))  # type: ignore[arg-type]
+        create_all(system)
+        place = Place(world.name, directory.reader(world.name, "MTMR", "state", "external"),
+                      directory.reader(world.name, "MTMR", "events", "external"), Client(world.name, "MTMR"))
+        place.beat()
+        opened.append(place)
+        return place
+
+    yield make
+    for place in opened:
+        place.ring.close()
+        place.events.close()
+        place.client.close()
+    remove_all(world.name)
+
+
+@pytest.fixture
+def place(made: Callable[..., Place]) -> Place:
+    return made()
+
+
+def test_what_is_written_is_what_others_read(place: Place) -> None:
+    with trocar.provide("MTMR", place.name, program="mine") as master:
+        pose = np.eye(4)
+        pose[:3, 3] = 0.1, 0.2, 0.3
+        master.write(pose, (0.1, 0, 0, 0, 0, 0.5), gripper=0.4)
+        assert place.value("measured_cp").tolist() == [0.1, 0.2, 0.3, 0, 0, 0, 1]
+        assert place.value("setpoint_cp").tolist() == [0.1, 0.2, 0.3, 0, 0, 0, 1]
+        assert place.value("measured_cv").tolist() == [0.1, 0, 0, 0, 0, 0.5]
+        assert place.value("gripper_valid") and place.value("gripper_position") == 0.4
+        assert place.value("state").item() == b"ENABLED" and place.value("is_homed")
+        assert place.value("program").item() == b"mine" and place.value("tool").item() == b""
+        assert abs(monotonic_ns() - place.ring.stamp_ns) < 1e9
+        master.write()
+        assert not place.value("reference_valid"), "it does not know where it is"
+        master.write((0.1, 0.2, 0.3, 0, 0, 0, 1), jaw=0.2, joints=(0, 0, 0.1, 0))
+        assert place.value("reference_valid") and place.value("has_jaw")
+        assert place.value("setpoint_position").tolist() == [0, 0, 0.1, 0, 0, 0, 0, 0]
+
+
+def test_a_base_frame_of_the_file_is_put_on(made: Callable[..., Place]) -> None:
+    place = made(base_frame=QUARTER, reference_frame="HRSV")
+    with trocar.provide("MTMR", place.name) as master:
+        master.write((0.05, 0, 0, 0, 0, 0, 1), (0.1, 0, 0, 0, 0.5, 0))
+        assert place.value("measured_cp") == pytest.approx([0.1, 0.05, 0, 0, 0, math.sqrt(0.5), math.sqrt(0.5)])
+        assert place.value("measured_cv") == pytest.approx([0, 0.1, 0, -0.5, 0, 0])
+        assert place.value("reference_frame").item() == b"HRSV"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"pose": np.zeros((4, 4))}, {"pose": (math.nan, 0, 0, 0, 0, 0, 1)}, {"pose": (0, 0, 0, 0, 0, 0, 0)},
+     {"pose": (0, 0, 0)}, {"pose": np.eye(4), "twist": (0, 0)}, {"pose": np.eye(4), "twist": (math.inf,) * 6},
+     {"pose": np.eye(4), "gripper": math.nan}, {"pose": np.eye(4), "joints": (0,) * 9}],
+)
+def test_nonsense_is_no_record(place: Place, wrong: dict[str, object]) -> None:
+    with trocar.provide("MTMR", place.name) as master:
+        master.write(np.eye(4))
+        before = place.ring.newest() and place.ring.sequence
+        with pytest.raises(ValueError, match=r"."):
+            master.write(**wrong)  # type: ignore[arg-type]
+        assert place.ring.newest() and place.ring.sequence == before
+
+
+def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> None:
+    place.client.send("state_command", (), "disable")  # before anybody was there
+    with trocar.provide("MTMR", place.name, program="mine") as master:
+        (early,) = place.client.poll()
+        assert early.outcome == "refused" and "has just begun" in early.text
+        reply = place.ask(master, "move_cp", (0, 0, 0, 0, 0, 0, 1))
+        assert reply.outcome == "refused"
+        assert reply.text == "move_cp: MTMR is mine, a program that does not carry out move_cp"
+        assert place.ask(master, "state_command", (), "home").outcome == "done", "it is"
+        assert "does not carry out state_command disable" in place.ask(master, "state_command", (), "disable").text
+
+
+def test_what_it_carries_out_gets_the_numbers(place: Place) -> None:
+    got: list[object] = []
+
+    def servo_cp(values: np.ndarray, text: str) -> None:
+        if values[0] > 1:
+            raise Refused("too far")
+        got.append(values.tolist())
+
+    with trocar.provide("MTMR", place.name, commands={"servo_cp": servo_cp}) as master:
+        assert place.ask(master, "servo_cp", (0.5, 0, 0, 0, 0, 0, 1)).outcome == "done"
+        assert place.ask(master, "servo_cp", (2, 0, 0, 0, 0, 0, 1)).text == "servo_cp: too far"
+    assert got == [[0.5, 0, 0, 0, 0, 0, 1]]
+
+
+def test_buttons_are_levels_and_events(place: Place) -> None:
+    with trocar.provide("MTMR", place.name) as master:
+        place.said()
+        master.press("clutch")
+        master.press("clutch")
+        master.click("camera")
+        with pytest.raises(Problem, match="operator_present"):
+            master.press("operator")
+        master.write(np.eye(4))
+        assert place.value("input").tolist() == [True, False, False]
+        assert place.said() == [("button", "clutch", "pressed"), ("button", "camera", "clicked")]
+
+
+def test_a_place_is_taken_once(place: Place) -> None:
+    with trocar.provide("MTMR", place.name), pytest.raises(TimeoutError, match="MTMR"):
+        trocar.provide("MTMR", place.name, timeout=0.0)
+    with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; near are: MTMR"):
+        trocar.provide("PSM1", place.name, timeout=0.0)
+    trocar.provide("MTMR", place.name).close()
+
+
+def test_wrong_commands_and_rates_are_told_at_once(place: Place) -> None:
+    with pytest.raises(ValueError, match="there is no command fly"):
+        trocar.provide("MTMR", place.name, commands={"fly": print})
+    with pytest.raises(ValueError, match="allowed are 50 to 2000"):
+        trocar.provide("MTMR", place.name, rate=10)
+
+
+def test_status_tells_whether_it_is_attached(place: Place) -> None:
+    def shown() -> tuple[str, str]:
+        return next((life.kind, life.state) for life in lives(place.name) if life.name == "MTMR")
+
+    assert shown() == ("external", "NOT ATTACHED")
+    with trocar.provide("MTMR", place.name) as master:
+        master.tick()
+        assert shown() == ("external", "ATTACHED")
+    assert shown() == ("external", "DETACHED")
+
+
+def test_it_learns_that_the_system_ends(place: Place) -> None:
+    with trocar.provide("MTMR", place.name) as master:
+        assert master.tick()
+        pulse = Pulse(place.name, "supervisor", write=True)
+        pulse.show("STOPPING")
+        assert not master.tick()
+        pulse.show("RUNNING")
+        pulse.field("heartbeat_ns")[...] = monotonic_ns() - 2_000_000_000
+        assert not master.tick()
+        pulse.close()
+
+
+def test_states_are_those_of_arms(place: Place) -> None:
+    with trocar.provide("MTMR", place.name) as master:
+        master.set_state("FAULT", words="cable pulled")
+        master.write(np.eye(4))
+        assert place.value("state").item() == b"FAULT" and not place.value("is_homed")
+        assert "cable pulled" in place.value("sub_state").item().decode()
+        assert place.ask(master, "state_command", (), "home").outcome == "refused"
+        with pytest.raises(ValueError, match="allowed are DISABLED, ENABLED"):
+            master.set_state("HAPPY")

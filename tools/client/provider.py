@@ -1,0 +1,251 @@
+"""The place of a program of yours in a running system: what it shows, and what it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from procs.lib.document import System, from_json
+from procs.lib.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
+from procs.pacing import Pacing
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.commands import COMMANDS
+from shm.events import Events
+from shm.mailbox import Mailbox, Received
+from shm.pulse import Pulse
+from shm.topics import EXTERNAL_STATE
+from tools.client.values import Array, numbers, six_numbers
+from tools.errors import Problem, Refused
+from tools.systems import unknown
+
+KIND: Final = "external"
+STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
+READY: Final = ("enable", "home")
+PRESSED: Final = {True: ("pressed", 0.0), False: ("released", 1.0)}
+CLICKED: Final = ("clicked", 2.0)
+SLOWEST, FASTEST = 50.0, 2000.0  # records a second: none for 30 ms counts as gone
+NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+Handler = Callable[[Array, str], object]
+"""Carries out a command, given its numbers and its text; raises Refused or ValueError with the reason when it won't."""
+
+
+class Provider:
+    """One arm of a `_GENERIC` type, or the buttons of a console; a context manager, for one thread. Made by `provide`.
+
+    A record goes out with every `write`; what is not written again stays as it was, but the pose.
+    """
+
+    def __init__(self, system: str, name: str, rate: float = 200.0, commands: Mapping[str, Handler] | None = None,
+                 program: str = "") -> None:
+        """Take the place; Problem when there is none of this name, SegmentError when somebody has it."""
+        self.name, self.system = name, system
+        document = _document(system)
+        places = {row.name: row for row in document.externals}
+        if name not in places:
+            raise unknown("place for a program of yours", name, places)
+        self._place, self._lost_ns = places[name], round(document.supervisor_lost_s * 1e9)
+        self._handlers = _checked(name, rate, commands or {})
+        with contextlib.ExitStack() as stack:
+            self._pulse = Pulse(system, name, write=True)
+            stack.callback(self._pulse.close)
+            self._pulse.segment.claim(name)
+            self._supervisor = Pulse(system, "supervisor")
+            stack.callback(self._supervisor.close)
+            self._ring = directory.writer(system, name, "state", KIND)
+            stack.callback(self._ring.close)
+            events = directory.writer(system, name, "events", KIND)
+            stack.callback(events.close)
+            self._mailbox = Mailbox(system, name, KIND)
+            stack.callback(self._mailbox.close)
+            self._open = stack.pop_all()
+        self._events = Events(events, monotonic_ns)
+        self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
+        self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
+        self._begin(program or Path(sys.argv[0] or "python").name, rate)
+
+    def _begin(self, program: str, rate: float) -> None:
+        for cells in self._fields.values():
+            cells[...] = np.zeros((), cells.dtype)
+        self._set(program=program.encode()[:40], reference_frame=self._place.reference_frame.encode()[:24],
+                  measured_cp=NOWHERE, setpoint_cp=NOWHERE, gripper_position=np.nan,
+                  simulated="body/servo_cf" not in self._handlers, control_mode=1)
+        self.set_state("ENABLED", homed=True)
+        self._mailbox.refuse_waiting(f"{self.name} has just begun; ask again")
+        self._pulse.field("pid")[...] = os.getpid()
+        self._pulse.show("RUNNING")
+        self.now_ns = now = monotonic_ns()
+        """When this cycle began, monotonic."""
+        self._pacing = Pacing(self._pulse, round(1e9 / rate), 0)
+        self._pacing.begin(now, simulated=False)
+        self._events.status(f"{self.name} is now {program} (pid {os.getpid()})", self.name)
+
+    # what it says
+
+    def write(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None, *, gripper: float | None = None,
+              setpoint: ArrayLike | None = None, jaw: float | None = None, joints: ArrayLike | None = None) -> None:
+        """Show where the tip is, and answer what came in meanwhile.
+
+        `pose`: 4×4 or x y z qx qy qz qw in its own base (m); None: not known now. `twist`: linear (m/s), angular
+        (rad/s), in axes of the base. `gripper` (rad) of a master. Of a slave: `setpoint`, the pose it goes to (without
+        it: where it is), `jaw` (rad) and `joints`, set-points. ValueError when they are none; then nothing is shown.
+        """
+        values: dict[str, Any] = {"reference_valid": pose is not None}
+        if pose is not None:
+            values["measured_cp"] = self._in_reference(pose)
+            values["setpoint_cp"] = values["measured_cp"] if setpoint is None else self._in_reference(setpoint)
+        values["measured_cv"] = np.zeros(6) if twist is None else self._turned(_finite(six_numbers(twist, "a twist")))
+        if gripper is not None:
+            values |= {"gripper_valid": True, "gripper_position": _finite(numbers(gripper))[0]}
+        if jaw is not None:
+            values |= {"has_jaw": True, "jaw_setpoint_position": _finite(numbers(jaw))[0]}
+        if joints is not None:
+            values["setpoint_position"] = _padded(_finite(numbers(joints)), len(self._fields["setpoint_position"]))
+        self.serve()
+        self._set(**values)
+        now = monotonic_ns()
+        self._pulse.field("heartbeat_ns")[...] = now
+        self._ring.publish(max(now, self._ring.stamp_ns + 1))
+
+    def set_state(self, state: str, *, homed: bool = True, busy: bool = False, words: str = "") -> None:
+        """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in words of yours."""
+        if state not in STATES:
+            raise ValueError(f"{state!r} is no state; allowed are {', '.join(STATES)}")
+        self._set(state=state.encode(), sub_state=(words or state).encode()[:40], is_homed=homed and state == "ENABLED",
+                  is_busy=busy)
+
+    def set_tool(self, name: str) -> None:
+        """The instrument that is on."""
+        self._set(tool=name.encode()[:40])
+
+    def press(self, button: str, pressed: bool = True) -> None:
+        """A button is pressed, or not, from the next record on."""
+        cells, place = self._fields["input"], self._button(button)
+        if bool(cells[place]) != pressed:
+            cells[place] = pressed
+            self._tell(button, *PRESSED[pressed])
+
+    def click(self, button: str) -> None:
+        """A button was tapped: too short to count as pressed."""
+        self._button(button)
+        self._tell(button, *CLICKED)
+
+    def status(self, text: str) -> None:
+        """Tell people something."""
+        self._events.status(text, self.name)
+
+    def error(self, text: str) -> None:
+        """Something failed: tele-operations that use it stop until a person asks for them again."""
+        self._events.error("external", text, self.name)
+
+    def _button(self, button: str) -> int:
+        if button not in self._place.inputs:
+            raise unknown("button", button, self._place.inputs)
+        return self._place.inputs.index(button)
+
+    def _tell(self, button: str, kind: str, value: float) -> None:
+        self._events.emit("button", kind, code=kind, component=button, value=value)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            self._fields[name][...] = value
+
+    def _in_reference(self, pose: ArrayLike) -> Array:
+        given = np.asarray(pose, dtype=np.float64)
+        if given.shape == (POSE,):
+            given = matrix_from_pose(normalised(given))
+        check_matrix(given)
+        return pose_from_matrix(given if self._base is None else compose(self._base, given))
+
+    def _turned(self, twist: Array) -> Array:
+        return twist if self._base is None else (self._base[:3, :3] @ twist.reshape(2, 3).T).T.reshape(6)
+
+    # what it is asked for
+
+    def serve(self) -> None:
+        """Answer what came in: carry out what there is a handler for, refuse the rest in plain words."""
+        for command in self._mailbox.drain(monotonic_ns()):
+            handler = self._handlers.get(command.name)
+            try:
+                if handler is not None:
+                    handler(command.values, command.text)
+                else:
+                    self._by_itself(command)
+            except (Refused, ValueError) as reason:
+                command.refuse(f"{command.name}: {reason}")
+            else:
+                command.done()
+
+    def _by_itself(self, command: Received) -> None:
+        ready = bool(self._fields["is_homed"]) and self._fields["state"].item() == b"ENABLED"
+        if command.name == "state_command" and command.text in READY and ready:
+            return
+        what = f"{command.name} {command.text}".rstrip()
+        raise Refused(f"{self.name} is {self._fields['program'].item().decode(errors='replace')}, a program that does "
+                      f"not carry out {what}")
+
+    # its life
+
+    def tick(self) -> bool:
+        """End this cycle and wait for the next one, `rate` times a second; False: the system ends."""
+        deadline = self._pacing.end_of_work(monotonic_ns())
+        left = deadline - monotonic_ns()
+        if left > 0:
+            pause(left * 1e-9)
+        self.now_ns = monotonic_ns()
+        self._pacing.begin_work(self.now_ns)
+        return self.alive()
+
+    def alive(self) -> bool:
+        """Whether the system is there."""
+        beat = int(self._supervisor.get("heartbeat_ns"))
+        late = monotonic_ns() - beat > self._lost_ns
+        return not late and self._supervisor.state not in ("STOPPING", "STOPPED", "FAILED")
+
+    def close(self) -> None:
+        """Leave the place; tele-operations that use it stop."""
+        self._pulse.show("STOPPED")
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _document(system: str) -> System:
+    try:
+        return from_json(directory.document(system))
+    except ValueError as error:
+        raise Problem(f"system {system}: {error}") from None
+
+
+def _checked(name: str, rate: float, commands: Mapping[str, Handler]) -> dict[str, Handler]:
+    """The handlers; ValueError for a rate or a command that there is not."""
+    if not SLOWEST <= rate <= FASTEST:
+        raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
+    strange = set(commands) - {row.name for row in COMMANDS[KIND]}
+    if strange:
+        raise ValueError(f"{name}: there is no command {', '.join(sorted(strange))}")
+    return dict(commands)
+
+
+def _finite(values: Array) -> Array:
+    if not np.isfinite(values).all():
+        raise ValueError(f"{values.tolist()} must be finite numbers")
+    return values
+
+
+def _padded(values: Array, room: int) -> Array:
+    if len(values) > room:
+        raise ValueError(f"{len(values)} joints; there is room for {room}")
+    return np.pad(values, (0, room - len(values)))
