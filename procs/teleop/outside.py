@@ -44,9 +44,9 @@ class Outsider(Arm):
         """Nothing came for too long, or it says that it came from the future."""
         return not abs(self._now_ns - self.stamp_ns) <= SILENT_NS
 
-    def look(self, now_ns: int, poses: bool = True) -> None:
+    def look(self, now_ns: int) -> None:
         """See Arm."""
-        super().look(now_ns, poses)
+        super().look(now_ns)
         self.fault = ""
         if self.restarted:
             self._has_last = False
