@@ -13,6 +13,7 @@ class Proc:
 
     `topics` are the rings its instances write besides `events`; `phase` is where in the period its cycle lies in
     lock-step; `stop_s` is how long it may take to end when asked; `on_exit` is said in words for `trocar status`.
+    `reserved` is the share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -26,6 +27,7 @@ class Proc:
     phase: float = 0.0
     realtime: bool = True
     restart: bool = True
+    reserved: float = 0.0
     budget_us: float = 0.0
 
 
@@ -35,7 +37,7 @@ PROCS: tuple[Proc, ...] = (
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          ("state",), budget_us=500),
     Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
-         ("state", "gains", "instruments"), budget_us=300),
+         ("state", "gains", "instruments"), reserved=0.8, budget_us=300),
     Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
          ("state", "setpoint"), phase=0.5, budget_us=150),
     Proc("suj", "procs.suj.loop", 1 / 500, 0.05, 3.0, "brakes engage, base frames unknown; restart goes on",

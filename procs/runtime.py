@@ -15,7 +15,9 @@ import ctypes
 import gc
 import logging
 import os
+import platform
 import signal
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -35,6 +37,9 @@ from shm.segment import SegmentError
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
+SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
+SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
+SCHED_DEADLINE, SCHED_FLAG_RESET_ON_FORK = 6, 1
 SUPERVISOR_CHECK_NS = 100_000_000
 LOCKSTEP_SERVE_NS = 200_000
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
@@ -132,8 +137,8 @@ class Me:
         """End this cycle, wait for the next one; False when the process must end.
 
         `serve(timeout_ns)` is called while waiting, for processes that also answer sockets. `news()` true begins the
-        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). `periods`:
-        who has nothing to do sleeps that many instead of one.
+        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). Who has
+        nothing to do sleeps through so many `periods` instead of one.
         """
         self._bell.ring()  # what this cycle published is out
         deadline = self._pacing.end_of_work(self.clock.now_ns(), periods)
@@ -197,7 +202,8 @@ def process(kind: str) -> Iterator[Me]:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
     _signals(me)
-    me.pulse.field("policy")[...] = realtime(me.row, me.document.clock, locked=proc(kind).realtime).encode()
+    me.pulse.field("policy")[...] = realtime(
+        me.row, me.document.clock, locked=proc(kind).realtime, reserved=proc(kind).reserved).encode()
     try:
         yield me
     except Exception as error:
@@ -225,16 +231,21 @@ def _signals(me: Me) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def realtime(row: Process, clock: str, *, locked: bool) -> str:
+def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -> str:
     """Name, timer slack, priority, locked memory, core; returns what was obtained, in words; children get none of it.
 
-    In lock-step nothing is urgent, and loops that never sleep must not keep others from the cores: no priority there.
+    `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
+    together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
+    had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
+    the cores: no priority there.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
     libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
     notes = []
-    if row.priority > 0 and clock == "wall":
+    if row.priority > 0 and clock == "wall" and reserved and row.cpu is None and _reserve(libc, row.period_s, reserved):
+        notes.append("deadline")
+    elif row.priority > 0 and clock == "wall":
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
             notes.append(f"FIFO {row.priority}")
@@ -249,3 +260,13 @@ def realtime(row: Process, clock: str, *, locked: bool) -> str:
         except OSError:
             notes.append(f"no cpu {row.cpu}")
     return ", ".join(notes)[:31] or "other"
+
+
+def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
+    """SCHED_DEADLINE for a share of each period; False: it may not be had."""
+    if not SCHED_SETATTR:
+        return False
+    period_ns = round(period_s * 1e9)
+    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAG_RESET_ON_FORK, 0, 0, round(share * period_ns),
+                             period_ns, period_ns)
+    return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
