@@ -55,6 +55,7 @@ class Cartesian:
         self._is_done = False
         """What was measured last is in the record."""
         self._shown_absolute = False
+        self._is_squared = self._is_short = False
 
     def use(self, joints: Joints) -> None:
         """Another joint space; `Readings` must have it already."""
@@ -67,8 +68,8 @@ class Cartesian:
         self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
         if kinematics is not None:
             self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the set-point for a moment, see update
-            self._driven = kinematics.body
         self._free = joints.free
+        self._is_short = n < 6
         self._damping = DAMPING * np.eye(min(n, 6))
         self.clear()
 
@@ -139,23 +140,29 @@ class Cartesian:
     def rates(self, twist: Array) -> Array:
         """Joint velocities (count,) for a twist (6,) of the measured tip in the reference frame: pinv(J) · twist."""
         turned = (twist.reshape(2, 3) @ self.rotation).reshape(6)  # Rᵀ · v, in rows
-        body = self._driven
-        if body.shape[1] < 6:
-            rates: Array = self._ldlt.solve(body.T @ turned)
-        else:
-            rates = body.T @ self._ldlt.solve(turned)
+        body = self.jacobian if self._free is None else self.jacobian @ self._free
+        square = self._squared(body)
+        rates: Array = square.solve(body.T @ turned) if self._is_short else body.T @ square.solve(turned)
         return rates if self._free is None else self._free @ rates
+
+    def _squared(self, body: Array) -> eigenpy.LDLT:
+        """The smaller one of Jᵀ·J and J·Jᵀ of this cycle, ready to solve with."""
+        if not self._is_squared:
+            self._is_squared = True
+            self._ldlt.compute((body.T @ body if self._is_short else body @ body.T) + self._damping)
+        return self._ldlt
 
     def _show_wrench(self, kinematics: Kinematics) -> None:
         """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
+        self._is_squared = False
+        if not any(self._effort.tolist()):  # a played robot
+            self._body_wrench[...] = self._spatial_wrench[...] = 0.0
+            return
         body, effort = kinematics.body, self._effort
         if self._free is not None:  # joints that bend together are pushed together
             body, effort = body @ self._free, effort @ self._free
-        self._driven = body
-        if len(effort) < 6:
-            self._wrench[...] = body @ self._ldlt.compute(body.T @ body + self._damping).solve(effort)
-        else:
-            self._wrench[...] = self._ldlt.compute(body @ body.T + self._damping).solve(body @ effort)
+        square = self._squared(body)
+        self._wrench[...] = body @ square.solve(effort) if self._is_short else square.solve(body @ effort)
         local = kinematics.tip[:3, :3]
         if self.absolute:
             np.matmul(self._wrench_rows, self.rotation.T, out=self._body_wrench_rows)

@@ -54,8 +54,9 @@ class Readings:
         self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
         self.brakes_released = flag("brakes_released")
         self.fault, self.holding = flag("fault"), flag("holding")
-        # (2, 3, axes): position, velocity, effort, measured and then as set-point
-        self._actuator = stacked([axis(name) for name in ROWS]).reshape(2, 3, joints.axes)
+        # (6, axes): position, velocity, effort, measured and then as set-point
+        self._actuator = stacked([axis(name) for name in ROWS])
+        self._read = np.zeros((6, joints.axes))
         self.has_power = self.valid = False
         self.problem = 0
         self.use(joints)
@@ -65,9 +66,7 @@ class Readings:
         self.rows = np.zeros((6, joints.size))
         self.position, self.velocity, self.effort = self.rows[:3]
         self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
-        both = self.rows.reshape(2, 3, joints.size)
-        self._motions, self._joint_motions = self._actuator[:, :2], both[:, :2]
-        self._efforts, self._joint_efforts = self._actuator[:, 2], both[:, 2]
+        self._efforts, self._joint_efforts = self._read[2::3], self.rows[2::3]
         # row vectors: (A · x)ᵀ = xᵀ · Aᵀ; joint efforts are the actuators' by the transpose of joint → actuator
         self._motion_map, self._effort_map = joints.to_joint.T, joints.to_actuator
         self._raw = b""
@@ -86,10 +85,11 @@ class Readings:
         self._convert()
 
     def _convert(self) -> None:
-        raw = self._actuator.tobytes()
+        self._read[...] = self._actuator
+        raw = self._read.tobytes()
         self.changed = raw != self._raw
         if not self.changed:  # a played robot at rest
             return
         self._raw = raw
-        np.matmul(self._motions, self._motion_map, out=self._joint_motions)
+        np.matmul(self._read, self._motion_map, out=self.rows)
         np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)

@@ -117,14 +117,14 @@ class SetpointRecord:
         field("in_effort")[...] = False
         for name in ("position", "velocity", "effort", "feed_forward"):
             field(name)[...] = 0.0
-        self._done = b""
+        self._done = self._fed = b""
         self._pushed = False
 
     def use(self, joints: Joints) -> None:
         """Another joint space."""
         self._to_actuator, self._effort_map = joints.to_actuator.T, joints.to_joint
         self._moved_by = joints.to_actuator != 0.0
-        self._done = b""
+        self._done = self._fed = b""
 
     def show(self, motion: Motion, gravity: Array, measured: Array, driving: Generations | None) -> None:
         """What io is asked for and which bias and enable that is meant for; None: alive, asking for nothing.
@@ -137,7 +137,11 @@ class SetpointRecord:
         self._mode[...] = 1
         self._bias_generation[...] = driving.bias
         self._pid_generation[...] = driving.pid
-        np.matmul(gravity + motion.feed, self._effort_map, out=self._feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
+        feed = gravity + motion.feed
+        fed = feed.tobytes()
+        if fed != self._fed:
+            self._fed = fed
+            np.matmul(feed, self._effort_map, out=self._feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
         rows = motion.rows
         if motion.mode is Mode.EFFORT:
             np.matmul(motion.effort, self._effort_map, out=self._effort)

@@ -77,7 +77,8 @@ class Inverse:
         The goal is a rigid transform in the chain's base frame. False: `reason` says why, `q` is the seed.
         """
         self.reason, self.axis, self.steps = "", -1, 0
-        if not math.isfinite(goal.sum() + seed.sum()):
+        place = goal.reshape(16)
+        if not math.isfinite(place.dot(place) + seed.dot(seed)):
             np.copyto(self.q, seed)
             self.reason = "goal or seed is not finite"
             return False
@@ -154,7 +155,9 @@ class Inverse:
         """
         q, lower, upper = self.q, self._lower, self._upper
         for i in self._turns:
-            if not math.isnan(q[i]):
+            if math.isnan(q[i]):
+                continue
+            if not (abs(q.item(i) - seed.item(i)) <= math.pi and lower.item(i) <= q.item(i) <= upper.item(i)):
                 q[i] += 2.0 * math.pi * round((seed[i] - q[i]) / (2.0 * math.pi))
                 if q[i] > upper[i] + room:
                     q[i] -= 2.0 * math.pi
