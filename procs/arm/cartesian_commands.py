@@ -14,6 +14,8 @@ from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
+from procs.arm.reach import Guard, Reach
+from procs.lib.inverse.solver import Inverse
 from procs.lib.poses import matrix_from_pose, unit_quaternion
 from procs.lib.requests import Request
 
@@ -27,8 +29,6 @@ ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
 """Why joints (size,) are no place for Cartesian control to begin, "" where they are."""
-Guard = Callable[[Array, Array], None]
-"""Changes the joints (count,) found for a goal, in place, where they would not be safe to go to from the second."""
 
 
 class CartesianCommands:
@@ -36,6 +36,7 @@ class CartesianCommands:
 
     def __init__(self, control: Control, safe: Safe, guard: Guard | None = None) -> None:
         self._control, self._safe, self._guard = control, safe, guard
+        self._reach = Reach(control, guard)
         tip = Ready.CARTESIAN
         self.table: Table = {
             "servo_cp": Row(self._servo_cp, tip, (POSE, POSE + TWIST), streams=True),
@@ -86,12 +87,15 @@ class CartesianCommands:
         pose[:3, :3] = change[:3, :3] @ pose[:3, :3]
         return cartesian.to_local(pose)
 
-    def _solve(self, name: str, goal: Array, seed: Array) -> Array:
-        """Joints (count,) for a goal in the arm's base, close to the seed; Refused where there are none."""
-        control = self._control
-        inverse = control.joints.inverse
+    def _inverse(self, name: str) -> Inverse:
+        inverse = self._control.joints.inverse
         if inverse is None:
             raise Refused(f"{name}: there is no instrument, so no tip")
+        return inverse
+
+    def _solve(self, name: str, goal: Array, seed: Array) -> Array:
+        """Joints (count,) for a goal in the arm's base, close to the seed; Refused where there are none."""
+        control, inverse = self._control, self._inverse(name)
         if not inverse.solve(goal, seed):
             reason = f"unable to solve inverse kinematics ({inverse.reason})"
             control.error("inverse-kinematics", f"{name}: {reason}", ERROR_EVERY_NS)
@@ -101,11 +105,16 @@ class CartesianCommands:
         return inverse.q
 
     def _follow(self, name: str, goal: Array, velocity: Array | None = None) -> str:
-        control = self._control
-        n = control.joints.count
+        control, inverse = self._control, self._inverse(name)
         joints = control.take_goal()
-        joints[:n] = self._solve(name, goal, joints[:n])
-        return control.follow(Space.CARTESIAN, velocity)
+        own = joints[: control.joints.count]
+        found, why = self._reach.find(inverse, goal, own)
+        own[...] = found
+        if not why:
+            return control.follow(Space.CARTESIAN, velocity)
+        control.warn("at-limit", f"{name}: at its limit: {why}", SAID_NS)
+        control.follow(Space.CARTESIAN)
+        return f"at its limit: {why}"
 
     def _servo_cp(self, request: Request) -> str:
         self.enter(request.name)

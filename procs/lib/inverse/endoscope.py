@@ -73,3 +73,7 @@ class EndoscopeInverse(Inverse):
             self.reason, self.axis = f"the goal looks {math.degrees(self.tilt):.3g} deg away from the shaft", -1
             return False
         return super().solve(frame, seed)
+
+    def approach(self, goal: Array, at: Array, most: Array) -> None:
+        """See Inverse; where the goal looks to is not asked."""
+        super().approach(self._endoscope.attainable(goal)[0], at, most)

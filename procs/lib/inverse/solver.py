@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
+from procs.lib.inverse.shaft import TINY
 from procs.lib.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -29,6 +30,9 @@ SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowher
 LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
 LONGEST_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
 DAMPING: Final = 1e-12
+FURTHEST_SEEN: Final = (0.01, 0.1)  # m, rad: of a goal that is further, this much of the way is looked at
+TURN_WEIGHT: Final = 0.01  # m: where place and turn cannot both be had, a radian counts as much as this
+NEAREST_DAMPING: Final = 1e-9  # m²
 LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
 GUESS_ROOM: Final = 1e-4  # the same for what the geometry says
 MOST_TILT: Final = 0.5 * math.pi
@@ -110,6 +114,26 @@ class Inverse:
         self.reason, self.axis = why, axis
         return False
 
+    def approach(self, goal: Array, at: Array, most: Array) -> None:
+        """`q` := joints (n,) with the tip nearer to a goal (4, 4) than at `at` (n,), or as near as it can come.
+
+        Within limits (but `at` may be beyond them and stay there), no joint further from `at` than `most` (n,). The
+        place of the tip comes first, then how it is turned. One linear step: for a stream of goals out of reach.
+        """
+        error, jacobian = self.kinematics.miss(at, pinocchio.SE3(goal))
+        for part, furthest in zip((error[:3], error[3:]), FURTHEST_SEEN, strict=True):
+            part *= min(1.0, furthest / max(math.sqrt(part.dot(part)), TINY))
+        error[3:] *= TURN_WEIGHT
+        jacobian[3:] *= TURN_WEIGHT
+        error, jacobian = error[self._rows], jacobian[self._rows]
+        free = np.eye(len(at)) if self._free is None else self._free
+        first = slice(free.shape[1])  # the independent joints stand first
+        change = _bounded(jacobian @ free, error, np.minimum(self._lower - at, 0.0)[first],
+                          np.maximum(self._upper - at, 0.0)[first])
+        change /= max(1.0, float((np.abs(change) / most[first]).max()))
+        np.copyto(self.q, at)
+        self.q += free @ change
+
     def _newton(self, target: pinocchio.SE3, furthest: float) -> bool:
         """Improve `q` until its tip is at the target; gives up further off than `furthest`, or where that is slow."""
         kinematics, q, free = self.kinematics, self.q, self._free
@@ -176,3 +200,20 @@ class Inverse:
         side, limit = ("below", lower[axis]) if q[axis] < lower[axis] else ("above", upper[axis])
         self.reason = f"{self.kinematics.names[axis]} would be {q[axis]:.6g}, {side} its limit {limit:.6g}"
         return most
+
+
+def _bounded(jacobian: Array, error: Array, lower: Array, upper: Array) -> Array:
+    """The change (m,) between bounds with the least error left: what would go beyond a bound stays there."""
+    change, left = np.zeros(len(lower)), np.ones(len(lower), dtype=np.bool_)
+    damping = NEAREST_DAMPING * np.eye(len(error))
+    while left.any():
+        part = jacobian[:, left]
+        rest = error - jacobian[:, ~left] @ change[~left]
+        change[left] = part.T @ np.linalg.solve(part @ part.T + damping, rest)
+        clipped = np.minimum(np.maximum(change, lower), upper)
+        outside = left & (clipped != change)
+        if not outside.any():
+            break
+        change[outside] = clipped[outside]
+        left &= ~outside
+    return change

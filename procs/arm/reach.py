@@ -1,0 +1,85 @@
+"""Joints for a stream of goals of the tip; where one cannot be had as near to it as the limits allow, without a jump.
+
+A surgeon works at limits all the time, so they are nothing to stop for. What is found differs from the goal then, and
+the answer to the command says why; the way there, and back to goals that can be had, is gone at a bounded velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm.control import Control, Refused
+from procs.arm.motion import STREAM_NS
+from procs.lib.inverse.solver import Inverse
+
+Array = NDArray[np.float64]
+
+Guard = Callable[[Array, Array], None]
+"""Changes the joints (count,) found for a goal, in place, where they would not be safe to go to from the second."""
+
+FURTHEST_TURN: Final = 0.5 * math.pi  # rad; more at once is another way to hold the tip, or another turn of the roll
+QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick as that
+FIRST_STEP_NS: Final = 1_000_000
+SHORTEST_NS: Final = 1_000
+MOVED: Final = 1e-9  # rad or m
+
+
+class Reach:
+    """Remembers whether the stream is at a limit, or not back from there yet."""
+
+    def __init__(self, control: Control, guard: Guard | None) -> None:
+        self._control, self._guard = control, guard
+        self._served_ns = -STREAM_NS
+        self._is_limited = False
+
+    def find(self, inverse: Inverse, goal: Array, at: Array) -> tuple[Array, str]:
+        """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or ""."""
+        passed_ns = self._control.now_ns - self._served_ns
+        begins = passed_ns >= STREAM_NS
+        if begins:
+            self._is_limited, passed_ns = False, FIRST_STEP_NS
+        self._served_ns = self._control.now_ns
+        most = np.minimum(self._control.joints.v_max[: len(at)], QUICKEST) * (max(passed_ns, SHORTEST_NS) * 1e-9)
+        why = self._unreachable(inverse, goal, at)
+        if why:
+            inverse.approach(goal, at, most)
+            self._is_limited = True
+        found = inverse.q
+        why = self._keep_safe(found, at) or why
+        if self._is_limited or (why and not begins):
+            change = found - at
+            too_far = float((np.abs(change) / most).max())
+            if too_far > 1.0:
+                found[...] = at + change / too_far
+                self._is_limited = True
+                return found, why or "on the way back from there"
+            self._is_limited = bool(why)
+        return found, why
+
+    def _unreachable(self, inverse: Inverse, goal: Array, at: Array) -> str:
+        """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""
+        if not inverse.solve(goal, at):
+            return inverse.reason
+        turns = np.abs(inverse.q - at)
+        turns[inverse.kinematics.is_prismatic] = 0.0
+        most = int(turns.argmax())
+        if turns[most] <= FURTHEST_TURN:
+            return ""
+        return f"{inverse.kinematics.names[most]} would have to turn by {math.degrees(turns[most]):.0f}° at once"
+
+    def _keep_safe(self, found: Array, at: Array) -> str:
+        """Not into the cannula."""
+        if self._guard is None:
+            return ""
+        wanted = found.copy()
+        try:
+            self._guard(found, at)
+        except Refused as reason:
+            found[...] = at
+            return str(reason)
+        return "it would bend in the cannula" if np.abs(found - wanted).max() > MOVED else ""

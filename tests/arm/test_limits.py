@@ -1,0 +1,149 @@
+"""A stream of poses that leaves what the arm can reach: it goes as near as it can, says so, and never jumps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procs.arm.reach import FURTHEST_TURN, QUICKEST
+from procs.lib.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
+from tests.arm.fake_io import PERIOD_NS, Rig, fixed_arm
+
+STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
+V_MAX = np.array((math.radians(90.0), math.radians(90.0), 0.2, QUICKEST, QUICKEST, QUICKEST))
+
+
+class Stream:
+    """A homed arm that follows goals, one each cycle, and how far its joints went in each."""
+
+    def __init__(self) -> None:
+        self.rig = Rig(fixed_arm()).homed()
+        move = self.rig.send("move_jp", STRAIGHT)
+        self.rig.until(lambda: "done" in move.outcomes)
+        self.rig.run(0.02)
+        self.rig.reports.events.clear()
+        self.start = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))
+        self.limits = self.rig.arm.joints.lower[:6], self.rig.arm.joints.upper[:6]
+        self.largest = np.zeros(6)
+        self.told = ""
+
+    @property
+    def joints(self) -> Any:
+        return self.rig.arm.control.motion.goal[:6].copy()
+
+    def follow(self, by: Any = (0.0, 0.0, 0.0), turn: Any = (0.0, 0.0, 0.0)) -> str:
+        """A goal that many m and rad from where it began; what was answered."""
+        goal = self.start.copy()
+        goal[:3, 3] += by
+        goal[:3, :3] = rotation_from_vector(np.array(turn)) @ goal[:3, :3]
+        before = self.joints
+        request = self.rig.send("servo_cp", pose_from_matrix(goal))
+        assert request.outcomes == ["done"], request.replies
+        self.largest = np.maximum(self.largest, np.abs(self.joints - before))
+        lower, upper = self.limits
+        assert (self.joints >= lower - 1e-9).all() and (self.joints <= upper + 1e-9).all()
+        self.told = request.replies[0][1]
+        return self.told
+
+    def place(self, by: Any) -> float:
+        """How far the tip is from a goal."""
+        tip = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))
+        return float(np.linalg.norm(tip[:3, 3] - self.start[:3, 3] - by))
+
+
+@pytest.fixture(scope="module")
+def made() -> Stream:
+    return Stream()
+
+
+@pytest.fixture
+def stream(made: Stream) -> Stream:
+    """Where it began, nothing told yet."""
+    made.rig.run(0.2)
+    made.rig.send("servo_jp", STRAIGHT)
+    made.rig.run(2.2)
+    made.rig.reports.events.clear()
+    made.largest[:] = 0.0
+    return made
+
+
+def test_deeper_than_it_can_go_it_stays_at_the_limit_and_comes_back(stream: Stream) -> None:
+    deep = np.linspace(0.0, 0.2, 400)  # 8 cm more than there is
+    for depth in deep:
+        stream.follow((0.0, 0.0, -depth))
+    assert stream.told == "at its limit: insertion would be 0.32, above its limit 0.24"
+    assert stream.joints[2] == pytest.approx(0.24)
+    for depth in deep[::-1]:
+        stream.follow((0.0, 0.0, -depth))
+    assert stream.told == "" and stream.joints == pytest.approx(STRAIGHT, abs=1e-6)
+    assert stream.largest[2] < 0.0006 and (stream.largest[[0, 1, 3, 4, 5]] < 1e-6).all()
+    assert len(stream.rig.reports.of("warning")) == 1 and not stream.rig.reports.of("error")
+
+
+def test_along_a_limit_the_tip_goes_on(stream: Stream) -> None:
+    for depth in np.linspace(0.0, 0.15, 300):
+        stream.follow((0.0, 0.0, -depth))
+    for aside in np.linspace(0.0, 0.05, 300):
+        stream.follow((aside, 0.0, -0.15))
+    goal, centre = stream.start[:3, 3] + (0.05, 0.0, -0.15), 0.24 - 0.0065
+    stream.rig.run(0.01)
+    tip = np.array(stream.rig.state["setpoint_cp"][:3])
+    nearest = goal * centre / np.linalg.norm(goal)  # about on the sphere that it can reach
+    assert tip == pytest.approx(nearest, abs=1.5e-3)
+
+
+@pytest.mark.parametrize("back", (0.5, 1.0))
+def test_a_roll_at_its_end_does_not_turn_once_around(stream: Stream, back: float) -> None:
+    end = stream.limits[1][3]
+    about = np.array((0.0, 0.0, -1.0))  # the shaft
+    angles = np.linspace(0.0, end + 1.0, 1500)
+    for angle in angles:
+        stream.follow(turn=about * angle)
+    assert abs(stream.joints[3]) == pytest.approx(end) and stream.told.startswith("at its limit: roll")
+    for angle in angles[::-1][: round(back * len(angles))]:
+        stream.follow(turn=about * angle)
+    assert stream.told == "" and stream.largest[3] <= V_MAX[3] * PERIOD_NS * 1e-9 * 1.01 + angles[1]
+    assert stream.place((0.0, 0.0, 0.0)) < 1e-6
+
+
+def test_the_tip_keeps_its_place_where_the_wrist_can_bend_no_further(stream: Stream) -> None:
+    for angle in np.linspace(0.0, 2.0, 1000):
+        stream.follow(turn=(angle, 0.0, 0.0))
+    stream.rig.run(0.01)
+    assert stream.told.startswith("at its limit: ") and stream.place((0.0, 0.0, 0.0)) < 1e-3
+
+
+def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
+    stream.follow((0.001, 0.0005, 0.0))
+    stream.largest[:] = 0.0
+    for height in (*np.linspace(0.0, 0.2, 500), *np.linspace(0.2, 0.0, 500)):
+        stream.follow((0.001, 0.0005, height))
+        assert stream.joints[2] >= 0.06
+    assert (stream.largest <= V_MAX * PERIOD_NS * 1e-9 * 1.01).all()
+    for _ in range(1500):
+        stream.follow((0.001, 0.0005, 0.0))
+    assert stream.told == "" and stream.place((0.001, 0.0005, 0.0)) < 1e-6
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3, *[st.floats(-2.0, 2.0)] * 3), min_size=2, max_size=5))
+def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: list[tuple[float, ...]]) -> None:
+    made.rig.run(0.2)
+    made.largest[:] = 0.0
+    here = np.zeros(6)
+    for point in (*points, (0.0,) * 6):
+        steps = 200
+        for part in np.linspace(0.0, 1.0, steps):
+            now = here + part * (np.array(point) - here)
+            made.follow(now[:3], now[3:])
+        here = np.array(point)
+    for _ in range(4000):
+        if not made.follow():
+            break
+    assert not made.told, made.told
+    assert (made.largest[[0, 1, 3, 4, 5]] <= FURTHEST_TURN).all()
