@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.control import Control, Refused
-from procs.arm.motion import STREAM_NS
 from procs.lib.inverse.solver import Inverse
 
 Array = NDArray[np.float64]
@@ -24,7 +23,8 @@ Guard = Callable[[Array, Array], None]
 
 FURTHEST_TURN: Final = 0.5 * math.pi  # rad; more at once is another way to hold the tip, or another turn of the roll
 QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick as that
-FIRST_STEP_NS: Final = 1_000_000
+BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a stream, and may be gone to at once
+FIRST_STEP_NS: Final = 5_000_000
 SHORTEST_NS: Final = 1_000
 MOVED: Final = 1e-9  # rad or m
 
@@ -34,13 +34,13 @@ class Reach:
 
     def __init__(self, control: Control, guard: Guard | None) -> None:
         self._control, self._guard = control, guard
-        self._served_ns = -STREAM_NS
+        self._served_ns = -BREAK_NS
         self._is_limited = False
 
     def find(self, inverse: Inverse, goal: Array, at: Array) -> tuple[Array, str]:
         """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or ""."""
         passed_ns = self._control.now_ns - self._served_ns
-        begins = passed_ns >= STREAM_NS
+        begins = passed_ns >= BREAK_NS
         if begins:
             self._is_limited, passed_ns = False, FIRST_STEP_NS
         self._served_ns = self._control.now_ns

@@ -16,6 +16,11 @@ Fields = Callable[[str], NDArray[Any]]
 
 SILENT_NS: Final = 30_000_000  # an arm writes 1500 records a second; none for this long means that it is gone
 SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
+LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
+LIMITED: Final = ("at its limit", "clipped")  # what answers to goals that could not be reached begin with
+JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not worth a word
+NO_FAULTS: Final = frozenset((b"inverse-kinematics",))
+"""Codes of errors that are about a command: it was refused, and nothing is wrong with the arm."""
 ERROR: Final = 3  # severity of events
 POSITION: Final = 1  # control mode
 
@@ -64,12 +69,13 @@ class Arm:
         self._simulated = field("simulated")
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
-        self._severity, self._text = events.field("severity"), events.field("text")
+        self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
         self.measured, self.setpoint = np.zeros(7), np.zeros(7)
         """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
         self.stamp_ns = self._epoch = self._move = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
         self._refusal, self._refused_ns = "", -SHOWN_NS
+        self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
         self._enabled = self._is_homed = self._told = self._is_busy = False
 
     # what is seen
@@ -158,11 +164,16 @@ class Arm:
         """Why it did not do something it was asked for just now, "": it does all."""
         return self._refusal if self._now_ns - self._refused_ns < SHOWN_NS else ""
 
+    @property
+    def limit(self) -> str:
+        """Why it could not go all the way to its goal just now, "": it could."""
+        return self._limit if self._now_ns - self._limited_ns < LIMIT_SHOWN_NS else ""
+
     def errors(self) -> list[str]:
-        """Errors it told since last asked."""
+        """What went wrong with it since last asked."""
         found = []
         while self._events.next():
-            if self._severity.item() == ERROR:
+            if self._severity.item() == ERROR and self._code.item() not in NO_FAULTS:
                 found.append(bytes(self._text.item()).decode(errors="replace"))
         return found
 
@@ -191,6 +202,10 @@ class Arm:
     def _hear(self, answer: Answer) -> None:
         if answer.outcome in ("refused", "failed"):
             self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
+        elif answer.text:
+            begins, _, why = answer.text.partition(": ")
+            if begins in LIMITED and why != JAW:
+                self._limit, self._limited_ns = f"{self.name} at its limit: {why}", self._now_ns
         if answer.id == self._move:
             self.is_moving = answer.outcome == "accepted"
             self.has_arrived = answer.outcome == "done"

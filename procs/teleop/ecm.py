@@ -131,7 +131,7 @@ class TeleopEcm(Teleop):
                 master.send("lock_orientation", pose_from_matrix(self._turn, self._pose)[3:])
         if turned:
             self._turned[...] = goal
-        self.reason = self.slave.refusal or left.refusal or right.refusal
+        self.reason = self.slave.refusal or self.slave.limit or left.refusal or right.refusal
 
     # the clutch
 

@@ -226,7 +226,7 @@ class TeleopPsm(Teleop):
             self._wrench_values[:6] = self._wrench
             master.send("body/servo_cf", self._wrench_values)
         self._error_shown[...] = angle_between(master.measured, slave.setpoint)
-        self.reason = slave.refusal or master.refusal
+        self.reason = slave.refusal or slave.limit or master.refusal
 
     def follow(self, on: bool) -> None:
         """See Teleop."""

@@ -130,7 +130,8 @@ def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
     assert stream.told == "" and stream.place((0.001, 0.0005, 0.0)) < 1e-6
 
 
-@settings(max_examples=15, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=8, deadline=None)
 @given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3, *[st.floats(-2.0, 2.0)] * 3), min_size=2, max_size=5))
 def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: list[tuple[float, ...]]) -> None:
     made.rig.run(0.2)

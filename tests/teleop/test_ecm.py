@@ -102,3 +102,9 @@ def test_masters_that_are_played_are_left_to_who_moves_them(theatre: EcmTheatre)
     theatre.arms["MTML"].shift(0.02, 0, 0)
     theatre.run(0.1)
     assert theatre.slave.asked("servo_jp") and not theatre.arms["MTML"].sent
+
+
+def test_a_camera_at_its_limit_goes_on_following_and_says_so(theatre: EcmTheatre) -> None:
+    theatre.slave.says["servo_jp"] = "clipped: insertion"
+    theatre.run(0.005)
+    assert theatre.following and theatre.text("reason") == "ECM at its limit: insertion"

@@ -48,6 +48,24 @@ def test_an_error_of_an_arm_disables(following: Theatre, which: str) -> None:
     assert following.following
 
 
+def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: Theatre) -> None:
+    following.slave.says |= {"servo_cp": "at its limit: insertion would be 0.3, above its limit 0.24",
+                             "jaw/servo_jp": "clipped: jaw"}
+    following.run(0.005)
+    assert following.following and not following.reports.said
+    assert following.text("reason") == "PSM1 at its limit: insertion would be 0.3, above its limit 0.24"
+    del following.slave.says["servo_cp"]
+    following.run(0.12)
+    assert following.following and following.text("reason") == ""
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: Theatre, which: str) -> None:
+    following.arms[which].fail(f"{which}: move_cp: unable to solve inverse kinematics (far)", "inverse-kinematics")
+    following.run(0.005)
+    assert following.following and not following.reports.of("error")
+
+
 @pytest.mark.parametrize(
     ("which", "change", "reason"),
     [("PSM1", {"state": b"FAULT", "sub_state": b"FAULT"}, 'PSM1 is not in state "ENABLED" anymore, it is FAULT'),

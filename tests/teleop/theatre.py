@@ -69,6 +69,7 @@ class FakeArm:
         self.answers: list[Answer] = []
         self.alive, self.obeys = True, True
         self.refuses: dict[str, str] = {}
+        self.says: dict[str, str] = {}
         self.ring.set(state=b"ENABLED", sub_state=b"HOMED", is_homed=True, reference_valid=True, cartesian_valid=True,
                       valid=True, control_mode=1, has_jaw=True, gripper_valid=True, tool=b"LND")
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -94,8 +95,8 @@ class FakeArm:
         moved[:3, 3] = matrix[:3, 3]
         self.pose = pose_from_matrix(moved)
 
-    def fail(self, text: str) -> None:
-        self.events.waiting.append({"severity": 3, "text": text.encode()})
+    def fail(self, text: str, code: str = "") -> None:
+        self.events.waiting.append({"severity": 3, "text": text.encode(), "code": code.encode()})
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         self.sent.append((name, tuple(float(v) for v in values), text))
@@ -105,7 +106,7 @@ class FakeArm:
             return number
         if self.obeys:
             self._do(name, values, text)
-        self.answers.append(Answer(number, "done"))
+        self.answers.append(Answer(number, "done", self.says.get(name, "")))
         return number
 
     def _do(self, name: str, values: Any, text: str) -> None:
