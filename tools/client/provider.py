@@ -126,6 +126,11 @@ class Provider:
         """The instrument that is on."""
         self._set(tool=name.encode()[:40])
 
+    @property
+    def buttons(self) -> tuple[str, ...]:
+        """The buttons that consoles take from here."""
+        return self._place.inputs
+
     def press(self, button: str, pressed: bool = True) -> None:
         """A button is pressed, or not, from the next record on."""
         cells, place = self._fields["input"], self._button(button)
