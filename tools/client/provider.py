@@ -19,7 +19,7 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.events import Events
-from shm.mailbox import Mailbox, Received
+from shm.mailbox import COMMANDS_DEPTH, PER_CYCLE, Mailbox, Received
 from shm.pulse import Pulse
 from shm.topics import EXTERNAL_STATE
 from tools.client.values import Array, numbers, six_numbers
@@ -177,17 +177,23 @@ class Provider:
 
     def serve(self) -> None:
         """Answer what came in: carry out what there is a handler for, refuse the rest in plain words."""
-        for command in self._mailbox.drain(monotonic_ns()):
-            handler = self._handlers.get(command.name)
-            try:
-                if handler is not None:
-                    handler(command.values, command.text)
-                else:
-                    self._by_itself(command)
-            except (Refused, ValueError) as reason:
-                command.refuse(f"{command.name}: {reason}")
+        for _ in range(COMMANDS_DEPTH // PER_CYCLE):  # a tele-operation sends several a millisecond: take all there is
+            for command in self._mailbox.drain(monotonic_ns()):
+                self._carry_out(command)
+            if not self._mailbox.has_news:
+                return
+
+    def _carry_out(self, command: Received) -> None:
+        handler = self._handlers.get(command.name)
+        try:
+            if handler is not None:
+                handler(command.values, command.text)
             else:
-                command.done()
+                self._by_itself(command)
+        except (Refused, ValueError) as reason:
+            command.refuse(f"{command.name}: {reason}")
+        else:
+            command.done()
 
     def _by_itself(self, command: Received) -> None:
         ready = bool(self._fields["is_homed"]) and self._fields["state"].item() == b"ENABLED"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -214,3 +215,24 @@ def test_states_are_those_of_arms(place: Place) -> None:
         assert place.ask(master, "state_command", (), "home").outcome == "refused"
         with pytest.raises(ValueError, match="allowed are DISABLED, ENABLED"):
             master.set_state("HAPPY")
+
+
+def test_the_page_s_example_runs(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program of docs/third-party-masters.md, ended after three cycles."""
+    page = (PROJECT_CONFIGS.parent / "docs/third-party-masters.md").read_text()
+    (code, *_) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    cycles = iter((True, True, True, False))
+    monkeypatch.setattr(trocar.Provider, "tick", lambda self: next(cycles))
+    monkeypatch.setenv("TROCAR_SYSTEM", place.name)
+    exec(compile(code, "third-party-masters.md", "exec"), {})
+    assert place.value("reference_valid") and place.value("gripper_position") > 0.9
+    assert place.ring.sequence == 3
+
+
+def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
+    got: list[float] = []
+    with trocar.provide("MTMR", place.name, commands={"servo_cp": lambda values, text: got.append(values[0])}) as master:
+        for number in range(30):
+            place.client.send("servo_cp", (number, 0, 0, 0, 0, 0, 1))
+        master.write(np.eye(4))
+    assert got == list(range(30))
