@@ -31,7 +31,8 @@ class SwitchedPsm(Rig):
         self.largest = np.maximum(self.largest, np.abs(self.io.setpoint - before))
 
     def homed(self) -> SwitchedPsm:
-        self.run(0.6)
+        with self.hurried():
+            self.run(0.6)
         super().homed()
         self.largest[...] = 0.0
         return self

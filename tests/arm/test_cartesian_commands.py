@@ -25,8 +25,9 @@ def rig() -> Rig:
 def bent(**changes: Any) -> Rig:
     """Homed, and bent."""
     made = Rig(fixed_arm(**changes)).homed()
-    finish(made, made.send("move_jp", BENT))
-    made.run(0.2)
+    with made.hurried():
+        finish(made, made.send("move_jp", BENT))
+        made.run(0.2)
     made.reports.events.clear()
     return made
 

@@ -39,7 +39,8 @@ def rig_of(arm: Arm) -> Rig:
 def rig() -> Rig:
     """Homed, then bent and inserted."""
     made = rig_of(ecm()).homed()
-    move(made, BENT)
+    with made.hurried():
+        move(made, BENT)
     made.reports.events.clear()
     return made
 

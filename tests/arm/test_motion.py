@@ -14,9 +14,10 @@ DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 def rig() -> Rig:
     """Homed with an instrument, at zero but 0.12 m deep, nothing under way."""
     made = Rig(fixed_arm()).homed()
-    finish(made, made.send("move_jp", DEEP))
-    finish(made, made.send("jaw/move_jp", (0.0,)))
-    made.run(0.2)
+    with made.hurried():
+        finish(made, made.send("move_jp", DEEP))
+        finish(made, made.send("jaw/move_jp", (0.0,)))
+        made.run(0.2)
     made.reports.events.clear()
     return made
 
@@ -44,7 +45,8 @@ def test_moves_last_as_long_as_the_reference(joint, start, end, ratio, seconds) 
     rig = Rig().homed()
     goal = np.array(DEEP)
     goal[joint] = start * scale
-    finish(rig, rig.send("move_jp", goal))
+    with rig.hurried():
+        finish(rig, rig.send("move_jp", goal))
     assert rig.send("trajectory_j/set_ratio", (ratio,)).outcomes == ["done"]
     goal[joint] = end * scale
     move = rig.send("move_jp", goal)
