@@ -48,6 +48,8 @@ PROCS: tuple[Proc, ...] = (
          ("state",), phase=0.05, budget_us=300),
     Proc("system", "procs.system.loop", 0.01, 0.5, 3.0, "nothing moves differently; restart",
          ("state",), phase=0.06, realtime=False, budget_us=500),
+    Proc("focus", "procs.focus.loop", 0.01, 0.1, 3.0, "the lens may move on until the restart, which stops it",
+         ("state",), realtime=False, budget_us=300),
     Proc("external", "", 0.005, 0.03, 0.0, "tele-operations that use it stop following; who owns it starts it again",
          ("state",), realtime=False, restart=False),
 )

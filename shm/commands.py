@@ -132,6 +132,11 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("emulate_clutch", "0 released, 1 pressed, 2 clicked", "", "as if the clutch were used"),
         Command("emulate_camera", "0 released, 1 pressed, 2 clicked", "", "as if the camera pedal were used"),
     ),
+    "focus": (
+        Command("lock", "on", "", "stop, and let nothing move the lens; 0: let it", moves=False),
+        Command("focus_in", "on", "", "move the lens in, for 10 s at most; 0: stop", moves=False),
+        Command("focus_out", "on", "", "move the lens out, for 10 s at most; 0: stop", moves=False),
+    ),
     "system": (
         Command("power_off", "", "", "stop tele-operation of all consoles and disable all arms", stops=("*",)),
         Command("power_on", "", "", "disable arms in FAULT, then enable all; done when all are"),

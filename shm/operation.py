@@ -95,6 +95,18 @@ SYSTEM_STATE = Topic(
     ),
 )
 
+FOCUS_STATE = Topic(
+    "state",
+    writer="focus",
+    rate_hz=100,
+    depth_s=10.0,
+    fields=(
+        Field("valid", "?", "", "the io that moves the lens is heard of"),
+        Field("locked", "?", "", "nothing moves the lens"),
+        Field("focusing", "(2,)?", "", "the lens is moved: in, out"),
+    ),
+)
+
 # What a program of somebody else says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
 EXTERNAL_STATE = Topic(
     "state",

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from shm.operation import CONSOLE_STATE as CONSOLE_STATE
 from shm.operation import EXTERNAL_STATE as EXTERNAL_STATE
+from shm.operation import FOCUS_STATE as FOCUS_STATE
 from shm.operation import SYSTEM_STATE as SYSTEM_STATE
 from shm.operation import TELEOP_STATE as TELEOP_STATE
 from shm.rows import Field as Field
@@ -373,7 +374,7 @@ REPLY = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, EXTERNAL_STATE, EVENTS, COMMAND, REPLY,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, EXTERNAL_STATE, EVENTS, COMMAND, REPLY,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

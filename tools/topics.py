@@ -21,6 +21,7 @@ SAID_BY_KIND = {
     "arm": ("operating_state", "goal_reached", "tool_type", "tool_type_request", "endoscope_type", "arm_clutch",
             "gripper/closed", "gripper/pinch", "orientation_locked"),
     "suj": ("operating_state",),
+    "focus": ("locked", "focusing_in", "focusing_out"),
     "io": ("button", "tool_type", "operating_state"),
 }
 RECORD, EVENT = "record", "event"

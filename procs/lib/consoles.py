@@ -65,6 +65,17 @@ class WiredInput:
 
 
 @dataclass(frozen=True, slots=True)
+class Focus:
+    """What moves the lens of an endoscope: digital outputs of an io, in and out, and the pedals for them."""
+
+    name: str
+    period_s: float
+    io: str
+    outputs: tuple[str, ...]
+    pedals: tuple[WiredInput | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Console:
     """One place for an operator; without wired inputs it is told by its emulate_* commands."""
 

@@ -22,6 +22,7 @@ from procs.lib.arm import Tool as Tool
 from procs.lib.cart import Cart as Cart
 from procs.lib.cart import SetupArm as SetupArm
 from procs.lib.consoles import Console as Console
+from procs.lib.consoles import Focus as Focus
 from procs.lib.consoles import TeleopEcm as TeleopEcm
 from procs.lib.consoles import TeleopPsm as TeleopPsm
 from procs.lib.consoles import WiredInput as WiredInput
@@ -259,6 +260,7 @@ class System:
     teleop_psms: tuple[TeleopPsm, ...] = ()
     teleop_ecms: tuple[TeleopEcm, ...] = ()
     externals: tuple[External, ...] = ()
+    focuses: tuple[Focus, ...] = ()  # one at most
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
@@ -289,6 +291,10 @@ class System:
     def external(self, name: str) -> External:
         """The place of somebody else's program `name`; KeyError when there is none."""
         return _named(self.externals, name)
+
+    def focus_of(self, name: str) -> Focus:
+        """The focus controller `name`; KeyError when there is none."""
+        return _named(self.focuses, name)
 
     def inputs(self, name: str) -> tuple[str, ...]:
         """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""

@@ -22,7 +22,8 @@ from procs.lib.config.system_file import (
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from procs.lib.consoles import GOOVIS, Console, TeleopEcm, TeleopPsm, WiredInput
+from procs.lib.consoles import GOOVIS, Console, Focus, TeleopEcm, TeleopPsm, WiredInput
+from procs.lib.external import External
 
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
@@ -45,11 +46,20 @@ _HEAD_NAME = re.compile(r"head", re.IGNORECASE)
 
 @dataclass(slots=True)
 class Operation:
-    """What the consoles of a system came to."""
+    """Who operates a system, and with what: its consoles came to the first three."""
 
     consoles: tuple[Console, ...] = ()
     teleop_psms: tuple[TeleopPsm, ...] = ()
     teleop_ecms: tuple[TeleopEcm, ...] = ()
+    externals: tuple[External, ...] = ()
+    focuses: tuple[Focus, ...] = ()
+
+    @property
+    def names(self) -> set[str]:
+        """Names of all of them."""
+        rows: list[Console | TeleopPsm | TeleopEcm | External | Focus] = [
+            *self.consoles, *self.teleop_psms, *self.teleop_ecms, *self.externals, *self.focuses]
+        return {row.name for row in rows}
 
 
 def load_consoles(

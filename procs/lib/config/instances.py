@@ -27,13 +27,12 @@ def build_processes(
     operation: Operation,
     emulation: document.Emulation | None,
     options: TrocarSection,
-    externals: tuple[document.External, ...] = (),
 ) -> tuple[document.Process, ...]:
     """Boards first, every io that has any after them, arms and carts after their io, then who operates them.
 
     Programs of somebody else are listed, too: nobody here starts them, but they have places of their own.
     """
-    rows = [document.Process(row.name, EXTERNAL, EXTERNAL_PERIOD_S) for row in externals]
+    rows = [document.Process(row.name, EXTERNAL, EXTERNAL_PERIOD_S) for row in operation.externals]
     if emulation is not None:
         boards = options.emulation
         rows.append(document.Process(BOARDS, "boards", boards.period_s, priority=boards.priority, cpu=boards.cpu))
@@ -51,6 +50,9 @@ def build_processes(
         after = (cart.io,) if cart.io else ()
         rows.append(document.Process(cart.name, "suj", cart.period_s, after, priority=options.arm.priority,
                                      cpu=options.arm.cpu))
+    for focus in operation.focuses:
+        wired = dict.fromkeys((focus.io, *(pedal.io for pedal in focus.pedals if pedal is not None)))
+        rows.append(document.Process(focus.name, "focus", focus.period_s, tuple(wired)))
     rows += _operators(context, rows, operation, options)
     known = [row.name for row in rows]
     for name in options.processes:

@@ -19,6 +19,7 @@ from procs.lib.config.consoles import Operation, load_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
 from procs.lib.config.externals import load_externals
+from procs.lib.config.focus import load_focus
 from procs.lib.config.instances import build_processes, with_period
 from procs.lib.config.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.lib.config.overrides import SECTION, apply_overrides
@@ -122,9 +123,10 @@ def _load(
         context.error(source, (SECTION, "clock"), text, "wall")
     running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
     operation = load_consoles(context, source, content, buses, running)
-    _note_what_waits(context, content)
-    system = _assemble(context, source, list(buses.values()), arms, carts, operation, externals, options, emulated,
-                       name, bus_address)
+    operation.externals = externals
+    operation.focuses = load_focus(context, source, content, buses, operation.names)
+    system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
+                       bus_address)
     system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
     return with_setup_joints(context, source, content, system)
 
@@ -207,11 +209,6 @@ def _refuse_components(context: Context, source: Source, content: SystemFile) ->
                       "a file without it; a process of your own takes such a place, see docs/third-party-masters.md")
 
 
-def _note_what_waits(context: Context, content: SystemFile) -> None:
-    if content.ISI_focus_controller is not None:
-        context.notes.append("not started yet: ISI_focus_controller")
-
-
 def _assemble(
     context: Context,
     source: Source,
@@ -219,7 +216,6 @@ def _assemble(
     arms: list[LoadedArm],
     carts: tuple[document.Cart, ...],
     operation: Operation,
-    externals: tuple[document.External, ...],
     options: TrocarSection,
     emulated: bool,
     name: str | None,
@@ -251,8 +247,7 @@ def _assemble(
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options,
-                                externals)
+    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options)
     return document.System(
         name=system_name,
         source=str(source.path),
@@ -265,7 +260,8 @@ def _assemble(
         consoles=tuple(with_period(row, options) for row in operation.consoles),
         teleop_psms=tuple(with_period(row, options) for row in operation.teleop_psms),
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
-        externals=externals,
+        externals=operation.externals,
+        focuses=operation.focuses,
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

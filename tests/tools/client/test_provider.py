@@ -231,7 +231,8 @@ def test_the_page_s_example_runs(place: Place, monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
     got: list[float] = []
-    with trocar.provide("MTMR", place.name, commands={"servo_cp": lambda values, text: got.append(values[0])}) as master:
+    commands: dict[str, trocar.Handler] = {"servo_cp": lambda values, text: got.append(values[0])}
+    with trocar.provide("MTMR", place.name, commands=commands) as master:
         for number in range(30):
             place.client.send("servo_cp", (number, 0, 0, 0, 0, 0, 1))
         master.write(np.eye(4))
