@@ -127,7 +127,7 @@ def guarded(function: Callable[..., Any]) -> Callable[..., None]:
             code = function(*arguments, **named)
         except Misuse as error:
             code = _said(error, MISUSED)
-        except (Problem, SegmentError, RingError, MailboxFull) as error:
+        except (Problem, SegmentError, RingError, MailboxFull, TimeoutError) as error:
             code = _said(error, WRONG)
         except BrokenPipeError:  # the reader of our output has seen enough
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  # the interpreter flushes it at exit

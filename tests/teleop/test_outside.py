@@ -10,8 +10,7 @@ import pytest
 from procs.teleop.arms import Arm
 from procs.teleop.outside import Outsider
 from shm.operation import EXTERNAL_STATE
-from shm.topics import EVENTS
-from tests.teleop.theatre import FakeArm, Ring, Theatre
+from tests.teleop.theatre import EcmTheatre, FakeArm, Ring, Theatre
 
 RECORD_NS = 10_000_000  # a hundred records a second
 
@@ -20,9 +19,8 @@ class Program(FakeArm):
     """Somebody's program: it carries nothing out."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.ring, self.events = name, Ring(EXTERNAL_STATE, inputs=0), Ring(EVENTS)
-        self.sent, self.answers, self.refuses = [], [], {}
-        self.alive, self.obeys = True, False
+        super().__init__(name)
+        self.ring, self.obeys = Ring(EXTERNAL_STATE, inputs=0), False
         self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -129,6 +127,28 @@ def test_a_master_that_does_not_know_where_it_is_is_left(stage: Stage) -> None:
     stage.run(0.02)
     assert stage.text("state") == "DISABLED"
     assert stage.text("reason") == "the pose of MTMR in its reference frame is not known"
+
+
+class Carriers(EcmTheatre):
+    """Two programs that carry the camera."""
+
+    def start(self) -> None:
+        self.arms |= {name: Program(name) for name in ("MTML", "MTMR")}
+        super().start()
+
+
+def test_two_programs_carry_a_camera_and_are_not_pushed() -> None:
+    stage = Carriers()
+    stage.follow()
+    for _ in range(20):
+        for name in ("MTML", "MTMR"):
+            stage.arms[name].shift(0.001, 0.0, 0.0)
+        stage.step()
+    assert stage.following and stage.slave.ring.field("setpoint_position")[0] == pytest.approx(-0.05, abs=1e-3)
+    assert not stage.arms["MTML"].asked("body/servo_cf")
+    stage.arms["MTMR"].shift(0.1, 0.0, 0.0)
+    stage.step()
+    assert not stage.following and "MTMR jumped by 100 mm" in stage.reports.of("error")[0]
 
 
 def test_stamps_from_the_future_are_silence(stage: Stage) -> None:

@@ -7,10 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+import trocar
 from procs.lib.config import PROJECT_CONFIGS
+from tools.cli import guarded
+from tools.client.system import connected
 from tools.errors import Problem
-from tools.recorded_master import place_in
+from tools.recorded_master import place_in, recorded_master
 from tools.recordings import read_recording
 
 HEAD = "time,x,y,z,qx,qy,qz,qw,gripper,clutch"
@@ -63,6 +67,15 @@ def test_mistakes_are_told_with_their_line(tmp_path: Path, lines: tuple[str, ...
     with pytest.raises(Problem) as caught:
         read_recording(written(tmp_path, *lines))
     assert says in str(caught.value)
+
+
+def test_the_player_says_in_a_line_that_there_is_no_system(monkeypatch: pytest.MonkeyPatch,
+                                                           capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(trocar, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
+    with pytest.raises(typer.Exit) as ended:
+        guarded(recorded_master)(PROJECT_CONFIGS / "recordings/circle.csv", system="nosuch", rate=200.0)
+    assert ended.value.exit_code == 1
+    assert "trocar: MTMR is not connected after 0 s: no system nosuch is up" in capsys.readouterr().err
 
 
 def test_the_project_s_own_recording_moves_as_a_hand_does() -> None:

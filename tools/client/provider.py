@@ -70,7 +70,7 @@ class Provider:
         self._events = Events(events, monotonic_ns)
         self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
-        self._begin(program or Path(sys.argv[0] or "python").name, rate)
+        self._begin(program or _program(), rate)
 
     def _begin(self, program: str, rate: float) -> None:
         for cells in self._fields.values():
@@ -238,6 +238,11 @@ def _document(system: str) -> System:
         return from_json(directory.document(system))
     except ValueError as error:
         raise Problem(f"system {system}: {error}") from None
+
+
+def _program() -> str:
+    name = Path(sys.argv[0]).name
+    return name if name[:1] not in ("", "-") else "python"
 
 
 def _checked(name: str, rate: float, commands: Mapping[str, Handler]) -> dict[str, Handler]:

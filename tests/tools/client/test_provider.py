@@ -12,7 +12,7 @@ import pytest
 
 import trocar
 from procs.lib.config import PROJECT_CONFIGS, load_system
-from procs.supervisor.memory import create_all, remove_all
+from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
@@ -174,6 +174,11 @@ def test_a_place_is_taken_once(place: Place) -> None:
     with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; near are: MTMR"):
         trocar.provide("PSM1", place.name, timeout=0.0)
     trocar.provide("MTMR", place.name).close()
+
+
+def test_a_program_that_hangs_is_not_in_the_way_of_the_next_system(place: Place) -> None:
+    with trocar.provide("MTMR", place.name):
+        assert clear_left_over(place.name) > 0
 
 
 def test_wrong_commands_and_rates_are_told_at_once(place: Place) -> None:
