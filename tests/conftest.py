@@ -25,7 +25,13 @@ PATIENCE_S = 30.0
 
 
 def pytest_configure() -> None:
-    """Ctrl-C works in what the tests start, also where we run in the background of a shell, which turns it off."""
+    """Ctrl-C works in what the tests start, also where we run in the background of a shell, which turns it off.
+
+    Bytecode is kept, also where the environment says not to, as container images do: the tests start hundreds of
+    interpreters, and each would compile every module anew.
+    """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
