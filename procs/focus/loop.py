@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
+
+from numpy.typing import NDArray
 
 from procs import runtime
 from procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
 from procs.lib.document import Focus, WiredInput
 from procs.lib.requests import Request
-from shm.ring import RingReader
 
 STALE_NS: Final = 30_000_000
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
@@ -20,25 +21,26 @@ class Wires:
     def __init__(self, me: runtime.Me, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""
         self._me, self._row = me, row
-        self._rings = {io: me.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals if w is not None)}}
-        self._fields = {io: (ring.field("input"), ring.field("output"), ring.field("age_ns"))
-                        for io, ring in self._rings.items()}
+        self._rings = {io: me.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals)}}
+        self._ages = {io: ring.field("age_ns") for io, ring in self._rings.items()}
         outputs = [output.name for output in me.document.io(row.io).digital_outputs]
-        self._places = [outputs.index(name) for name in row.outputs]
+        self._pins = [self._rings[row.io].field("output")[outputs.index(name), ...] for name in row.outputs]
+        self._pedals = [self._pedal(wired) for wired in row.pedals]
         self._client = me.commands(row.io)
+
+    def _pedal(self, wired: WiredInput) -> tuple[str, NDArray[Any]]:
+        """Its io, and its place in the record of that."""
+        place = self._me.document.inputs(wired.io).index(wired.name)
+        return wired.io, self._rings[wired.io].field("input")[place, ...]
 
     def pedals(self) -> list[bool]:
         """Those of the two that are pressed; one that nobody hears from is not."""
-        return [self._pressed(wired) for wired in self._row.pedals]
+        return [self._is_fresh(io) and bool(cell) for io, cell in self._pedals]
 
     def pins(self) -> list[bool] | None:
         """Whether the two outputs are high; None: nobody knows."""
-        ring = self._fresh(self._row.io)
         self._client.poll()
-        if ring is None:
-            return None
-        levels = self._fields[self._row.io][1]
-        return [bool(levels[place]) for place in self._places]
+        return [bool(pin) for pin in self._pins] if self._is_fresh(self._row.io) else None
 
     def write(self, way: int, high: bool) -> None:
         """See Desk."""
@@ -48,16 +50,9 @@ class Wires:
         """See Desk."""
         self._me.events.emit(event, component=self._me.name, value=float(on))
 
-    def _pressed(self, wired: WiredInput | None) -> bool:
-        if wired is None or self._fresh(wired.io) is None:
-            return False
-        return bool(self._fields[wired.io][0][self._me.document.inputs(wired.io).index(wired.name)])
-
-    def _fresh(self, io: str) -> RingReader | None:
+    def _is_fresh(self, io: str) -> bool:
         ring = self._rings[io]
-        if ring.newest() and self._me.now_ns - ring.stamp_ns + int(self._fields[io][2]) <= STALE_NS:
-            return ring
-        return None
+        return ring.newest() and self._me.now_ns - ring.stamp_ns + int(self._ages[io]) <= STALE_NS
 
 
 def carry_out(request: Request, lens: Lens, now_ns: int) -> None:

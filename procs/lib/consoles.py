@@ -72,7 +72,7 @@ class Focus:
     period_s: float
     io: str
     outputs: tuple[str, ...]
-    pedals: tuple[WiredInput | None, ...]
+    pedals: tuple[WiredInput, ...]  # in, out; or none
 
 
 @dataclass(frozen=True, slots=True)

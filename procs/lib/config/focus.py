@@ -41,10 +41,11 @@ def load_focus(context: Context, source: Source, content: SystemFile, buses: dic
         context.error(source, (KEY, "IO_file"), f"{keys.IO_file} has no digital output {', '.join(missing)}",
                       f"a file with {' and '.join(OUTPUTS)}; this one has {', '.join(outputs) or 'none'}")
         return ()
-    pedals = tuple(_pedal(buses, pedal) for pedal in PEDALS)
-    if None in pedals:
+    pedals = [_pedal(buses, pedal) for pedal in PEDALS]
+    found = tuple(pedal for pedal in pedals if pedal is not None)
+    if len(found) < len(PEDALS):  # with one alone there would be no way back
         context.notes.append(f"{name}: no pedals {' and '.join(PEDALS)}, commands alone move the lens")
-    return (Focus(name, PERIOD_S, keys.IO, OUTPUTS, pedals),)
+    return (Focus(name, PERIOD_S, keys.IO, OUTPUTS, found if len(found) == len(PEDALS) else ()),)
 
 
 def _pedal(buses: dict[str, BusFiles], name: str) -> WiredInput | None:

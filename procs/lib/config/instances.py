@@ -51,7 +51,7 @@ def build_processes(
         rows.append(document.Process(cart.name, "suj", cart.period_s, after, priority=options.arm.priority,
                                      cpu=options.arm.cpu))
     for focus in operation.focuses:
-        wired = dict.fromkeys((focus.io, *(pedal.io for pedal in focus.pedals if pedal is not None)))
+        wired = dict.fromkeys((focus.io, *(pedal.io for pedal in focus.pedals)))
         rows.append(document.Process(focus.name, "focus", focus.period_s, tuple(wired)))
     rows += _operators(context, rows, operation, options)
     known = [row.name for row in rows]
