@@ -72,7 +72,7 @@ class Arm:
         self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
         self.measured, self.setpoint = np.zeros(7), np.zeros(7)
         """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
-        self.stamp_ns = self._epoch = self._move = self._now_ns = 0
+        self.stamp_ns = self._epoch = self._move = self._weight = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
@@ -197,9 +197,12 @@ class Arm:
         """No forces but those against its weight, if it is ready for commands."""
         if self.is_ready and not self.is_silent:
             self.send("body/servo_cf", (0.0,) * 6)
-            self.send("use_gravity_compensation", (1.0,))
+            self._weight = self.send("use_gravity_compensation", (1.0,))
 
     def _hear(self, answer: Answer) -> None:
+        if answer.id == self._weight:
+            self._weight = 0
+            return  # not every arm has a model of its weight
         if answer.outcome in ("refused", "failed"):
             self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
         elif answer.text:

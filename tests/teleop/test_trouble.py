@@ -59,6 +59,13 @@ def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: Theatre) 
     assert following.following and following.text("reason") == ""
 
 
+def test_a_master_without_a_model_of_its_weight_is_no_reason(theatre: Theatre) -> None:
+    theatre.master.refuses["use_gravity_compensation"] = "this arm has no gravity model"
+    theatre.state_command("enable")
+    show(theatre)
+    assert theatre.following and theatre.text("reason") == ""
+
+
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
 def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: Theatre, which: str) -> None:
     following.arms[which].fail(f"{which}: move_cp: unable to solve inverse kinematics (far)", "inverse-kinematics")

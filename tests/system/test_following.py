@@ -1,0 +1,113 @@
+"""A master on a PSM in lock-step: every record of the way is known in advance, at the slave's limits as well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from shm import directory
+from shm.client import Client
+from tests.system.robot import ROOT, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+NAME = "MTMR_PSM1"
+IO_NS, MS = 1e9 / 1500, 1_000_000
+ROUNDED_NS = 2_000  # periods are whole ns: two that make a third ms come apart by 1 ns every 2 ms
+INSERTION, DEEPEST = 2, 0.24
+
+
+class Pair:
+    """The system, homed, its tele-operation following."""
+
+    def __init__(self, robot: Robot, folder: Path) -> None:
+        system = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
+        system["consoles"][0]["teleop_PSMs"][0]["configure_parameter"]["align_MTM"] = False  # turning it takes seconds
+        for arm in system["arms"]:
+            arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
+        file = folder / "pair.yaml"
+        file.write_text(yaml.safe_dump(system))
+        robot.up(file, "--set", "clock=lockstep")
+        robot.trocar("send", "system", "home", "--wait")
+        self.teleop = directory.reader(robot.name, NAME, "state", "teleop")
+        self.master, self.slave = (directory.reader(robot.name, name, "state", "arm") for name in ("MTMR", "PSM1"))
+        self.hand, self.console = Client(robot.name, "MTMR"), Client(robot.name, "console")
+        self.console.send("teleop_enable", (1,))
+        self.console.send("emulate_operator_present", (1,))
+        wait_for(self.follows, 60, "following")
+        self.begin = self.shown(self.master, "measured_cp")
+
+    def follows(self) -> bool:
+        return bool(self.shown(self.teleop, "following") and np.isfinite(self.teleop.field("goal_cp")).all())
+
+    def shown(self, ring: Any, name: str) -> Any:
+        assert ring.newest()
+        return ring.field(name).copy()
+
+    def scale(self, scale: float) -> None:
+        self.console.send("set_scale", (scale,))
+        wait_for(lambda: self.shown(self.teleop, "scale") == scale, 30, "the scale")
+
+    def lead(self, *by: float) -> Any:
+        """Move the master by that much from where it began; the tele-operation's records of the way."""
+        goal = self.begin.copy()
+        goal[:3] += by
+        stamp_ns = self.teleop.stamp_ns if self.teleop.newest() else 0
+        number = self.hand.send("move_cp", goal)
+        ended = []
+        wait_for(lambda: ended.extend(r for r in self.hand.poll() if r.id == number and r.outcome == "done") or ended,
+                 60, "the master's move")
+        end_ns = self.teleop.stamp_ns if self.teleop.newest() else 0
+        wait_for(lambda: self.teleop.newest() and self.teleop.stamp_ns > end_ns + 10 * MS, 30, "ten cycles more")
+        return self.teleop.since(stamp_ns)
+
+    def close(self) -> None:
+        for part in (self.teleop, self.master, self.slave, self.hand, self.console):
+            part.close()
+
+
+@pytest.fixture
+def pair(robot: Robot, tmp_path: Path) -> Iterator[Pair]:
+    made = Pair(robot, tmp_path)
+    yield made
+    made.close()
+    assert robot.down() == 0
+
+
+def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: Pair) -> None:
+    way = pair.lead(0.02, -0.01, 0.0)
+    assert way["following"].all() and not way["reason"].astype(bool).any()
+    assert set(np.diff(way["stamp_ns"])) == {MS}
+    # the slave's goal: a fifth of what the master's record of that cycle says
+    hands, goals = way["mtm_measured_cp"][:, :3], way["goal_cp"][:, :3]
+    assert np.abs(goals - goals[0] - 0.2 * (hands - hands[0])).max() < 1e-12
+    assert goals[-1] - goals[0] == pytest.approx((0.004, -0.002, 0.0), abs=1e-9)
+    # its way through the stack takes the same time every time: one cycle of the arms from record to record
+    ages = way["stamp_ns"] - way["master_stamp_ns"][:, 0]
+    assert np.abs(ages[1:] + ages[:-1] - ages[1] - ages[0]).max() < ROUNDED_NS  # an old and a young one in turn
+    assert abs(ages[1] - ages[0]) == pytest.approx(IO_NS / 2, abs=ROUNDED_NS)
+    slave = pair.slave.since(int(way["stamp_ns"][0]))
+    for row in way[:-3:7]:
+        place = np.searchsorted(slave["stamp_ns"], row["stamp_ns"])
+        assert slave["stamp_ns"][place] - row["master_stamp_ns"][0] == pytest.approx(IO_NS, abs=ROUNDED_NS)
+        # the set-point that the arm shows is the one that io has accepted, a cycle later
+        assert slave["setpoint_cp"][place + 1][:3] == pytest.approx(row["goal_cp"][:3], abs=1e-8)
+
+    pair.lead(0.0, 0.0, 0.0)
+    pair.scale(4.0)
+    down = np.array(pair.shown(pair.slave, "setpoint_cp")[:3])
+    stamp_ns = pair.slave.stamp_ns
+    way = pair.lead(0.0, 0.0, -0.045)  # 18 cm for the slave, which has 12
+    assert way["following"].all() and way["reason"][-1].startswith(b"PSM1 at its limit: insertion would be 0.3")
+    assert pair.shown(pair.slave, "setpoint_position")[INSERTION] == pytest.approx(DEEPEST)
+    pair.lead(0.0, 0.0, 0.0)  # quicker than the slave may go
+    wait_for(lambda: not pair.shown(pair.teleop, "reason").item(), 30, "the slave is back")
+    assert pair.teleop.since(stamp_ns)["following"].all()
+    assert pair.shown(pair.slave, "setpoint_cp")[:3] == pytest.approx(down, abs=1e-7)
+    steps = np.abs(np.diff(pair.slave.since(stamp_ns)["setpoint_position"][:, :6], axis=0)).max(axis=0)
+    goals = np.abs(np.diff(pair.teleop.since(stamp_ns)["goal_cp"][:, :3], axis=0)).max()
+    assert steps[INSERTION] < 1.1 * goals and (np.delete(steps, INSERTION) < 20.0 * goals).all(), (steps, goals)
