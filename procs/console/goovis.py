@@ -1,4 +1,4 @@
-"""The Goovis head-mounted display as a head sensor: USB HID 880a:3501, whose byte 17 is not 0 while it is worn."""
+"""A head-mounted display as a head sensor (Goovis): a USB HID device, of which one byte is not 0 while it is worn."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-DEVICE: Final = "0000880A:00003501"
-WORN: Final = 17
+from procs.lib.consoles import HidSensor
+
 LONGEST: Final = 64
 LOOK_AGAIN_NS: Final = 1_000_000_000
 DEVICES: Final = Path("/sys/class/hidraw")
 NODES: Final = Path("/dev")
 
 
-def find(devices: Path = DEVICES, nodes: Path = NODES) -> Path | None:
+def find(sensor: HidSensor, devices: Path = DEVICES, nodes: Path = NODES) -> Path | None:
     """Its device file; None when it is not plugged in."""
+    wanted = f"{sensor.vendor:08X}:{sensor.product:08X}"
     for row in sorted(devices.glob("hidraw*")):
         with contextlib.suppress(OSError):
-            if DEVICE in (row / "device" / "uevent").read_text(errors="replace").upper():
+            if wanted in (row / "device" / "uevent").read_text(errors="replace").upper():
                 return nodes / row.name
     return None
 
@@ -28,9 +29,10 @@ def find(devices: Path = DEVICES, nodes: Path = NODES) -> Path | None:
 class Goovis:
     """Opened when it is there, looked for every second while it is not."""
 
-    def __init__(self, tell: Callable[[str], None], search: Callable[[], Path | None] = find) -> None:
+    def __init__(self, sensor: HidSensor, tell: Callable[[str], None],
+                 search: Callable[[HidSensor], Path | None] = find) -> None:
         """`tell` is given a sentence whenever it comes or goes."""
-        self._tell, self._search = tell, search
+        self._sensor, self._tell, self._search = sensor, tell, search
         self._file = -1
         self._worn = False
         self._again_ns, self._said = 0, ""
@@ -45,28 +47,29 @@ class Goovis:
         return self._worn
 
     def _open(self) -> None:
-        path = self._search()
+        path = self._search(self._sensor)
         if path is None:
-            self._say("no Goovis head sensor (USB 880a:3501) is there: the operator counts as absent")
+            numbers = f"{self._sensor.vendor:04x}:{self._sensor.product:04x}"
+            self._say(f"no head sensor (USB {numbers}) is there: the operator counts as absent")
             return
         try:
             self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
-            self._say(f"Goovis {path} cannot be opened ({error.strerror}): the operator counts as absent")
+            self._say(f"head sensor {path} cannot be opened ({error.strerror}): the operator counts as absent")
         else:
-            self._say(f"Goovis head sensor {path} found")
+            self._say(f"head sensor {path} found")
 
     def _read(self) -> None:
         try:
             while report := os.read(self._file, LONGEST):
-                if len(report) > WORN:
-                    self._worn = report[WORN] != 0
+                if len(report) > self._sensor.index:
+                    self._worn = report[self._sensor.index] != 0
         except BlockingIOError:
             return
         except OSError:
             pass
         self.close()  # the end of the file or an error: it was pulled out
-        self._say("the Goovis head sensor is gone: the operator counts as absent")
+        self._say("the head sensor is gone: the operator counts as absent")
 
     def _say(self, text: str) -> None:
         if text != self._said:

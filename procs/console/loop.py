@@ -12,7 +12,6 @@ from procs.console.inputs import Inputs
 from procs.console.logic import Logic
 from procs.console.record import Record, go_on
 from procs.console.selection import members_of
-from procs.lib.consoles import GOOVIS
 from procs.lib.document import System, TeleopPsm
 
 
@@ -31,7 +30,7 @@ def main() -> None:
         logic = Logic(me.name, members, desk, first_scale(me.document, me.name))
         began_anew = go_on(me.reads(me.name, "state"), logic)
         warn = partial(me.events.warning, "head-sensor", component=me.name)
-        head = Goovis(warn) if row.input_type == GOOVIS else None
+        head = Goovis(row.head, warn) if row.head is not None else None
         inputs = Inputs(row, me.document, me.reads, head, began_anew=began_anew)
         if row.turn_off is not None:
             me.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)

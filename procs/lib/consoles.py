@@ -76,6 +76,15 @@ class Focus:
 
 
 @dataclass(frozen=True, slots=True)
+class HidSensor:
+    """A head sensor on USB: a byte of its newest report is not 0 while somebody looks."""
+
+    vendor: int
+    product: int
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
 class Console:
     """One place for an operator; without wired inputs it is told by its emulate_* commands."""
 
@@ -88,7 +97,7 @@ class Console:
     operator_present: tuple[WiredInput, ...] = ()
     present_count: int = 1  # so many of them are needed
     turn_off: WiredInput | None = None  # a digital output: low, and the head sensor works
-    hid_file: str = ""  # Goovis: where its description is
+    head: HidSensor | None = None
 
     def is_wired_to(self, io: str) -> bool:
         """One of its inputs is a digital input of that io."""

@@ -8,6 +8,8 @@ import pytest
 
 from procs.lib import document
 from procs.lib.config import load_system
+from procs.lib.config.kinds import check_file
+from procs.lib.consoles import HidSensor
 from procs.lib.document import System, WiredInput
 from tests import stock
 from tests.config.conftest import SYSTEM, Home
@@ -100,7 +102,32 @@ def test_goovis_comes_from_its_file() -> None:
     loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.system is not None, loaded.errors
     (row,) = loaded.system.consoles
-    assert row.hid_file and row.operator_present == () and row.camera == WiredInput("IO1", "camera")
+    assert row.head == HidSensor(0x880A, 0x3501, 17), "our own file: the original's is not among the data"
+    assert row.operator_present == () and row.camera == WiredInput("IO1", "camera")
+
+
+@pytest.mark.parametrize(("text", "key"), [
+    ('{"id_vendor": "880a", "id_product": "3501"}', "index_data"),
+    ('{"id_vendor": "88zz", "id_product": "3501", "index_data": 17}', "id_vendor"),
+    ('{"id_vendor": "880a", "id_product": 3501, "index_data": 17}', "id_product"),
+    ('{"id_vendor": "880a", "id_product": "3501", "index_data": 64}', "index_data"),
+])
+def test_a_head_sensor_s_file_with_a_mistake_is_told(home: Home, text: str, key: str) -> None:
+    (home.path / "head.json").write_text(text)
+    pedals = {"IO": "IO1", "IO_file": "io/PSM1-demo.yaml"}
+    row = console(IO_pedals=pedals, HID_file="head.json") | {"input_type": "PEDALS_GOOVIS_HEAD_SENSOR"}
+    loaded = home.load_made({"IOs": [{"name": "IO1", "port": "udp"}], "consoles": [row]}, boards="emulated")
+    (error,) = loaded.errors
+    assert (error.file.rpartition("/")[2], error.key) == ("head.json", key)
+    (found,) = check_file(home.path / "head.json").problems
+    assert found.key == key
+
+
+def test_a_head_sensor_without_its_file_is_an_error(home: Home) -> None:
+    pedals = {"IO": "IO1", "IO_file": "io/PSM1-demo.yaml"}
+    row = console(IO_pedals=pedals, HID_file="hid/gone.json") | {"input_type": "PEDALS_GOOVIS_HEAD_SENSOR"}
+    loaded = home.load_made({"IOs": [{"name": "IO1", "port": "udp"}], "consoles": [row]}, boards="emulated")
+    assert [error.key for error in loaded.errors] == ["consoles[0].HID_file"]
 
 
 def test_isi_head_sensor_is_wired(home: Home) -> None:

@@ -12,11 +12,13 @@ import pytest
 
 from procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
 from procs.console.inputs import STALE_NS, Inputs
+from procs.lib.consoles import HidSensor
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
 from procs.lib.document import Console, WiredInput
 from shm.layout import schema_of
 from shm.topics import EVENTS, IO_STATE, Topic
 
+GOOVIS = HidSensor(0x880A, 0x3501, 17)
 NAMES = ("clutch", "camera", "coag", "beam_1", "beam_2", "beam_3", "beam_4")
 DIMS = {"axes": 0, "drives": 0, "robots": 0, "inputs": len(NAMES), "outputs": 0, "readers": 0}
 PEDALS = Console("c", "PEDALS_ONLY", 0.01, (), WiredInput("IO1", "clutch"), WiredInput("IO1", "camera"),
@@ -110,15 +112,17 @@ def test_goovis_is_found_by_its_numbers(tmp_path: Path) -> None:
     for name, text in (("hidraw0", "HID_ID=0003:0000046D:0000C52B"), ("hidraw1", "HID_ID=0003:0000880A:00003501")):
         (tmp_path / name / "device").mkdir(parents=True)
         (tmp_path / name / "device/uevent").write_text(text)
-    assert find(tmp_path, Path("/dev")) == Path("/dev/hidraw1")
-    assert find(tmp_path / "nothing") is None
+    assert find(GOOVIS, tmp_path, Path("/dev")) == Path("/dev/hidraw1")
+    assert find(HidSensor(0x046D, 0xC52B, 0), tmp_path, Path("/dev")) == Path("/dev/hidraw0")
+    assert find(GOOVIS, tmp_path / "nothing") is None
 
 
 def test_goovis_tells_presence_by_its_byte(tmp_path: Path) -> None:
     said: list[str] = []
     places: list[Path | None] = [None]
-    head = Goovis(said.append, lambda: places[0])
-    assert not head.present(0) and not head.present(1) and len(said) == 1 and "no Goovis" in said[0]
+    head = Goovis(GOOVIS, said.append, lambda sensor: places[0])
+    assert not head.present(0) and not head.present(1)
+    assert len(said) == 1 and "no head sensor (USB 880a:3501)" in said[0]
     pipe = tmp_path / "hidraw"
     os.mkfifo(pipe)
     keep = os.open(pipe, os.O_RDWR)

@@ -10,6 +10,7 @@ from typing import Final
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
 from procs.lib.config.externals import COMPONENTS, GENERIC, place_of
+from procs.lib.config.hid_file import load_hid
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import (
@@ -22,7 +23,7 @@ from procs.lib.config.system_file import (
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from procs.lib.consoles import GOOVIS, Console, Focus, TeleopEcm, TeleopPsm, WiredInput
+from procs.lib.consoles import GOOVIS, Console, Focus, HidSensor, TeleopEcm, TeleopPsm, WiredInput
 from procs.lib.external import External
 
 PERIOD_S: Final = 0.01
@@ -124,7 +125,11 @@ class _Loader:
             head = self._head_input((*key, HEAD), keys.IO_head_sensor)
             seen = (head,) if head else ()
         return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, seen, count, turn_off,
-                       keys.HID_file if keys.input_type == GOOVIS else "")
+                       self._head_on_usb(key, keys.HID_file) if keys.input_type == GOOVIS else None)
+
+    def _head_on_usb(self, key: Key, name: str) -> HidSensor | None:
+        path = self.context.find(self.source, (*key, "HID_file"), (name,)) if name else None
+        return load_hid(self.context, path) if path is not None else None
 
     def _component(self, key: Key, keys: InterfaceKeys | None) -> WiredInput | None:
         """A digital input of an io, or a button of somebody's program."""

@@ -15,6 +15,7 @@ from procs.lib.config.carts import check_cart
 from procs.lib.config.chains import check_chain, check_tool, load_tool
 from procs.lib.config.context import Context
 from procs.lib.config.gravity_file import load_master_gravity
+from procs.lib.config.hid_file import load_hid
 from procs.lib.config.instruments import check_index, file_of, psm_tool
 from procs.lib.config.io_checks import check_bus
 from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
@@ -85,6 +86,8 @@ def kind_of(source: Source) -> str:
         return "gravity"
     if "pid" in keys:
         return "pid"
+    if {"id_vendor", "id_product"} & keys:
+        return "head sensor"
     if "kinematic" in keys:
         return "psm"
     arms = source.data.get("arms")
@@ -176,4 +179,5 @@ _CHECKS: dict[str, Callable[[Context, Path], object]] = {
     "set-up joints, fixed": partial(check_cart, kind=FIXED),
     "potentiometer table": check_table,
     "gravity": load_master_gravity,
+    "head sensor": load_hid,
 }
