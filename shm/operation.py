@@ -132,8 +132,8 @@ EXTERNAL_STATE = Topic(
         Field("jaw_setpoint_position", "<f8", "rad", "jaw set-point"),
         Field("setpoint_position", "(8,)<f8", "rad|m", "joint set-point; of an ECM yaw, pitch, insertion, roll"),
         Field("tool", "S40", "", "instrument, empty: none is known to be on"),
-        Field("input", "(inputs,)?", "", "buttons, true: pressed"),
         Field("age_ns", "<i8", "ns", "age of the buttons when this record was written"),
+        Field("input", "(inputs,)?", "", "buttons, true: pressed"),
     ),
     views=(
         View("measured_cp", "cp", (("pose", "measured_cp"),), where="reference_valid"),
