@@ -215,13 +215,17 @@ class Arm:
 
 
 class BaseFrame:
-    """Where the slave's base stands, when something else carries it: the measured tip of another arm."""
+    """Where the slave's base stands, when something else carries it: the tip of another arm, or of a set-up arm."""
 
     doubt = ""
 
-    def __init__(self, name: str, ring: Ring) -> None:
+    def __init__(self, name: str, ring: Ring, setup: int | None = None) -> None:
+        """`setup`: the place of the set-up arm, if `ring` is that of set-up joints."""
         self.name, self._ring = name, ring
-        self._measured, self._known = ring.field("measured_cp"), ring.field("reference_valid")
+        self._measured = ring.field("measured_cp")
+        self._known = ring.field("reference_valid" if setup is None else "base_valid")
+        if setup is not None:
+            self._measured, self._known = self._measured[setup], self._known[setup : setup + 1]
         self._pose = np.zeros(7)
         self._stamp_ns = self._now_ns = 0
         self._told = False
@@ -230,7 +234,8 @@ class BaseFrame:
         """Once a cycle."""
         self._now_ns = now_ns
         if self._ring.newest():
-            self._stamp_ns, self._told = self._ring.stamp_ns, bool(self._known)
+            self._stamp_ns = self._ring.stamp_ns
+            self._told = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
             if self._told:
                 self._pose[...] = self._measured
 

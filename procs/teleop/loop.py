@@ -30,14 +30,14 @@ def jaw_range(me: runtime.Me, psm: str) -> JawRange:
 
 
 def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
-    """What carries the slave, if the file says so; ValueError: it is no arm that runs."""
-    name = row.base_frame_from
+    """What carries the slave, if the file says so: an arm, or a set-up arm of set-up joints."""
+    name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
         return None
-    running = [process.name for process in me.document.processes if process.kind in ("arm", EXTERNAL)]
-    if name not in running:
-        raise ValueError(f"{row.name}: PSM_base_frame names {name}; allowed are the arms {', '.join(running)}")
-    return BaseFrame(name, me.reads(name, "state"))
+    ring = me.reads(name, "state")
+    if me.document.process(name).kind != "suj":
+        return BaseFrame(name, ring)
+    return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
 
 
 def build(me: runtime.Me, record: RingWriter) -> Teleop:

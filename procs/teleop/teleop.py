@@ -144,10 +144,10 @@ class Teleop:
             self.set_clutch(self.operator.clutch)
         if self.state in NEEDS_ARMS and self.operator.absence and self.desired is not State.DISABLED:
             self.lose()
+        if self.desired is not State.DISABLED:
+            self._run()
         if self.desired is State.DISABLED and self.state is not State.DISABLED:
             self.go(State.DISABLED)
-        elif self.desired is not State.DISABLED:
-            self._run()
         self._show()
 
     def leave(self, now_ns: int) -> None:

@@ -147,3 +147,21 @@ def test_pedals_that_no_file_has_are_warnings(home: Home) -> None:
     warnings = [found for found in home.load().warnings if found.key == "consoles[0].IO_pedals.IO_file"]
     for found, name in zip(warnings, ("clutch", "camera", "coag"), strict=True):
         assert f"has no digital input {name}: nobody can press it" in found.text
+
+
+CART = {"name": "SUJ", "type": "SUJ_Classic", "simulation": "KINEMATIC", "arm_file": "arms/SUJ-kinematic.yaml"}
+
+
+@pytest.mark.parametrize(("frame", "key"), [
+    ({"component": "SUJ", "interface": "PSM1"}, ""), ({"component": "ECM", "interface": "Arm"}, ""),
+    ({"component": "SUJ", "interface": "PSM7"}, "interface"), ({"component": "SUV", "interface": "PSM1"}, "component"),
+])
+def test_a_slave_s_base_frame_is_an_arm_s_or_a_set_up_arm_s(home: Home, frame: dict[str, str], key: str) -> None:
+    teleop = {"MTM": "MTMR", "PSM": "PSM1", "PSM_base_frame": frame}
+    loaded = home.load_made({"arms": [*ARMS, CART], "consoles": [console(teleop_PSMs=[teleop])]})
+    wanted = [f"consoles[0].teleop_PSMs[0].PSM_base_frame.{key}"] if key else []
+    assert [error.key for error in loaded.errors] == wanted
+    if not key:
+        assert loaded.system is not None
+        row = loaded.system.teleop_psms[0]
+        assert (row.base_frame_from, row.base_frame_interface) == (frame["component"], frame["interface"])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from procs.lib.poses import inverse, matrix_from_pose
 from shm import directory
 from shm.client import Client
 from tests.system.robot import ROOT, Robot, wait_for
@@ -24,9 +25,15 @@ INSERTION, DEEPEST = 2, 0.24
 class Pair:
     """The system, homed, its tele-operation following."""
 
-    def __init__(self, robot: Robot, folder: Path) -> None:
+    def __init__(self, robot: Robot, folder: Path, *, cart: bool = False) -> None:
+        """`cart`: set-up joints carry the slave, and an ECM."""
         system = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
-        system["consoles"][0]["teleop_PSMs"][0]["configure_parameter"]["align_MTM"] = False  # turning it takes seconds
+        (row,) = system["consoles"][0]["teleop_PSMs"]
+        row["configure_parameter"]["align_MTM"] = False  # turning it takes seconds
+        if cart:
+            carried = yaml.safe_load((ROOT / "configs/systems/kinematic-cart.yaml").read_text())["arms"]
+            system["arms"] = [system["arms"][0], *carried[:3]]
+            row["PSM_base_frame"] = {"component": "SUJ", "interface": "PSM1"}
         for arm in system["arms"]:
             arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
         file = folder / "pair.yaml"
@@ -111,3 +118,24 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: Pair
     steps = np.abs(np.diff(pair.slave.since(stamp_ns)["setpoint_position"][:, :6], axis=0)).max(axis=0)
     goals = np.abs(np.diff(pair.teleop.since(stamp_ns)["goal_cp"][:, :3], axis=0)).max()
     assert steps[INSERTION] < 1.1 * goals and (np.delete(steps, INSERTION) < 20.0 * goals).all(), (steps, goals)
+
+
+def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_path: Path) -> None:
+    pair = Pair(robot, tmp_path, cart=True)
+    cart = directory.reader(robot.name, "SUJ", "state", "suj")
+    goal = matrix_from_pose(pair.shown(pair.teleop, "goal_cp"))
+    first = matrix_from_pose(pair.shown(cart, "measured_cp")[1])
+    joints = pair.shown(cart, "position")[1, :6]
+    robot.trocar("send", "SUJ", "servo_jp", *map(str, joints + (0.005, 0, 0, 0, 0, 0)), "PSM1")  # the column rises
+    moved = matrix_from_pose(pair.shown(cart, "measured_cp")[1])
+    assert np.linalg.norm(moved[:3, 3] - first[:3, 3]) == pytest.approx(0.005, abs=1e-9)
+    wanted = inverse(moved) @ first @ goal
+    wait_for(lambda: np.abs(matrix_from_pose(pair.shown(pair.teleop, "goal_cp")) - wanted).max() < 1e-9, 30, "the goal")
+    assert pair.follows()
+    old = robot.kill("SUJ")
+    wait_for(lambda: not pair.shown(pair.teleop, "following"), 30, "a base that nobody knows")
+    wait_for(lambda: robot.pid("SUJ") != old and robot.state("SUJ") == "RUNNING", 60, "the set-up joints' restart")
+    assert pair.shown(pair.teleop, "state").item() == b"DISABLED"
+    cart.close()
+    pair.close()
+    assert robot.down() == 0

@@ -230,6 +230,35 @@ def test_a_base_that_moves_is_made_up_for() -> None:
     assert theatre.slave.pose[0] == pytest.approx(-0.01)
 
 
+def test_a_set_up_arm_that_moves_is_made_up_for_and_its_clutch_ends_following() -> None:
+    theatre = Theatre(setup=1)
+    assert theatre.base is not None
+    theatre.base.field("measured_cp")[:] = (0, 0, 0, 0, 0, 0, 1)
+    theatre.base.field("base_valid")[0] = True
+    theatre.state_command("enable")
+    theatre.run(0.01)
+    assert theatre.text("reason") == "waiting: the pose of SUJ in its reference frame is not known"
+    theatre.base.field("base_valid")[1] = True
+    theatre.follow()
+    theatre.base.field("measured_cp")[1, 0] = 0.01
+    theatre.step()
+    assert theatre.slave.pose[0] == pytest.approx(-0.01)
+    theatre.base.field("base_valid")[1] = False
+    theatre.step()
+    assert not theatre.following and theatre.text("state") == "DISABLED"
+
+
+@pytest.mark.parametrize("base", [math.nan, math.inf])
+def test_a_base_that_is_no_pose_ends_following(base: float) -> None:
+    theatre = Theatre(base=True)
+    assert theatre.base is not None
+    theatre.base.set(measured_cp=(0, 0, 0, 0, 0, 0, 1), reference_valid=True)
+    theatre.follow()
+    theatre.base.set(measured_cp=(base, 0, 0, 0, 0, 0, 1))
+    theatre.step()
+    assert not theatre.following and not theatre.slave.asked("servo_cp")
+
+
 def test_a_wrench_is_given_on_while_following_and_ends_by_itself(theatre: Theatre) -> None:
     assert theatre.send("following/mtm/body/servo_cf", 1, 2, 3, 0, 0, 0).outcomes == ["refused"]
     theatre.follow()

@@ -20,7 +20,7 @@ from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
 from shm.layout import schema_of
 from shm.operation import CONSOLE_STATE, TELEOP_STATE
-from shm.topics import ARM_STATE, EVENTS
+from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_io import FakeRequest
 
 PERIOD_NS = 1_000_000
@@ -165,14 +165,16 @@ class Theatre:
 
     names = ("MTMR", "PSM1")
 
-    def __init__(self, *, console: bool = True, base: bool = False, **settings: Any) -> None:
+    def __init__(self, *, console: bool = True, base: bool = False, setup: int | None = None, **settings: Any) -> None:
+        """`base`: an ECM carries the slave; `setup`: the set-up arm of that place does."""
         self.now_ns = 5 * SECOND
         self.arms = {name: FakeArm(name) for name in self.names}
         self.console = Ring(CONSOLE_STATE, teleops=1) if console else None
         self.console_alive = True
         if self.console is not None:
             self.console.set(valid=True, operator_present=True)
-        self.base = Ring(ARM_STATE) if base else None
+        self.setup = setup
+        self.base = Ring(ARM_STATE) if base else Ring(SUJ_STATE, setups=setup + 1) if setup is not None else None
         self.settings = settings
         self.start()
 
@@ -185,9 +187,10 @@ class Theatre:
         values: dict[str, Any] = {"start_gripper_threshold": 0.0, **self.settings}
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
         range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW}.get
+        carrier = "ECM" if self.setup is None else "SUJ"
         return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
                          self.slave.seen(), operator, record, self.reports, range_of,
-                         BaseFrame("ECM", self.base) if self.base else None)
+                         BaseFrame(carrier, self.base, self.setup) if self.base else None)
 
     @property
     def master(self) -> FakeArm:

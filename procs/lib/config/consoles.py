@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from procs.lib.cart import Cart
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.context import Context
 from procs.lib.config.externals import COMPONENTS, GENERIC, place_of
@@ -64,13 +65,15 @@ class Operation:
 
 
 def load_consoles(
-    context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str]
+    context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str],
+    carts: Sequence[Cart] = (),
 ) -> Operation:
     """All consoles with their tele-operations; those whose arms do not run are noted and left out.
 
     `arms` are the names of those that run. Missing parts, unknown arms and tele-operations listed twice are errors.
     """
-    loader = _Loader(context, source, content, buses, arms)
+    setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
+    loader = _Loader(context, source, content, buses, arms, setups)
     made = tuple(loader.console(index, keys) for index, keys in enumerate(content.consoles))
     return Operation(made, tuple(loader.psms), tuple(loader.ecms))
 
@@ -84,6 +87,7 @@ class _Loader:
     content: SystemFile
     buses: dict[str, BusFiles]
     arms: Collection[str]
+    setups: dict[str, list[str]]  # set-up arms by the set-up joints that run
     taken: dict[str, str] = field(default_factory=dict)
     psms: list[TeleopPsm] = field(default_factory=list)
     ecms: list[TeleopEcm] = field(default_factory=list)
@@ -195,6 +199,8 @@ class _Loader:
         if not self._runs(name, keys, (keys.MTM, keys.PSM)):
             return None
         frame = keys.PSM_base_frame
+        if frame is not None:
+            self._check_base_frame((*key, "PSM_base_frame"), frame)
         return TeleopPsm(
             name, keys.MTM, keys.PSM, keys.period, console, given.scale, given.rotation_locked,
             given.translation_locked, given.align_MTM, given.start_orientation_tolerance,
@@ -212,6 +218,18 @@ class _Loader:
             return None
         return TeleopEcm(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
                                   given.camera_roll_offset)
+
+    def _check_base_frame(self, key: Key, frame: InterfaceKeys) -> None:
+        """What carries the PSM is an arm that runs, or a set-up arm (`interface`) of set-up joints (`component`)."""
+        if frame.component in self.setups:
+            known = self.setups[frame.component]
+            if frame.interface not in known:
+                self.context.error(self.source, (*key, "interface"), f"{frame.component} has no such set-up arm",
+                                   f"one of {', '.join(known)}")
+        elif frame.component not in self.arms:
+            running = ", ".join((*self.setups, *self.arms))
+            self.context.error(self.source, (*key, "component"), "no arm and no set-up joints of this name are started",
+                               f"one of {running}")
 
     def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
         """The tele-operation's name, of its arms' names; errors when they are unknown or the name is taken."""

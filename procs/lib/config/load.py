@@ -122,7 +122,7 @@ def _load(
         text = f"{', '.join(row.name for row in externals)}: somebody else's program does not wait for us"
         context.error(source, (SECTION, "clock"), text, "wall")
     running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
-    operation = load_consoles(context, source, content, buses, running)
+    operation = load_consoles(context, source, content, buses, running, carts)
     operation.externals = externals
     operation.focuses = load_focus(context, source, content, buses, operation.names)
     system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
