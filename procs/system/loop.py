@@ -11,6 +11,7 @@ from procs.system.commands import Commands
 from procs.system.record import Record
 from procs.system.sound import Sound
 from shm import directory
+from shm.clock import monotonic_ns
 
 
 def sources(me: runtime.Me) -> list[Source]:
@@ -32,7 +33,8 @@ def main() -> None:
         consoles = [me.commands(row.name) for row in me.document.processes if row.kind == "console"]
         commands = Commands(arms, consoles, me.events, sound, me.document.audio_volume)
         centre = Centre(sources(me), me.events, commands.beep)
-        record = Record(state.field, arms, me.events, sound)
+        record = Record(state.field, arms, me.events, sound,
+                        calibration_mode=any(io.calibration_mode for io in me.document.ios))
         if sound.lacks:
             me.events.status(f"system: {sound.lacks}; it is silent where these are missing", me.name)
         mailbox = me.mailbox()
@@ -43,7 +45,7 @@ def main() -> None:
                 arm.look(me.now_ns)
             commands.execute(mailbox.drain(me.wall_ns), me.now_ns)
             centre.step(me.now_ns)
-            if trouble := sound.step():
+            if trouble := sound.step(monotonic_ns()):
                 me.events.warning("sound", trouble, me.name)
             record.fill(commands, centre)
             state.publish(me.now_ns)

@@ -17,13 +17,15 @@ from shm.layout import cut_text
 class Record:
     """Views on the fields of our own record."""
 
-    def __init__(self, field: Callable[[str], Any], arms: Sequence[Arm], events: Events, sound: Sound) -> None:
+    def __init__(self, field: Callable[[str], Any], arms: Sequence[Arm], events: Events, sound: Sound, *,
+                 calibration_mode: bool) -> None:
         """What never changes is filled in here."""
         self._arms, self._events = arms, events
         changing = ("arm_fresh", "arm_state", "arm_homed", "arm_busy", "task", "waiting", "volume", "beeps", "errors",
                     "warnings")
         self._fields = {name: field(name) for name in changing}
         self._told = [""] * len(arms)
+        field("calibration_mode")[...] = calibration_mode
         field("arm")[...] = [arm.name.encode() for arm in arms]
         field("sound")[...] = cut_text(sound.name, field("sound").dtype.itemsize)
 

@@ -23,6 +23,7 @@ LOUDEST: Final = 200  # of espeak
 RATE_HZ: Final = 22050
 FADE_S: Final = 0.005  # without it a beep clicks
 WAITING: Final = 8
+GIVE_UP_NS: Final = 90_000_000_000  # the longest beep is 60 s; whoever takes longer hangs, and others wait for it
 NOBODY: Final = "none"
 
 
@@ -49,6 +50,8 @@ class Sound:
         self._speaker = next((path for name in SPEAKERS if (path := find(name))), None)
         self._waiting: deque[tuple[Sequence[str], bytes]] = deque(maxlen=WAITING)
         self._now: subprocess.Popen[bytes] | None = None
+        self._begun_ns = 0
+        self._failing: set[str] = set()  # programs that could not make a sound the last time: told already
 
     @property
     def name(self) -> str:
@@ -73,14 +76,17 @@ class Sound:
         if self._speaker is not None and volume > 0.0:
             self._waiting.append(((self._speaker, "-a", str(round(LOUDEST * volume)), "--", text), b""))
 
-    def step(self) -> str:
-        """Begin the next one when the last has ended; what is wrong, or empty."""
-        if self._now is not None and self._now.poll() is None:
-            return ""
-        self._now = None
+    def step(self, now_ns: int) -> str:
+        """Begin the next one when the last has ended; what is wrong, or empty. `now_ns`: real time."""
+        if self._now is not None:
+            if self._now.poll() is None and now_ns - self._begun_ns < GIVE_UP_NS:
+                return ""
+            if trouble := self._ended(self._now):
+                return trouble
         if not self._waiting:
             return ""
         command, content = self._waiting.popleft()
+        self._begun_ns = now_ns
         try:
             file = os.memfd_create("sound")
             with os.fdopen(file, "wb") as sound:
@@ -90,6 +96,24 @@ class Sound:
         except OSError as error:
             return f"{command[0]} cannot be started: {error.strerror}"
         return ""
+
+    def _ended(self, player: subprocess.Popen[bytes]) -> str:
+        """What is wrong with a program that has ended, or would not end; told once, until it succeeds again."""
+        self._now = None
+        command = str(player.args[0]) if isinstance(player.args, Sequence) else str(player.args)
+        if player.poll() is None:
+            player.kill()
+            player.wait()
+            why = "does not end"
+        elif player.returncode == 0:
+            self._failing.discard(command)
+            return ""
+        else:
+            why = f"ended with {player.returncode}"
+        if command in self._failing:
+            return ""
+        self._failing.add(command)
+        return f"{command} {why}: nothing may have been heard"
 
     def finish(self) -> None:
         """Wait until what is heard now has ended; not in a loop."""

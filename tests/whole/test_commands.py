@@ -13,7 +13,7 @@ import pytest
 
 from procs.system.centre import BEEP_NS, Centre, Source
 from procs.system.commands import Commands
-from procs.system.sound import NOBODY, Sound, tone
+from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
 from shm.layout import schema_of
 from shm.topics import EVENTS
 from tests.io.stand import FakeCommand
@@ -109,7 +109,7 @@ def test_computer_without_sound_says_so() -> None:
     sound = Sound(lambda name: None)
     sound.beep(0.3, 3000.0, 0.5)
     sound.say("hello", 0.5)
-    assert sound.step() == "" and sound.name == NOBODY and "aplay" in sound.lacks and "espeak" in sound.lacks
+    assert sound.step(0) == "" and sound.name == NOBODY and "aplay" in sound.lacks and "espeak" in sound.lacks
 
 
 def test_beep_is_a_sine_of_its_frequency() -> None:
@@ -162,7 +162,7 @@ def test_sounds_are_heard_one_after_the_other(tmp_path: Path) -> None:
     sound.say("hello", 0.5)
     sound.beep(0.1, 1000.0, 0.0)  # nothing to hear
     for _ in range(2):
-        assert sound.step() == ""
+        assert sound.step(0) == ""
         sound.finish()
     bytes_of_the_beep, words = heard.read_text().splitlines()
     assert int(bytes_of_the_beep) == len(tone(0.1, 1000.0, 0.5)) and words == "-a 100 -- hello"
@@ -172,4 +172,27 @@ def test_sounds_are_heard_one_after_the_other(tmp_path: Path) -> None:
 def test_player_that_cannot_be_started_is_told() -> None:
     sound = Sound(lambda name: f"/nowhere/{name}")
     sound.beep(0.1, 1000.0, 0.5)
-    assert "cannot be started" in sound.step() and sound.step() == ""
+    assert "cannot be started" in sound.step(0) and sound.step(0) == ""
+
+
+def test_programs_are_those_of_the_path_and_what_they_fail_at_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert Sound().name == NOBODY
+    for name, line in (("paplay", "exit 3"), ("espeak-ng", "while :; do :; done")):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{line}\n")
+        (tmp_path / name).chmod(0o755)
+    sound = Sound()
+    assert sound.name == "paplay, espeak-ng" and sound.lacks == ""
+    told = []
+    for _ in range(2):
+        sound.beep(0.1, 1000.0, 0.5)
+        told.append(sound.step(0))
+        sound.finish()
+        told.append(sound.step(0))
+    assert told == ["", f"{tmp_path}/paplay ended with 3: nothing may have been heard", "", ""]
+    sound.say("hello", 0.5)
+    assert sound.step(0) == "" and sound.step(GIVE_UP_NS - 1) == ""
+    assert "espeak-ng does not end" in sound.step(GIVE_UP_NS) and sound.step(GIVE_UP_NS) == ""
+    sound.close()
