@@ -1,14 +1,19 @@
 """The protocols of shm/ as models with store buffers, every interleaving and every death searched by spin.
 
 The models lie in models/*.pml; the macros in the tables below are theirs. Each seeded mutant must be found, by the
-check that was made for it, or the model proves nothing.
+check that was made for it, or the model proves nothing. The searches are long and know nothing of each other: as many
+run at a time as there are processors.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -73,24 +78,42 @@ MUTANTS = [  # what is wrong in them, and the check that must find it
 NEED_BUFFERS = ("NO_D2", "NO_E2", "UNLOCK_EARLY")
 
 
+Search = Callable[[str, str], str]
+
+
 def ident(value: str) -> str:
     return value.replace(" ", ",") or "as it is"
 
 
-def search(folder: Path, model: str, macros: str, optimise: str = "-O0") -> str:
+def search(folder: Path, model: str, macros: str) -> str:
     """What spin's search says of a model, its trail added when it found an error; a long one is worth optimising."""
-    for program, remedy in (("spin", "apt-get install spin"), ("gcc", "apt-get install gcc")):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not there, the models were not checked; {remedy}")
+    folder.mkdir()
     for source in MODELS.glob("*.pml"):
         shutil.copy(source, folder)
     defines = [f"-D{macro}" for macro in macros.split()]
     run(folder, "spin", *defines, "-a", f"{model}.pml")
-    run(folder, *BUILD, optimise)
+    run(folder, *BUILD, "-O2" if (model, macros) in RIGHT else "-O0")
     said = run(folder, "./pan", DEEP)
     if (folder / f"{model}.pml.trail").exists():
         said += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
     return said
+
+
+@pytest.fixture(scope="module")
+def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Search]:
+    """What the search of a model says. Those of all the tests that were asked for begin at once."""
+    for program, remedy in (("spin", "apt-get install spin"), ("gcc", "apt-get install gcc")):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not there, the models were not checked; {remedy}")
+    folder = tmp_path_factory.mktemp("models")
+    asked = [getattr(item, "callspec", None) for item in request.session.items if item.path == Path(__file__)]
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        said: dict[tuple[str, str], Future[str]] = {}
+        for number, case in enumerate(spec.params for spec in asked if spec and "macros" in spec.params):
+            key = case["model"], case["macros"]
+            said[key] = pool.submit(search, folder / str(number), *key)
+        yield lambda *key: said[key].result()
+        pool.shutdown(cancel_futures=True)
 
 
 def run(folder: Path, *command: str) -> str:
@@ -113,24 +136,24 @@ def assert_proved(said: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "macros"), RIGHT, ids=ident)
-def test_no_interleaving_breaks_the_protocol(tmp_path: Path, model: str, macros: str) -> None:
-    assert_proved(search(tmp_path, model, macros, "-O2"))
+def test_no_interleaving_breaks_the_protocol(searched: Search, model: str, macros: str) -> None:
+    assert_proved(searched(model, macros))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "macros", "check"), MUTANTS, ids=[f"{m}-{ident(x)}" for m, x, _ in MUTANTS])
-def test_a_seeded_mutant_is_found(tmp_path: Path, model: str, macros: str, check: str) -> None:
-    said = search(tmp_path, model, macros)
+def test_a_seeded_mutant_is_found(searched: Search, model: str, macros: str, check: str) -> None:
+    said = searched(model, macros)
     violated = re.search(r"pan:1: assertion violated +(.*) \(at depth", said)
     assert errors(said) == 1 and violated is not None, said
     assert violated[1].startswith(check), f"found by another check: {violated[0]}"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mutant", NEED_BUFFERS)
-def test_without_store_buffers_missing_fences_go_unseen(tmp_path: Path, mutant: str) -> None:
+@pytest.mark.parametrize(("model", "macros"), [("doorbell", f"{mutant} AT_ONCE") for mutant in NEED_BUFFERS], ids=ident)
+def test_without_store_buffers_missing_fences_go_unseen(searched: Search, model: str, macros: str) -> None:
     """So it is the buffers that find them: the models do show total store order."""
-    assert_proved(search(tmp_path, "doorbell", f"{mutant} AT_ONCE"))
+    assert_proved(searched(model, macros))
 
 
 def steps(text: str, pattern: str) -> set[str]:
