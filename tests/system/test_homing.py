@@ -1,4 +1,7 @@
-"""Real arms' own files on emulated boards: power, encoders, homing, in the order and the time they should take."""
+"""Real arms' own files on emulated boards: power, encoders, homing, in the order and the time they should take.
+
+tests/arm show the same on a stepped clock, test_robot.py and test_masters.py that such files home as processes.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import pytest
 from shm import directory
 from tests.system.robot import Robot
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.soak]
 
 COMMON = ("POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED")
 ROLL = ("CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER")
@@ -20,14 +23,11 @@ TO_ZERO, STAY = True, False
 
 # system file, arm, states on the way to HOMED, homing goal, tolerance of every joint, most s from power-on to HOMED
 ARMS = (
-    pytest.param("jhu-dVRK/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 8.0,
-                 marks=pytest.mark.soak),  # test_robot.py homes it, too
+    ("jhu-dVRK/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 8.0),
     ("jhu-daVinci/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
     ("jhu-daVinci-Si/system-PSM1.json", "PSM1", (*COMMON, "HOMING"), STAY, (0.0524,) * 7, 10.0),
-    pytest.param("jhu-daVinci-Si/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0,
-                 marks=pytest.mark.soak),
-    pytest.param("jhu-dVRK/system-MTMR.json", "MTMR", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,),
-                 20.0, marks=pytest.mark.soak),  # test_masters.py homes both
+    ("jhu-daVinci-Si/system-ECM.json", "ECM", (*COMMON, "HOMING"), STAY, (0.0524,) * 4, 10.0),
+    ("jhu-dVRK/system-MTMR.json", "MTMR", (*COMMON, *ROLL, "HOMING"), TO_ZERO, (0.0699,) * 6 + (0.1048,), 20.0),
 )
 
 
