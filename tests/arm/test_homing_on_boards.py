@@ -1,4 +1,4 @@
-"""Arms of real sites on emulated boards, stepped: power, encoders and homing, in the order and time they should take."""
+"""Arms of real sites on emulated boards, stepped: power, encoders, homing, in the order and time they should take."""
 
 from __future__ import annotations
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -17,14 +19,14 @@ from tests.system.robot import Robot
 COUNTER = itertools.count()
 
 
-@pytest.fixture
-def robots(tmp_path: Path) -> Iterator[Callable[[], Robot]]:
-    """A maker of systems; all are stopped at the end, and the test fails when one leaves something behind."""
+@contextlib.contextmanager
+def systems(place: Path) -> Iterator[Callable[[], Robot]]:
+    """A maker of systems; all are stopped at the end, which fails when one leaves something behind."""
     made: list[Robot] = []
 
     def make() -> Robot:
         name = f"t{os.getpid()}-{next(COUNTER)}"
-        folder = tmp_path / name
+        folder = place / name
         folder.mkdir()
         made.append(Robot(name, folder))
         return made[-1]
@@ -40,6 +42,31 @@ def robots(tmp_path: Path) -> Iterator[Callable[[], Robot]]:
         for parts in names_of(robot.name):
             unlink(segment_name(*parts))
     assert not left, f"left behind: {left}"
+
+
+@pytest.fixture
+def robots(tmp_path: Path) -> Iterator[Callable[[], Robot]]:
+    """A maker of systems for one test."""
+    with systems(tmp_path) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def running_demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    """The demo's system, started once for the tests of a file."""
+    with systems(tmp_path_factory.mktemp("demo")) as make:
+        robot = make()
+        robot.up()
+        yield robot
+
+
+@pytest.fixture
+def demo(running_demo: Robot) -> Robot:
+    """The demo's system, homed whatever the test before left."""
+    if not json.loads(running_demo.trocar("echo", "PSM1/operating_state", "--json", "--once"))["is_homed"]:
+        running_demo.trocar("power-on")
+        running_demo.trocar("home")
+    return running_demo
 
 
 @pytest.fixture
