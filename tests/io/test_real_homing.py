@@ -69,7 +69,7 @@ class Hand:
 @pytest.mark.slow
 @pytest.mark.parametrize(("system", "robot", "roll"), [
     ("jhu-dVRK/system-MTML", "MTML", -8.3), ("jhu-dVRK/system-MTML", "MTML", 7.8),
-    ("jhu-dVRK/system-MTMR", "MTMR", 0.3),
+    pytest.param("jhu-dVRK/system-MTMR", "MTMR", 0.3, marks=pytest.mark.soak),  # tests/arm homes it from there
 ])
 def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, robot: str, roll: float) -> None:
     rig = rig_of(system)
@@ -122,9 +122,10 @@ def loaded_psm(system: str, tool: str = "") -> tuple[Rig, Hand, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("system", "tool"), [
-    ("jhu-dVRK/system-PSM1", ""), ("jhu-daVinci-Si/system-PSM1", ""),
+    pytest.param("jhu-dVRK/system-PSM1", "", marks=pytest.mark.soak),  # this and the snake: tests/arm engages them
+    pytest.param("jhu-daVinci-Si/system-PSM1", "", marks=pytest.mark.soak),
     ("jhu-dVRK/system-PSM1", "BOWEL_GRASPER:400127"),  # engaged beyond the limits of its own file
-    ("jhu-dVRK/system-PSM1", "NEEDLE_DRIVER:400117"),  # a snake
+    pytest.param("jhu-dVRK/system-PSM1", "NEEDLE_DRIVER:400117", marks=pytest.mark.soak),
     ("jhu-daVinci-Si/system-PSM1", "LARGE_NEEDLE_DRIVER:420006[..11]"),
 ])
 def test_discs_and_instruments_turn_as_far_as_engaging_turns_them(system: str, tool: str) -> None:
