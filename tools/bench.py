@@ -24,7 +24,7 @@ class Bench:
 
 BENCHES = {
     "ring": Bench("tools.bench_ring"), "io": Bench("tools.bench_io"), "boards": Bench("tools.bench_boards"),
-    "arm": Bench("tools.bench_arm"),
+    "arm": Bench("tools.bench_arm"), "teleop": Bench("tools.bench_teleop", ("seconds",)),
     "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
@@ -34,7 +34,7 @@ def bench(
     file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; none: ours.")] = None,
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
-    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="system: so long; 0: the usual.")] = 0.0,
+    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="teleop, system: so long; 0: the usual.")] = 0.0,
     sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="system: as for up.")] = None,
     as_json: JsonOption = False,
 ) -> Any:

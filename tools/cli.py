@@ -34,7 +34,7 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "tools.demo:demo", "Start an emulated robot, home it and trace a slow circle.", moves=True),
+    Verb("demo", "tools.demo:demo", "Start an emulated master and PSM, draw on one: the other follows.", moves=True),
     Verb("up", "tools.up:up", "Start a system; powers and moves nothing.", moves=True),
     Verb("down", "tools.down:down", "Stop a system, and clear what dead ones left.", moves=True),
     Verb("power-on", "tools.power:power_on", "Enable the arms.", moves=True),
@@ -78,7 +78,7 @@ def build(only: str | None = None) -> typer.Typer:
     app = typer.Typer(
         name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
-        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 20",
+        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 30",
     )
     app.callback()(_nothing)
     for verb in VERBS:

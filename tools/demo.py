@@ -1,39 +1,41 @@
-"""`trocar demo`: an emulated robot that is powered, homed, and traces a slow circle with its tip."""
+"""`trocar demo`: a surgeon's hand on emulated boards draws an eight on a master, and a PSM follows it."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from procs.lib.kinematics import Kinematics
 from shm.clock import monotonic_ns
 from tools.arms import home, power_off, power_on
-from tools.circle import Path, circle
 from tools.errors import Problem
-from tools.following import Follower, beats
+from tools.following import beats
+from tools.hand import Hand, figure_eight
 from tools.health import Run
 from tools.options import JsonOption
 from tools.printing import emit, note, number, progress, table
 from tools.processes import lives
-from tools.remote import Remote
 from tools.supervising import Background, Request
-from tools.up import DEMO
-from tools.watch import Watch, arm_document
+from tools.surgeon import Seat, Teleop
+from tools.systems import ROOT
+from tools.tracing import Trace
+from tools.watch import arm_document
 
-ARM = "PSM1"
+SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 NAME = "demo"
-CENTRE = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)  # rad and m: straight down, tip well out of the cannula
-RADIUS_M = 0.015
+SIZE_M = 0.04
 TURN_S = 8.0
-RATE_HZ = 200.0
-RAMP_S = 1.0  # the circle starts and ends slowly
+RATE_HZ = 100.0  # poses of the hand
+RAMP_S = 1.0  # the drawing starts slowly
 LINE_EVERY = 50
-SHORTEST_S = 2.0
+SHORTEST_S = 3.0
+# What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
+MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 2.5, "latency_ms_p99": 10.0}
+UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 
 
 def demo(
@@ -41,18 +43,18 @@ def demo(
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
-    """Start an emulated robot, power and home it, trace a slow circle; needs no hardware. Ctrl-C ends it.
+    """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
 
-    Example: trocar demo --for 20
+    Example: trocar demo --for 30
     """
     begin = monotonic_ns()
-    summary: dict[str, Any] = {"state": None, "problems": []}
+    summary: dict[str, Any] = {"problems": []}
     with _robot(system) as background:
         try:
             _climb(system, begin)
-            summary = _trace(system, begin, seconds)
+            summary = _operate(system, begin, seconds)
         except KeyboardInterrupt:
-            note("stopped before the circle began")
+            note("stopped before the drawing began")
         except Problem as problem:
             summary["problems"].append(str(problem))
         finally:
@@ -69,7 +71,7 @@ def demo(
 def _robot(system: str) -> Iterator[Background]:
     """The demo system, up; down again on every path."""
     with progress(f"starting {system}") as say:
-        background = Background(Request(DEMO, system, "emulated"), tied=True)
+        background = Background(Request(SYSTEM, system, "emulated"), tied=True)
         try:
             background.wait_until_up(say)
         except BaseException:
@@ -94,68 +96,55 @@ def _since(begin: int) -> float:
     return (monotonic_ns() - begin) * 1e-9
 
 
-def _trace(system: str, begin: int, seconds: float) -> dict[str, Any]:
-    """Trace the circle until the time is over or Ctrl-C; returns the summary."""
-    arm = arm_document(system, ARM)
+def _operate(system: str, begin: int, seconds: float) -> dict[str, Any]:
+    """Follow until the time is over or Ctrl-C; returns the summary."""
     homed_s = _since(begin)
     with contextlib.ExitStack() as stack:
-        watch = stack.enter_context(Watch(system, ARM))
-        remote = stack.enter_context(Remote(system, ARM))
-        if not watch.look():
-            raise Problem(_unseen(watch))
-        if watch.count != len(CENTRE):
-            raise Problem(f"{ARM} has {watch.count} joints; the demo's has an instrument and so {len(CENTRE)}")
-        path = circle(Kinematics(arm.chain, arm.tool), np.array(CENTRE), RADIUS_M)
-        for goal in (CENTRE, path.joints[0]):
-            reply = remote.settled("move_jp", goal, timeout=30.0)
-            if reply.outcome != "done":
-                raise Problem(f"{ARM}: the move to the circle was {reply.outcome}: {reply.text}")
-        run = Run(system, arm.io)
+        seat = stack.enter_context(Seat(system, "console"))
+        teleop = seat.teleops[0]
+        hand = stack.enter_context(Hand(system, seat, teleop))
+        hand.begin()
+        note(f"following after {_since(begin):.1f} s")
+        hand.take()
+        io = arm_document(system, teleop.slave).io
+        run, trace = Run(system, io), Trace(system, teleop.name, teleop.slave, io)
         stack.callback(run.close)
+        stack.callback(trace.close)
         length = max(SHORTEST_S, seconds - _since(begin)) if seconds else None
-        follower = Follower(watch, remote, False)
         skipped = [0]
         with _line() as show:
             try:
-                _circles(follower, path, run, watch, length, skipped, show)
+                _draw(hand, teleop, (run, trace), length, skipped, show)
             except Problem as problem:  # it goes into the summary
                 run.errors.append(str(problem))
-        return _summary(run, follower, watch, skipped[0], homed_s)
+        told = "" if teleop.is_following else teleop.told
+        return _summary(run, trace, told, homed_s, skipped[0])
 
 
-def _circles(follower: Follower, path: Path, run: Run, watch: Watch, length: float | None, skipped: list[int],
-             show: Callable[[str], None]) -> None:
-    """Follow the path round and round; `skipped[0]` counts set-points that came too late to be sent."""
+def _draw(hand: Hand, teleop: Teleop, watched: tuple[Run, Trace], length: float | None, skipped: list[int],
+          show: Callable[[str], None]) -> None:
+    """Draw eights; `skipped[0]` counts poses of the hand that came too late."""
+    run, trace = watched
     count = None if length is None else round(length * RATE_HZ)
-    angle, full = 0.0, 2 * np.pi / TURN_S
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         for k in beats(RATE_HZ, count, skipped):
-            left = np.inf if count is None else (count - k) / RATE_HZ
-            rate = full * min(1.0, k / RATE_HZ / RAMP_S, left / RAMP_S)
-            angle += rate / RATE_HZ
-            follower.collect()
-            follower.send(*path.at(angle, rate), None)
+            passed_s = k / RATE_HZ
+            size = SIZE_M * min(1.0, passed_s / RAMP_S)
+            hand.draw(figure_eight(2.0 * math.pi * passed_s / TURN_S, size))
             run.collect()
             if k % LINE_EVERY == 0:
-                show(_status(run, watch))
-    except KeyboardInterrupt:
-        pass
-    finally:
-        follower.hold()
+                trace.collect()
+                show(_status(run, teleop))
+    trace.collect()
 
 
-def _status(run: Run, watch: Watch) -> str:
+def _status(run: Run, teleop: Teleop) -> str:
     life = next((life for life in lives(run.system) if life.kind == "io"), None)
-    if not watch.look():
-        return _unseen(watch)
-    tip = watch.reader.field("local_measured_cp")[:3] * 1e3
     rate, missed = (life.rate_hz, life.missed) if life is not None else (None, 0)
-    return (f"{ARM} {watch.state} ({watch.text('sub_state')})  io {number(rate, '.0f')} Hz, {missed} missed  "
-            f"tip {tip[0]:+7.2f} {tip[1]:+7.2f} {tip[2]:+8.2f} mm")
-
-
-def _unseen(watch: Watch) -> str:
-    return f"{watch.name}: its state cannot be read: {watch.trouble() or 'it has shown none'}"
+    goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
+    where = " ".join(f"{x:+7.2f}" for x in goal)
+    told = "follows" if teleop.is_following else teleop.told
+    return f"{teleop.slave} {told} {teleop.masters[0]}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
 
 
 @contextlib.contextmanager
@@ -170,37 +159,39 @@ def _line() -> Iterator[Callable[[str], None]]:
         print(file=sys.stderr)
 
 
-def _summary(run: Run, follower: Follower, watch: Watch, skipped: int, homed_s: float) -> dict[str, Any]:
-    summary = run.summary()
-    tracking, seen = follower.tracking, watch.look()
-    if not seen:
-        summary["problems"].append(_unseen(watch))
-    elif watch.state != "ENABLED" or not watch.homed:
-        summary["problems"].append(f"{ARM} ended in {watch.state} ({watch.text('sub_state')})")
-    if follower.refused:
-        summary["problems"].append(f"{ARM} refused {follower.refused} commands: {follower.refusal}")
-    return {
-        "state": watch.state if seen else None, "is_homed": seen and watch.homed, "homed_after_s": homed_s,
-        "setpoints_skipped": skipped, "names": list(tracking.names), "rms": tracking.rms.tolist(),
-        "max": tracking.most.tolist(), **summary,
-    }
+def _summary(run: Run, trace: Trace, told: str, homed_s: float, skipped: int) -> dict[str, Any]:
+    figures, summary = trace.figures(), run.summary()
+    summary["problems"] += [told] if told else []
+    summary["problems"] += too_much(figures)
+    return {"homed_after_s": homed_s, "following": not told, "hand_skipped": skipped, **figures, **summary}
+
+
+def too_much(figures: dict[str, float]) -> list[str]:
+    """Which figures are not good, in words; what was not measured is not."""
+    said = []
+    for name, most in MOST.items():
+        what, unit, which = name.split("_")
+        if not figures[name] <= most:
+            meaning = f"following {what}" if what == "error" else what
+            said.append(f"{meaning} ({which}) {number(figures[name], '.2f')} {UNITS[unit]}, allowed {most:g}")
+    return said
 
 
 def _show(summary: dict[str, Any]) -> None:
     if "processes" in summary:
-        figures = [
+        rows = [("following error mm", number(summary["error_mm_rms"], ".2f"), number(summary["error_mm_max"], ".2f")),
+                ("following error °", number(summary["error_deg_rms"], ".2f"), number(summary["error_deg_max"], ".2f"))]
+        table("PSM1 against the goals of the tele-operation", ("figure", "RMS", "largest"), rows, ("RMS", "largest"))
+        late = ("master → slave ms", *(number(summary[f"latency_ms_{part}"], ".2f") for part in ("p50", "p99")), "–")
+        figures = [late] + [
             (name, *(number(summary[f"{key}_{part}"]) for part in ("p50", "p99", "max")))
             for name, key in (("io period µs", "io_period_us"), ("io read → write µs", "read_to_write_us"))
         ]
-        table("io", ("figure", "p50", "p99", "max"), figures, ("p50", "p99", "max"))
-        rows = [(p["name"], number(p["rate_hz"]), str(p["cycles"]), str(p["missed"]), str(p["overruns"]),
-                 str(p["restarts"])) for p in summary["processes"]]
-        table("processes, during the circle", ("process", "Hz", "cycles", "missed", "overruns", "restarts"), rows,
+        table("time", ("figure", "p50", "p99", "max"), figures, ("p50", "p99", "max"))
+        processes = [(p["name"], number(p["rate_hz"]), str(p["cycles"]), str(p["missed"]), str(p["overruns"]),
+                      str(p["restarts"])) for p in summary["processes"]]
+        table("processes, while following", ("process", "Hz", "cycles", "missed", "overruns", "restarts"), processes,
               ("Hz", "cycles", "missed", "overruns", "restarts"))
-        joints = zip(summary["names"], summary["rms"], summary["max"], strict=True)
-        table("tracking error", ("joint", "RMS mrad|mm", "largest"),
-              [(name, number(rms * 1e3, ".3f"), number(most * 1e3, ".3f")) for name, rms, most in joints],
-              ("RMS mrad|mm", "largest"))
     for problem in summary["problems"]:
         print(f"PROBLEM: {problem}")
     if "processes" in summary and not summary["problems"]:

@@ -110,8 +110,12 @@ class Presence:
 
     def reset(self) -> None:
         """Forget the ranges seen, not the answer."""
-        self._gripper_low = self._roll_low = math.inf
-        self._gripper_high = self._roll_high = -math.inf
+        self._gripper_low, self._gripper_high = math.inf, -math.inf
+        self.forget_roll()
+
+    def forget_roll(self) -> None:
+        """Forget the range of the roll seen."""
+        self._roll_low, self._roll_high = math.inf, -math.inf
 
     def forget(self) -> None:
         """Nobody is known to hold it."""

@@ -165,7 +165,11 @@ class TeleopPsm(Teleop):
         if self.operator.absence:
             self.wait(f"waiting: {self.operator.absence}")
             return
-        self.presence.look(master.gripper, roll_between(master.measured, slave.setpoint))
+        if master.is_busy or slave.is_busy:  # the roll that alignment makes is nobody's
+            self.presence.forget_roll()
+            self.presence.look(master.gripper, math.nan)
+        else:
+            self.presence.look(master.gripper, roll_between(master.measured, slave.setpoint))
         start = Start(error if self.align else 0.0, settings.start_orientation_tolerance, self.presence.is_active,
                       master.is_busy)
         reason = waiting_for(master.name, start)

@@ -315,3 +315,16 @@ def test_what_makes_no_sense_is_refused_with_a_warning(theatre: Theatre, name: s
     assert answer.outcomes == ["refused"] and theatre.reports.of("warning")
     theatre.step()
     assert theatre.following
+
+
+def test_the_roll_of_the_alignment_itself_is_no_presence() -> None:
+    theatre = Theatre(start_gripper_threshold=0.7)
+    theatre.master.obeys = False  # it takes its time
+    theatre.state_command("enable")
+    theatre.master.ring.set(is_busy=True)
+    for _ in range(20):
+        theatre.master.turn(0, 0.01)
+        theatre.run(0.002)
+    theatre.master.ring.set(is_busy=False)
+    theatre.run(0.01)
+    assert not theatre.record.field("operator_active") and theatre.record.field("roll_range") == 0.0

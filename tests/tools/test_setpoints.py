@@ -1,4 +1,4 @@
-"""Files of set-points, the circle of the demo, tracking errors, and JSON values."""
+"""Files of set-points, tracking errors, and JSON values."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib.kinematics import Kinematics
-from tests import stock
 from tests.tools.robot import Played, robot
-from tools.circle import circle
 from tools.errors import Problem
 from tools.following import Follower, beats
 from tools.printing import plain
@@ -70,24 +67,6 @@ def test_clipping_says_how_much_and_how_often() -> None:
     inside, cut = clipped(np.array([-1.0, 0.0, 0.5, 2.0]), -0.5, 1.0)
     assert inside.tolist() == [-0.5, 0.0, 0.5, 1.0]
     assert (cut.rows, cut.most) == (2, 1.0)
-
-
-def test_the_tip_runs_on_a_circle() -> None:
-    kinematics = Kinematics(stock.chain("PSM"), stock.tool("LARGE_NEEDLE_DRIVER_400006"))
-    centre = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
-    path = circle(kinematics, centre, 0.015, 90)
-    middle = kinematics.fk(centre).copy()[:3, 3]
-    for angle in np.linspace(0, 4 * np.pi, 37):
-        q, v = path.at(angle, 1.0)
-        assert math.isclose(np.linalg.norm(kinematics.fk(q)[:3, 3] - middle), 0.015, abs_tol=2e-5)
-        ahead, _ = path.at(angle + 1e-3, 1.0)
-        assert np.allclose((ahead - q) / 1e-3, v, atol=1e-2)  # chords between the points
-
-
-def test_a_circle_out_of_reach_is_refused() -> None:
-    kinematics = Kinematics(stock.chain("PSM"), stock.tool("LARGE_NEEDLE_DRIVER_400006"))
-    with pytest.raises(Problem):
-        circle(kinematics, np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0)), 0.5, 8)
 
 
 def test_late_periods_are_skipped_and_counted() -> None:

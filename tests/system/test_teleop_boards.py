@@ -1,0 +1,149 @@
+"""The tele-operation of a real site on emulated boards: pedals, gripper and hand are those of the emulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shm import directory
+from tests.system.robot import Robot, wait_for
+from tools.remote import Remote
+from tools.surgeon import Seat, Seen
+
+pytestmark = [pytest.mark.slow, pytest.mark.soak]  # most of a minute; test_teleop.py has the same without boards
+# On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.
+SETS = ("--set", "clock=lockstep", "--set", "arm.period_s=0.002", "--set", "io.period_s=0.001")
+PINCH = 0.75  # rad, more than the 40° that the file asks for
+NAME = "MTML_PSM1"
+STILL_M = 1e-4
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class Surgeon:
+    """Pedals, gripper and hand at the master; what arms and the tele-operation show."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, name = robot, robot.name
+        self.boards = Remote(name, "boards")
+        self.master, self.slave = Seen(name, "MTML", "arm"), Seen(name, "PSM1", "arm")
+        self.seat = Seat(name, "console1")
+        self.teleop = self.seat.teleops[0]
+        self._is_open = True
+        self.gripper = float(self.master.value("gripper_position"))
+
+    def press(self, pedal: str, on: bool) -> None:
+        self.boards.ask("press", (float(on),), pedal)
+
+    def pinch(self) -> None:
+        self._is_open = not self._is_open
+        self.boards.ask("place", (self.gripper - (0.0 if self._is_open else PINCH),), "MTML_gripper")
+
+    def pull(self, *by: float) -> None:
+        """The hand at the tip goes there, from where the tip is."""
+        pose = np.array(self.master.value("local_measured_cp"))
+        pose[:3] += by
+        self.boards.ask("hand", pose, "MTML")
+
+    def let_go(self) -> None:
+        self.boards.ask("hand_release", text="MTML")
+
+    def place(self) -> Array:
+        """Of the slave's set-point."""
+        return np.array(self.slave.value("setpoint_cp")[:3])
+
+    def away(self) -> Array:
+        return np.array(self.master.value("measured_cp")[:3])
+
+    def waits_for(self, what: str) -> None:
+        wait_for(lambda: what in self.teleop.value("reason"), 60, f"{what!r}")
+        assert not self.teleop.is_following
+
+    def follows(self) -> None:
+        wait_for(lambda: self.teleop.is_following, 60, f"following; {self.teleop.told}")
+
+    def moves(self, far_m: float) -> None:
+        begin = self.away()
+        wait_for(lambda: np.linalg.norm(self.away() - begin) > far_m, 60, f"the master {far_m} m further")
+
+    def close(self) -> None:
+        for part in (self.seat, self.boards):
+            part.__exit__()
+        for part in (self.master, self.slave):
+            part.ring.close()
+
+
+@pytest.fixture
+def surgeon(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
+    robot.up(data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"), "--boards", "emulated", "--path",
+             str(data("dvrk-share")), *SETS)
+    with Remote(robot.name, "boards") as boards, Remote(robot.name, "PSM1") as slave:
+        boards.ask("insert_instrument", text="PSM1 LARGE_NEEDLE_DRIVER:400006")
+        wait_for(lambda: slave.answered("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcome == "done", 20,
+                 "an instrument")
+    with Remote(robot.name, "system") as system:
+        assert system.settled("home", timeout=120.0).outcome == "done"
+    made = Surgeon(robot)
+    yield made
+    made.close()
+
+
+def followed(surgeon: Surgeon) -> tuple[Array, Array]:
+    """Places of the master and of the slave's goal in every cycle of the last second that was followed in."""
+    ring = directory.reader(surgeon.robot.name, NAME, "state", "teleop")
+    rows = ring.last(1000)
+    ring.close()
+    rows = rows[rows["following"] & (rows["sent_ns"] == rows["stamp_ns"])]
+    return rows["mtm_measured_cp"][:, :3], rows["goal_cp"][:, :3]
+
+
+def test_the_slave_follows_a_hand_and_deaths_end_that(surgeon: Surgeon) -> None:
+    robot = surgeon.robot
+    surgeon.seat.ask("teleop_enable", 1)
+    surgeon.press("coag", True)
+    surgeon.waits_for("waiting: pinch or twist MTML's gripper a bit")  # though it was turned by half a turn meanwhile
+    surgeon.pinch()
+    surgeon.follows()
+
+    surgeon.pull(0.05, 0.03, 0.0)
+    surgeon.moves(0.04)
+    masters, goals = followed(surgeon)
+    assert np.abs((goals - goals[0]) - 0.2 * (masters - masters[0])).max() < 1e-6
+    assert np.linalg.norm(goals[-1] - goals[0]) > 0.004
+    wait_for(lambda: np.linalg.norm(np.array(surgeon.slave.value("measured_cp")[:3]) - surgeon.place()) < 1e-3, 20,
+             "the slave at its set-point")
+
+    surgeon.press("clutch", True)
+    wait_for(lambda: not surgeon.teleop.is_following, 20, "the clutch")
+    before = surgeon.place()
+    surgeon.pull(-0.05, -0.05, 0.0)
+    surgeon.moves(0.05)
+    surgeon.let_go()
+    assert np.abs(surgeon.place() - before).max() < STILL_M
+    surgeon.press("clutch", False)
+    surgeon.follows()  # nobody has to pinch again
+    assert np.abs(surgeon.place() - before).max() < STILL_M
+
+    surgeon.press("coag", False)
+    wait_for(lambda: not surgeon.teleop.is_following, 20, "the pedal let go of")
+    for victim, reason in ((NAME, "align only"), ("console1", "align only"), ("MTML", "pinch or twist")):
+        surgeon.press("coag", False)
+        wait_for(lambda: not surgeon.seat.console.value("operator_present"), 20, "nobody there")
+        surgeon.press("coag", True)
+        surgeon.waits_for("pinch or twist")
+        surgeon.pinch()
+        surgeon.follows()
+        surgeon.pull(0.0, 0.04, 0.02)
+        surgeon.moves(0.01)
+        old = robot.kill(victim)
+        wait_for(lambda: not surgeon.teleop.is_following or robot.pid(victim) != old, 20, "the end of following")  # noqa: B023
+        before = surgeon.place()
+        surgeon.let_go()  # a hand that holds on shows presence by the roll
+        wait_for(lambda victim=victim, old=old: robot.pid(victim) != old and robot.state(victim) == "RUNNING", 30,  # type: ignore[misc]
+                 f"{victim}'s restart")
+        surgeon.waits_for(reason)
+        assert np.linalg.norm(surgeon.place() - before) < 1e-3, f"the slave went on when {victim} had died"
+    assert robot.down() == 0
