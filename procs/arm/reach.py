@@ -26,7 +26,6 @@ QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick
 BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a stream, and may be gone to at once
 FIRST_STEP_NS: Final = 5_000_000
 SHORTEST_NS: Final = 1_000
-MOVED: Final = 1e-9  # rad or m
 
 
 class Reach:
@@ -44,32 +43,33 @@ class Reach:
         if begins:
             self._is_limited, passed_ns = False, FIRST_STEP_NS
         self._served_ns = self._control.now_ns
-        most = np.minimum(self._control.joints.v_max[: len(at)], QUICKEST) * (max(passed_ns, SHORTEST_NS) * 1e-9)
-        why = self._unreachable(inverse, goal, at)
+        found, why = inverse.q, self._unreachable(inverse, goal, at)
         if why:
-            inverse.approach(goal, at, most)
             self._is_limited = True
-        found = inverse.q
+            inverse.approach(goal, at, self._most(len(at), passed_ns))
         why = self._keep_safe(found, at) or why
-        if self._is_limited or (why and not begins):
-            change = found - at
-            too_far = float((np.abs(change) / most).max())
-            if too_far > 1.0:
-                found[...] = at + change / too_far
-                self._is_limited = True
-                return found, why or "on the way back from there"
-            self._is_limited = bool(why)
-        return found, why
+        if not self._is_limited and (begins or not why):
+            return found, why
+        change = found - at
+        too_far = float((np.abs(change) / self._most(len(at), passed_ns)).max())
+        self._is_limited = bool(why) or too_far > 1.0
+        if too_far > 1.0:
+            found[...] = at + change / too_far
+        return found, why or ("on the way back from there" if self._is_limited else "")
+
+    def _most(self, count: int, passed_ns: int) -> Array:
+        """How far each joint may go in that time."""
+        return np.minimum(self._control.joints.v_max[:count], QUICKEST) * (max(passed_ns, SHORTEST_NS) * 1e-9)
 
     def _unreachable(self, inverse: Inverse, goal: Array, at: Array) -> str:
         """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""
         if not inverse.solve(goal, at):
             return inverse.reason
-        turns = np.abs(inverse.q - at)
-        turns[inverse.kinematics.is_prismatic] = 0.0
-        most = int(turns.argmax())
-        if turns[most] <= FURTHEST_TURN:
+        turns = inverse.q - at  # of a prismatic joint it is never so many m
+        if turns.min() >= -FURTHEST_TURN and turns.max() <= FURTHEST_TURN:
             return ""
+        turns = np.abs(turns)
+        most = int(turns.argmax())
         return f"{inverse.kinematics.names[most]} would have to turn by {math.degrees(turns[most]):.0f}° at once"
 
     def _keep_safe(self, found: Array, at: Array) -> str:
@@ -82,4 +82,4 @@ class Reach:
         except Refused as reason:
             found[...] = at
             return str(reason)
-        return "it would bend in the cannula" if np.abs(found - wanted).max() > MOVED else ""
+        return "" if found.tobytes() == wanted.tobytes() else "it would bend in the cannula"
