@@ -175,6 +175,21 @@ def test_the_clutch_holds_the_slave_and_goes_on_without_a_jump() -> None:
     assert theatre.slave.pose[0] == pytest.approx(before[0] + 0.002)
 
 
+def test_states_desires_and_the_clutch_are_told(theatre: Theatre) -> None:
+    theatre.state_command("enable")
+    theatre.run(0.01)
+    theatre.send("clutch", 1)
+    theatre.send("clutch", 0)
+    theatre.run(0.01)
+    theatre.state_command("disable")
+    theatre.run(0.002)
+    states = ("SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED")
+    entered = [f"current state is {state}" for state in states]
+    assert [text.removeprefix("MTMR_PSM1: ") for text in theatre.reports.of("status")] == [
+        "set desired state to ENABLED", *entered, "console clutch pressed", "console clutch released", *entered,
+        "set desired state to DISABLED", "current state is DISABLED"]
+
+
 def test_a_click_of_the_clutch_takes_no_presence_away(theatre: Theatre) -> None:
     theatre.follow()
     theatre.send("clutch", 2)
