@@ -11,6 +11,8 @@ import numpy as np
 from shm.pulse import Pulse
 
 INTERVAL_NS = 1_000_000_000
+SHORT_SHARE = 0.01  # of the deadlines of a second missed: the machine has not enough for everybody
+SHORT_NS = 10_000_000_000  # so long that counts
 ROOM = 20_000
 GAIN = 0.05
 FIGURES = ("avg", "std", "min", "max", "p99")
@@ -32,6 +34,7 @@ class Pacing:
         self._count = self._latency_count = 0
         self._start = self._deadline = self._interval_end = 0
         self._missed_count = self._overrun_count = self._cycle_count = 0
+        self._missed_before = self._short_until = 0
 
     def begin(self, now_ns: int, simulated: bool) -> None:
         """Start the grid: at the next phase point in lock-step, now on the wall clock."""
@@ -51,6 +54,10 @@ class Pacing:
         if error > self.period_ns // 2:
             error -= self.period_ns
         self._deadline += int(error * GAIN)
+
+    def is_short(self, now_ns: int) -> bool:
+        """Many deadlines were missed of late."""
+        return now_ns < self._short_until
 
     def latency(self, latency_ns: int) -> None:
         """What the process calls its latency, of this cycle; a cycle may have none."""
@@ -99,6 +106,9 @@ class Pacing:
             figures = (seconds.mean(), seconds.std(), seconds.min(), seconds.max(), np.partition(seconds, place)[place])
             for cell, figure in zip(self._figures[which], figures, strict=True):
                 cell[...] = figure
+        if self._missed_count - self._missed_before > SHORT_SHARE * self._count:
+            self._short_until = now_ns + SHORT_NS
+        self._missed_before = self._missed_count
         self._interval[...] = self._count
         self._count = self._latency_count = 0
         self._interval_end = now_ns + INTERVAL_NS

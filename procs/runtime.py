@@ -128,6 +128,11 @@ class Me:
         self._pacing.latency(latency_ns)
 
     @property
+    def is_short(self) -> bool:
+        """The machine has not enough time for everybody: who can do with less should."""
+        return self._pacing.is_short(self.now_ns)
+
+    @property
     def wall_ns(self) -> int:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
         return 0 if self.clock.simulated else self.now_ns

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.pacing import GAIN, INTERVAL_NS, ROOM, Pacing
+from procs.pacing import GAIN, INTERVAL_NS, ROOM, SHORT_NS, Pacing
 
 PERIOD = 1_000_000
 
@@ -75,6 +75,15 @@ def test_who_has_nothing_to_do_sleeps_through_periods_and_misses_none(page: Page
     pacing.begin_work(10 * PERIOD)
     assert pacing.end_of_work(10 * PERIOD + 100) == 11 * PERIOD
     assert (page["missed"], page["overruns"]) == (0, 0)
+
+
+def test_many_missed_deadlines_mean_that_time_is_short_for_a_while(page: Page) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    now = loop(pacing, 0, [100] * 1100)[-1]
+    assert not pacing.is_short(now)
+    now = loop(pacing, now, [2 * PERIOD] * 20 + [100] * 1000)[-1]
+    assert pacing.is_short(now) and not pacing.is_short(now + SHORT_NS)
 
 
 def test_work_of_exactly_one_period_misses_nothing(page: Page) -> None:

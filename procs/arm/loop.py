@@ -22,6 +22,8 @@ from procs.lib.faults import fault_of
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
+AT_REST = 100  # cycles without a command or a change
+REST_PERIODS = 3
 RECENT_NS = 200_000_000
 TYPES: dict[str, type[AnyArm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}
 
@@ -142,10 +144,19 @@ class Loop:
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")
+        self._unchanged = 0
+
+    @property
+    def may_rest(self) -> bool:
+        """A played robot at rest: each cycle is as the one before."""
+        return self._unchanged > AT_REST
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the set-points and the arm's state out."""
         io = self._io
+        self._unchanged += 1
+        if self.arm.io.changed or self._mailbox.has_news or not self.arm.control.is_played:
+            self._unchanged = 0
         io.take()
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
         self._setpoint.publish(now_ns)
@@ -157,7 +168,7 @@ def main() -> None:
     with runtime.process("arm") as me:
         loop = Loop(me)
         me.ready()
-        while me.tick():
+        while me.tick(periods=REST_PERIODS if loop.may_rest and me.is_short else 1):
             loop.cycle(me.now_ns, me.wall_ns)
             me.follow(int(loop.written), BEHIND_IO_NS)
 

@@ -49,10 +49,15 @@ class Kinematics:
         self._tip_rotation = self.tip[:3, :3]
         self._tip_position = self.tip[:3, 3]
         self.body = np.zeros((6, self.n), order="F")
+        self._updated = b""  # joints that `tip`, `body` and `joint_jacobian` are for
         self.spatial = np.zeros((6, self.n), order="F")
 
     def update(self, q: Array) -> None:
         """Tip pose and body Jacobian at q into `tip` and `body`."""
+        raw = q.tobytes()
+        if raw == self._updated:  # a played robot is where it was told to be
+            return
+        self._updated = raw
         pinocchio.computeJointJacobians(self._model, self._data, q)
         self.body[...] = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
         pinocchio.updateFramePlacement(self._model, self._data, self._end)  # the Jacobian does not do it
@@ -61,6 +66,7 @@ class Kinematics:
 
     def miss(self, q: Array, goal: pinocchio.SE3) -> tuple[Array, Array]:
         """Twist (6,) from the tip at q to the goal, in tip axes, and the body Jacobian (6, n) there. New arrays."""
+        self._updated = b""
         pinocchio.computeJointJacobians(self._model, self._data, q)
         placement = pinocchio.updateFramePlacement(self._model, self._data, self._end)
         jacobian = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
@@ -68,6 +74,7 @@ class Kinematics:
 
     def fk(self, q: Array, out: Array | None = None) -> Array:
         """Pose of the tip (4, 4); written to `out` when given, else to `tip`."""
+        self._updated = b""
         pinocchio.framesForwardKinematics(self._model, self._data, q)
         if out is None:
             self._tip_rotation[...] = self._end_rotation
@@ -82,21 +89,25 @@ class Kinematics:
         """Pose (4, 4) of the frame after `link` joints, without the tip (0: the base, n: the last link). New array."""
         if not 0 <= link <= self.n:
             raise IndexError(f"link {link}: this chain has frames 0 to {self.n}")
+        self._updated = b""
         pinocchio.framesForwardKinematics(self._model, self._data, q)
         return np.array(self._data.oMf[self._frames[link]].homogeneous)
 
     def fk_links(self, q: Array) -> Array:
         """Poses (n, 4, 4) of the frames after 1, 2, ... n joints, without the tip. A new array."""
+        self._updated = b""
         pinocchio.framesForwardKinematics(self._model, self._data, q)
         return np.array([self._data.oMf[frame].homogeneous for frame in self._frames[1:-1]])
 
     def body_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the tip's twist, at the tip in tip axes; the array `body`."""
+        self._updated = b""
         self.body[...] = pinocchio.computeFrameJacobian(self._model, self._data, q, self._end, pinocchio.LOCAL)
         return self.body
 
     def spatial_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the spatial twist, at the base's origin in base axes; the array `spatial`."""
+        self._updated = b""
         pinocchio.computeJointJacobians(self._model, self._data, q)
         self.spatial[...] = self.joint_jacobian
         return self.spatial

@@ -40,6 +40,7 @@ class SetupJoints:
         self._before = _text(self._shown["sub_state"].item())
         self._was_homed = bool(self._shown["is_homed"].item())
         self._begun_ns = 0
+        self._told: tuple[object, ...] = ()
         self._reference = self._first_reference(_text(self._shown["reference_arm"].item()))
         if classic is None:
             field("brake_current").fill(np.nan)
@@ -97,6 +98,11 @@ class SetupJoints:
 
     def _show(self) -> None:
         machine, shown = self.machine, self._shown
+        told = (machine.state, machine.desired, machine.is_homed, machine.is_busy, self._reference,
+                self._setups.valid.tobytes())
+        if told == self._told:
+            return
+        self._told = told
         shown["valid"][...] = self._setups.valid.all()
         shown["state"][...] = machine.published.encode()
         shown["sub_state"][...] = machine.state.encode()

@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from procs.arm.loop import AT_REST
 from shm.segment import names_of
 from tools import bench_arm
 
@@ -21,3 +22,17 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     assert figures["cycle_following_cpu_us_p50"] > figures["cycle_holding_cpu_us_p50"] > 0.0
     assert figures["ik_unreachable_poses"] > 10
     assert not names_of(f"bench-arm-{os.getpid()}")
+
+
+def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
+    with bench_arm.Bench("kinematic") as bench:
+        loop = bench._loop
+        for _ in range(AT_REST + 3):
+            bench.step()
+        assert loop.may_rest
+        bench.send("state_command", (), "enable")
+        bench.step()
+        assert not loop.may_rest
+        for _ in range(3 * AT_REST):
+            bench.step()
+        assert loop.may_rest and bench.arm.state == "ENABLED"
