@@ -28,9 +28,9 @@ from procs.pacing import Pacing
 from shm import directory
 from shm.client import LoopClient
 from shm.clock import LockstepClock, WallClock, monotonic_ns
-from shm.doorbell import Nap
 from shm.events import Events
 from shm.mailbox import Mailbox
+from shm.nap import Nap
 from shm.pulse import Pulse
 from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError

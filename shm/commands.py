@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 WAKING: Final = frozenset(("console", "system"))
-"""Kinds that sleep between their cycles and are woken by a command; see the nap in shm/doorbell.py."""
+"""Kinds that sleep between their cycles and are woken by a command; see shm/nap.py."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,9 @@ Ring:  E1 the data is out       E2 full fence       E3 any flag set?       E4 co
        E5 nobody heard UNHEARD rings at a place whose flag is up: if its lock is free, its waiter is dead, flag := 0;
           if not, the place is looked at again UNHURRIED rings later
 
-A nap is the other way round: one sleeper, and whoever has news for it wakes it. Its word is 1 while it sleeps.
-
-Sleep: P1 word := 1           P2 full fence            P3 is there news? then word := 0, done
-       P4 futex wait while the word is 1, bounded; then word := 0
-Rouse: Q1 the news is out     Q2 full fence            Q3 word 1?         Q4 word := 0, futex wake
-
-A rouser that comes late in Q4 ends another sleep than it meant, early; nobody else ever stores 1, so none is missed.
-
-Without the fences the store of D1 and the load of D3 (and E1, E3; P1, P3; Q1, Q3) may pass each other even on x86-64,
-and a wake-up is lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the
-monotonic clock: setting the wall clock disturbs nobody.
+Without the fences the store of D1 and the load of D3 (and E1, E3) may pass each other even on x86-64, and a wake-up is
+lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting
+the wall clock disturbs nobody.
 """
 
 from __future__ import annotations
@@ -203,31 +195,3 @@ class Waiter:
         finally:
             self._flag[0] = 0
         return ready()
-
-
-class Nap:
-    """One word of a segment: its one sleeper's end, and that of whoever wakes it."""
-
-    def __init__(self, segment: Segment, offset: int) -> None:
-        self._futex = Futex(segment, offset)
-        self._fence = full_fence()
-
-    def sleep(self, news: Callable[[], bool], timeout_ns: int) -> bool:
-        """Sleep until roused or `timeout_ns`; returns `news()`. May return early without it."""
-        futex = self._futex
-        futex.value = 1  # P1
-        self._fence()  # P2
-        try:
-            if news():  # P3
-                return True
-            futex.wait(1, timeout_ns)  # P4
-        finally:
-            futex.value = 0
-        return news()
-
-    def rouse(self) -> None:
-        """Wake the sleeper if it sleeps; call after the news is out."""
-        self._fence()  # Q2
-        if self._futex.value:  # Q3
-            self._futex.value = 0  # Q4
-            self._futex.wake_sleepers()

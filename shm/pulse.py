@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.doorbell import PLACES, Bell, Futex, Nap, Waiter
+from shm.doorbell import PLACES, Bell, Futex, Waiter
 from shm.layout import cut_text, schema_of
+from shm.nap import Nap
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic

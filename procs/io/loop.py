@@ -15,8 +15,8 @@ from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from procs.lib.document import Io
-from shm.doorbell import Nap
 from shm.events import ERROR, STATUS, WARNING
+from shm.nap import Nap
 from shm.ring import RingReader
 
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}

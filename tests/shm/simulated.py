@@ -27,7 +27,7 @@ from tests.shm.process import PLAIN, REAL, Actor, Address
 FIRST = 4096
 FLAGS_AT, COUNTERS_AT, DATA_AT = FIRST, FIRST + 64, FIRST + 128
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "doorbell", "mailbox", "client")
+MODULES = ("order", "ring", "doorbell", "mailbox", "client", "nap")
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
@@ -220,7 +220,8 @@ class Real:
         self.me: Any = None
         for module, _, _ in changes:
             assert module in MODULES
-        self.order, self.ring, self.doorbell, self.mailbox, self.client = (self._read(m, changes) for m in MODULES)
+        read = (self._read(m, changes) for m in MODULES)
+        self.order, self.ring, self.doorbell, self.mailbox, self.client, self._naps = read
         self._join()
 
     def on(self, me: Actor) -> Real:
@@ -258,7 +259,8 @@ class Real:
         doorbell.ctypes = doorbell.os = kernel
         doorbell.SYSCALL, doorbell._lock, doorbell._unlock = kernel.futex, kernel.lock, kernel.unlock
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
-        doorbell.full_fence = lambda: lambda: self.me.fence()
+        doorbell.full_fence = self._naps.full_fence = lambda: lambda: self.me.fence()
+        self._naps.Futex = doorbell.Futex
 
     def writer(self, depth: int) -> Any:
         """A RingWriter."""
@@ -286,7 +288,7 @@ class Real:
 
     def nap(self) -> Any:
         """A Nap, in the first word of the bell's counters."""
-        return self.doorbell.Nap(self._page(), COUNTERS_AT)
+        return self._naps.Nap(self._page(), COUNTERS_AT)
 
     def _page(self) -> Segment:
         return Segment(self, "page", "control", PAIR, 1, range(FLAGS_AT, FLAGS_AT + self.doorbell.PLACES))
