@@ -176,7 +176,7 @@ class Jaw:
         self._rate, self._slow_rate = rate, rate_after_clutch
         self._lower = 0.0
         self.ghost = 0.0
-        self._catching_up = True
+        self._catching_up, self._has_gripper = True, False
         self.use(0.0, gripper_max)
 
     def use(self, lower: float, upper: float) -> None:
@@ -192,12 +192,17 @@ class Jaw:
     def begin(self, jaw: float) -> None:
         """Go on from the jaw's set-point, slowly until the gripper is caught up with."""
         self.ghost = (jaw - self._offset) / self._factor
-        self._catching_up = True
+        self._catching_up, self._has_gripper = True, False
 
     def step(self, gripper: float, passed_s: float) -> float:
-        """The jaw's angle after `passed_s`; `gripper` NaN: the master has none."""
-        if not math.isfinite(gripper):
-            return NO_GRIPPER_JAW
+        """The jaw's angle after `passed_s`; `gripper` NaN: the master has none, or it is not seen any more.
+
+        Without one the jaw goes to NO_GRIPPER_JAW; with one that is not seen it stays.
+        """
+        if math.isfinite(gripper):
+            self._has_gripper = True
+        else:
+            gripper = self.ghost if self._has_gripper else (NO_GRIPPER_JAW - self._offset) / self._factor
         if abs(gripper - self.ghost) < CAUGHT_UP:
             self._catching_up = False
         most = (self._slow_rate if self._catching_up else self._rate) * max(0.0, min(passed_s, MOST_LOST_S))
