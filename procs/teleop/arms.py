@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.poses import angle_between
 from procs.lib.requests import Answer, Sender
 
 Array = NDArray[np.float64]
@@ -23,6 +24,11 @@ NO_FAULTS: Final = frozenset((b"inverse-kinematics",))
 """Codes of errors that are about a command: it was refused, and nothing is wrong with the arm."""
 ERROR: Final = 3  # severity of events
 POSITION: Final = 1  # control mode
+IN_HAND: Final = b"MANUAL"  # internal state
+MOST_GOALS: Final = 1000  # under way at once; answers to so many were lost
+# Set-up joints may carry a base while somebody follows; what goes further from one record to the next is another base.
+BASE_STEP_M: Final = 0.005
+BASE_STEP_RAD: Final = 0.1
 
 
 class Ring(Protocol):
@@ -49,8 +55,10 @@ class Ring(Protocol):
 class Arm:
     """One arm. `look` once a cycle; what it says holds until the next one.
 
-    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `fault`: why it
-    is not to be believed from this cycle on, `doubt`: the same for as long as it lasts, see Outsider.
+    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
+    base frame is another one; `is_in_hand`: the clutch on the arm itself is pressed; `refuses_goals`: it did not go to
+    the last goal it has answered; `fault`: why it is not to be believed from this cycle on, `doubt`: the same for as
+    long as it lasts, see Outsider.
     """
 
     sets_pace = True
@@ -66,7 +74,7 @@ class Arm:
         self.twist = field("measured_cv")
         """Of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
-        self._simulated = field("simulated")
+        self._simulated, self._base = field("simulated"), self.base_of(field)
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
         self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
@@ -74,6 +82,9 @@ class Arm:
         """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
         self.stamp_ns = self._epoch = self._move = self._weight = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
+        self.rebased = self.is_in_hand = self.refuses_goals = False
+        self._last_base: Array | None = None
+        self._goals: set[int] = set()
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
         self._enabled = self._is_homed = self._told = self._is_busy = False
@@ -87,17 +98,32 @@ class Arm:
         self.restarted, self._epoch = self._epoch not in (0, epoch), epoch
         if self.restarted:
             self.is_moving = self.has_arrived = False
-        self.whole = self._ring.newest()
+        self.whole, self.rebased = self._ring.newest(), False
         if self.whole:
             self.stamp_ns = self._ring.stamp_ns
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
+            self.is_in_hand = self._sub_state.item() == IN_HAND
+            self._look_at_base()
             pose, setpoint = self._pose, self._setpoint_pose
             self._told = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
             if self._told:
                 self.measured[...], self.setpoint[...] = pose, setpoint
         for answer in self._sender.poll():
             self._hear(answer)
+
+    def base_of(self, field: Fields) -> Array:
+        """The field with the pose of its base (7,) in the reference frame."""
+        return field("base_frame")
+
+    def _look_at_base(self) -> None:
+        last, base = self._last_base, self._base
+        if last is None:
+            self._last_base = base.copy()
+        elif last.tobytes() != base.tobytes():
+            self.rebased = not (math.dist(last[:3], base[:3]) <= BASE_STEP_M
+                                and angle_between(last, base) <= BASE_STEP_RAD)
+            last[...] = base
 
     @property
     def is_silent(self) -> bool:
@@ -183,6 +209,15 @@ class Arm:
         """Ask it for something; its number, 0: its mailbox is full."""
         return self._sender.send(name, values, text)
 
+    def pursue(self, name: str, values: Array) -> int:
+        """Send it a goal of a stream; `refuses_goals` until it takes one, if it does not take this."""
+        number = self.send(name, values)
+        if number:
+            if len(self._goals) >= MOST_GOALS:
+                self._goals.clear()
+            self._goals.add(number)
+        return number
+
     def move(self, pose: Array) -> None:
         """Move its tip to a pose (7,); `is_moving` until it said how that ended, then `has_arrived` or not."""
         self._move = self.send("move_cp", pose)
@@ -203,6 +238,9 @@ class Arm:
         if answer.id == self._weight:
             self._weight = 0
             return  # not every arm has a model of its weight
+        if answer.id in self._goals:
+            self._goals.discard(answer.id)
+            self.refuses_goals = answer.outcome in ("refused", "failed")
         if answer.outcome in ("refused", "failed"):
             self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
         elif answer.text:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = 0.03  # forces on the masters end by themselves when we do
 LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
+MOST_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
 
 
@@ -35,7 +36,8 @@ class TeleopEcm(Teleop):
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
-        self._turned = np.zeros(JOINTS)
+        self._turned, self._goal = np.zeros(JOINTS), np.zeros(JOINTS)
+        self._was_refused = False
         self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
         self._wrench[6] = WRENCH_LASTS_S
         self._let_go_ns = 0
@@ -87,11 +89,16 @@ class TeleopEcm(Teleop):
     # ENABLED
 
     def _begin_following(self) -> None:
-        left, right = self.masters
-        self.camera.begin(left.measured[:3], right.measured[:3], self.slave.joint_setpoint[:JOINTS])
+        self._was_refused = False
+        self._begin_here()
         self._free_masters()
         if not self.clutched:
             self.follow(True)
+
+    def _begin_here(self) -> None:
+        left, right = self.masters
+        self.camera.begin(left.measured[:3], right.measured[:3], self.slave.joint_setpoint[:JOINTS])
+        self._goal[...] = self.camera.goal
 
     def _free_masters(self) -> None:
         """Their places are free, their orientations stay."""
@@ -113,11 +120,19 @@ class TeleopEcm(Teleop):
     def _run_following(self) -> None:
         left, right = self.masters
         settled = self.now_ns - self._let_go_ns > LET_GO_NS
-        if settled and (left.is_held or right.is_held):
+        again = self._was_refused and not self.slave.refuses_goals
+        if again or (settled and (left.is_held or right.is_held)):
             self.go(State.SETTING)  # somebody else had one hold meanwhile: begin anew from here
             return
+        if self.slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
+            self._was_refused = True
+            self._begin_here()
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
-        if self.slave.send("servo_jp", goal):
+        if not float(np.abs(goal - self._goal).max()) <= MOST_STEP:
+            self.stop("camera-jump", "the camera would jump: hands must not cross, nor stand one behind the other")
+            return
+        self._goal[...] = goal
+        if self.slave.pursue("servo_jp", goal):
             self._goal_shown[...], self._sent[...] = goal, self.now_ns
         turned = float(np.abs(goal - self._turned).max()) > NEW_TURN
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),

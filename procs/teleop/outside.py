@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from procs.lib.requests import Sender
-from procs.teleop.arms import SILENT_NS, Arm, Array, Ring
+from procs.teleop.arms import SILENT_NS, Arm, Array, Fields, Ring
 
 EXTERNAL: Final = "external"  # the kind
 
@@ -38,6 +38,10 @@ class Outsider(Arm):
         self._last = np.zeros(7)
         self._has_last = self._had_gripper = False
         self._last_stamp_ns = self._last_seen_ns = self._steady_ns = 0
+
+    def base_of(self, field: Fields) -> Array:
+        """Programs do not tell of bases; one that is another is a jump."""
+        return np.zeros(7)
 
     @property
     def is_silent(self) -> bool:

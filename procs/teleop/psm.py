@@ -44,6 +44,8 @@ class TeleopPsm(Teleop):
         self.jaw = Jaw(settings.gripper_zero, settings.gripper_max, settings.jaw_rate, settings.jaw_rate_after_clutch)
         self._jaw_range = jaw_range
         self._was_active = False  # before the clutch
+        self._was_refused = False
+        self._tool = ""
         self._aligned_to = np.zeros(7)
         self._aligned_ns = self._let_go_ns = 0
         self._wrench: Array | None = None
@@ -130,7 +132,7 @@ class TeleopPsm(Teleop):
         self.events.emit("scale", value=self.mapping.scale)
         self.presence.is_active, self._was_active = self._was_active, False
         self.presence.reset()
-        self.jaw.use(*(self._jaw_range(self.slave.tool) or (0.0, self.settings.gripper_max)))
+        self._aligned_to[...] = self.slave.setpoint
         if not self.settings.mtm_is_haptic:
             return
         if self.align and self.slave.has_pose:
@@ -169,7 +171,7 @@ class TeleopPsm(Teleop):
             self.presence.forget_roll()
             self.presence.look(master.gripper, math.nan)
         else:
-            self.presence.look(master.gripper, roll_between(master.measured, slave.setpoint))
+            self.presence.look(master.gripper, roll_between(master.measured, self._aligned_to))
         start = Start(error if self.align else 0.0, settings.start_orientation_tolerance, self.presence.is_active,
                       master.is_busy)
         reason = waiting_for(master.name, start)
@@ -189,12 +191,16 @@ class TeleopPsm(Teleop):
     # ENABLED
 
     def _begin_following(self) -> None:
-        self.reason = ""
-        self.mapping.begin(self.master.measured, self.slave.setpoint, self._base_pose)
-        self.jaw.begin(self.slave.jaw)
+        self.reason, self._was_refused, self._tool = "", False, self.slave.tool
+        self.jaw.use(*(self._jaw_range(self._tool) or (0.0, self.settings.gripper_max)))
+        self._begin_here()
         self._free_master(self.mapping.rotation_locked)
         self._wrench = None
         self.follow(True)
+
+    def _begin_here(self) -> None:
+        self.mapping.begin(self.master.measured, self.slave.setpoint, self._base_pose)
+        self.jaw.begin(self.slave.jaw)
 
     @property
     def _base_pose(self) -> Array | None:
@@ -213,13 +219,23 @@ class TeleopPsm(Teleop):
         if not (settings.ignore_jaw or slave.has_jaw):
             self.stop("no-jaw", f"{slave.name} has no jaw anymore", slave.name)
             return
+        if slave.tool != self._tool:
+            self.stop("tool-changed", f"the instrument of {slave.name} was changed", slave.name)
+            return
+        if slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
+            self._was_refused = True
+            self._begin_here()
+        elif self._was_refused:  # as after the clutch
+            self._was_active = self.presence.is_active
+            self.go(State.SETTING)
+            return
         if settings.mtm_is_haptic and master.is_held and self.now_ns - self._let_go_ns > LET_GO_NS:
             self._free_master(self.mapping.rotation_locked)  # somebody else had it hold meanwhile
         values[:7] = self.mapping.step(master.measured, self._base_pose)
         linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
         if linear or angular:
             values[7:] = self.mapping.velocity(master.twist, linear=linear, angular=angular)
-        if slave.send("servo_cp", values if linear or angular else values[:7]):
+        if slave.pursue("servo_cp", values if linear or angular else values[:7]):
             self._goal_shown[...], self._sent[...] = values[:7], self.now_ns
         if not settings.ignore_jaw:
             jaw = self.jaw.step(master.gripper, self.passed_s)

@@ -146,16 +146,12 @@ class Teleop:
             self.lose()
         if self.desired is not State.DISABLED:
             self._run()
-        if self.desired is State.DISABLED and self.state is not State.DISABLED:
-            self.go(State.DISABLED)
         self._show()
 
     def leave(self, now_ns: int) -> None:
         """The process ends in order: as if it were disabled."""
         self.now_ns = now_ns
         self.desire(State.DISABLED)
-        if self.state is not State.DISABLED:
-            self.go(State.DISABLED)
 
     def _run(self) -> None:
         if self.state is State.DISABLED:
@@ -183,6 +179,11 @@ class Teleop:
             self._interrupt("arm-restarted", f"{arm.name} was started anew", arm.name)
         elif arm.fault:
             self._interrupt("arm-not-believed", arm.fault, arm.name)
+        elif arm.rebased:
+            self._interrupt("base-frame", f"the base frame of {arm.name} was changed", arm.name)
+        elif arm.is_in_hand:
+            self.events.warning("arm-in-hand", f"{self.name}: {arm.name} is moved by hand", arm.name)
+            self._begin_anew()
         elif not arm.is_ready:
             self._miss_arm(arm)
 
@@ -191,11 +192,15 @@ class Teleop:
         self.stop("arm-not-ready", f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
 
     def _interrupt(self, code: str, text: str, component: str) -> None:
-        """An arm's process is gone or was: back to SETTING_ARMS_STATE, and presence has to be shown again.
+        """What is known of an arm holds no longer, its process is gone or was."""
+        self.events.error(code, f"{self.name}: {text}", component)
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Back to SETTING_ARMS_STATE, and presence has to be shown again.
 
         Nothing is enabled or homed there that is not by itself, see `_recovering`.
         """
-        self.events.error(code, f"{self.name}: {text}", component)
         self.forget_presence()
         self.go(State.SETTING)
         self._recovering = True
@@ -203,16 +208,19 @@ class Teleop:
     def _set_arms(self) -> None:
         """Enable and home arms; `home` is refused while an arm is DISABLED, so one after the other."""
         silent = [arm for arm in self.arms if arm.is_silent]
-        missing = silent or [arm for arm in self.arms if not arm.is_ready]
+        held = [arm for arm in self.arms if arm.is_in_hand]
+        missing = silent or held or [arm for arm in self.arms if not arm.is_ready]
         if not missing:
-            self.set_up()
+            if all(arm.whole for arm in self.arms):
+                self.set_up()
             return
         if self.now_ns - self.entered_ns > SETTING_NS:
             for arm in missing:
                 self.stop("arm-time-out", f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
             return
-        if silent:
-            self.reason = f"waiting: {', '.join(arm.name for arm in silent)} is silent"
+        if silent or held:
+            names = ", ".join(arm.name for arm in missing)
+            self.reason = f"waiting: {names} is {'silent' if silent else 'moved by hand'}"
             return
         if self._recovering:
             self._miss_arm(missing[0])
@@ -247,6 +255,9 @@ class Teleop:
         self.forget_presence()
         self.events.emit("desired_state", state)
         self.events.status(f"{self.name}: set desired state to {state}", self.name)
+        # at once: what is asked for later in this very cycle must find that it has stopped
+        if self.state is State.ENABLED or (state is State.DISABLED and self.state is not State.DISABLED):
+            self.go(state)
 
     def stop(self, code: str, text: str, component: str = "") -> None:
         """Something is wrong: say it; DISABLED from this cycle on, until it is asked for again."""

@@ -26,6 +26,7 @@ from tests.arm.fake_io import FakeRequest
 PERIOD_NS = 1_000_000
 SECOND = 1_000_000_000
 JAW = (math.radians(-40.0), math.radians(80.0))
+SMALL_JAW = (0.0, math.radians(30.0))
 
 
 class Ring:
@@ -71,7 +72,8 @@ class FakeArm:
         self.refuses: dict[str, str] = {}
         self.says: dict[str, str] = {}
         self.ring.set(state=b"ENABLED", sub_state=b"HOMED", is_homed=True, reference_valid=True, cartesian_valid=True,
-                      valid=True, control_mode=1, has_jaw=True, gripper_valid=True, tool=b"LND")
+                      valid=True, control_mode=1, has_jaw=True, gripper_valid=True, tool=b"LND",
+                      base_frame=(0, 0, 0, 0, 0, 0, 1))
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
     @property
@@ -186,7 +188,7 @@ class Theatre:
     def make_teleop(self, operator: Operator) -> Teleop:
         values: dict[str, Any] = {"start_gripper_threshold": 0.0, **self.settings}
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
-        range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW}.get
+        range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW}.get
         carrier = "ECM" if self.setup is None else "SUJ"
         return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
                          self.slave.seen(), operator, record, self.reports, range_of,

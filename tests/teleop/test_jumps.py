@@ -1,0 +1,183 @@
+"""Nothing moves that the operator did not move, whatever happens to the slave or the records meanwhile."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.arm.fake_io import FakeRequest
+from tests.teleop.test_trouble import show
+from tests.teleop.theatre import EcmTheatre, Theatre
+
+DEGREE = math.pi / 180
+
+
+@pytest.fixture
+def following() -> Theatre:
+    theatre = Theatre(start_gripper_threshold=0.5)
+    theatre.state_command("enable")
+    show(theatre)
+    assert theatre.following, theatre.text("reason")
+    theatre.forget()
+    return theatre
+
+
+@pytest.mark.parametrize("words", [("disable", "enable"), ("align_MTM", "enable")])
+def test_who_is_stopped_and_asked_again_in_one_cycle_has_stopped(following: Theatre, words: tuple[str, ...]) -> None:
+    following.step(*(FakeRequest("state_command", (), word) for word in words))
+    assert not following.following
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+def test_an_error_is_not_outrun_by_a_command(following: Theatre) -> None:
+    following.slave.fail("PSM1: tracking error")
+    following.state_command("enable")
+    assert not following.following and "hold" in following.slave.words()
+    following.run(0.05)
+    assert not following.following
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_an_arm_moved_by_hand_is_not_followed_with_or_by(following: Theatre, which: str) -> None:
+    arm = following.arms[which]
+    arm.ring.set(sub_state=b"MANUAL", is_busy=True)
+    following.step()
+    assert not following.following and following.text("state") == "SETTING_ARMS_STATE"
+    following.run(0.01)
+    assert following.text("reason") == f"waiting: {which} is moved by hand"
+    assert not following.slave.asked("state_command") and not following.reports.of("error")
+    arm.shift(0.05, 0.0, 0.0)
+    arm.ring.set(sub_state=b"HOMED", is_busy=False)
+    following.run(0.05)
+    assert not following.following
+    before = following.slave.pose
+    show(following)
+    assert following.following and following.slave.pose == pytest.approx(before, abs=1e-9)
+
+
+def test_what_a_slave_refused_is_not_caught_up_with(following: Theatre) -> None:
+    before = following.slave.pose
+    following.slave.obeys = False
+    following.slave.refuses["servo_cp"] = "the instrument needs to be inserted past the cannula"
+    following.step()
+    following.master.shift(0.1, 0.0, 0.0)
+    following.run(0.005)
+    following.slave.obeys = True
+    following.slave.refuses.clear()
+    following.run(0.02)
+    assert following.following and following.slave.pose == pytest.approx(before, abs=1e-9)
+    following.master.shift(0.01, 0.0, 0.0)
+    following.step()
+    assert following.following and following.slave.pose[0] == pytest.approx(before[0] + 0.002)
+
+
+def test_another_instrument_ends_following(following: Theatre) -> None:
+    following.slave.ring.set(tool=b"MEGA")
+    following.forget()
+    following.step()
+    assert not following.following and not following.slave.asked("servo_cp")
+    assert following.text("reason") == "the instrument of PSM1 was changed"
+
+
+def test_the_jaw_is_that_of_the_instrument_that_is_on_when_following_begins(following: Theatre) -> None:
+    following.state_command("align_MTM")
+    following.slave.ring.set(tool=b"SMALL")
+    following.run(0.01)
+    following.state_command("enable")
+    show(following)
+    following.master.ring.set(gripper_position=60 * DEGREE)
+    following.run(2.0)
+    assert following.slave.ring.field("jaw_setpoint_position") == pytest.approx(30 * DEGREE)
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_another_base_frame_ends_following(following: Theatre, which: str) -> None:
+    arm = following.arms[which]
+    arm.ring.set(base_frame=(0.1, 0, 0, 0, 0, 0, 1))
+    following.forget()
+    following.step()
+    assert not following.following and not following.slave.asked("servo_cp")
+    assert following.reports.of("error") == [f"MTMR_PSM1: the base frame of {which} was changed"]
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+def test_a_base_that_set_up_joints_carry_may_drift(following: Theatre) -> None:
+    for step in range(100):
+        following.slave.ring.set(base_frame=(step * 0.0005, 0, 0, 0, 0, 0, 1))
+        following.step()
+    assert following.following
+
+
+def test_a_master_that_turns_by_itself_shows_no_presence() -> None:
+    theatre = Theatre(start_gripper_threshold=0.5)
+    theatre.master.obeys = False
+    theatre.master.turn(0, 30 * DEGREE)
+    theatre.master.ring.set(is_busy=True)
+    theatre.state_command("enable")
+    for _ in range(30):
+        theatre.step()
+        theatre.master.turn(0, -1 * DEGREE)
+    theatre.master.ring.set(is_busy=False)
+    theatre.run(0.1)
+    assert not theatre.following and not theatre.record.field("operator_active")
+    theatre.master.turn(0, 4.5 * DEGREE)
+    theatre.run(0.01)
+    assert theatre.following
+
+
+def test_a_gripper_that_is_not_seen_any_more_leaves_the_jaw(following: Theatre) -> None:
+    following.master.ring.set(gripper_position=0.3)
+    following.run(2.0)
+    before = float(following.slave.ring.field("jaw_setpoint_position"))
+    following.master.ring.set(gripper_valid=False)
+    following.run(0.1)
+    assert following.slave.ring.field("jaw_setpoint_position") == pytest.approx(before)
+    following.master.ring.set(gripper_valid=True)
+    following.run(0.1)
+    assert following.slave.ring.field("jaw_setpoint_position") == pytest.approx(before)
+
+
+def test_what_a_torn_record_of_the_camera_says_is_no_place_to_begin() -> None:
+    theatre = EcmTheatre()
+    theatre.slave.ring.set(is_homed=False)
+    theatre.slave.obeys = False
+    theatre.state_command("enable")
+    theatre.run(0.01)
+    theatre.slave.ring.set(is_homed=True)
+    theatre.step()
+    theatre.send("clutch", 1)
+    theatre.slave.ring.torn = True
+    theatre.slave.ring.field("setpoint_position")[:4] = 7.0
+    theatre.send("clutch", 0)
+    theatre.run(0.003)
+    theatre.slave.ring.torn = False
+    theatre.slave.ring.field("setpoint_position")[:4] = (0.0, 0.0, 0.12, 0.0)
+    theatre.forget()
+    theatre.run(0.01)
+    for _, goal, _ in theatre.slave.asked("servo_jp"):
+        assert np.allclose(goal, (0.0, 0.0, 0.12, 0.0), atol=1e-9)
+    assert theatre.following
+
+
+def test_hands_that_cross_do_not_throw_the_camera_over() -> None:
+    theatre = EcmTheatre()
+    theatre.state_command("enable")
+    theatre.run(0.01)
+    assert theatre.following
+    last = np.array(theatre.slave.asked("servo_jp")[-1][1])
+    for _ in range(320):
+        theatre.arms["MTML"].shift(-0.001, 0, 0)
+        theatre.arms["MTMR"].shift(0.001, 0, 0)
+        theatre.step()
+        goal = np.array(theatre.slave.asked("servo_jp")[-1][1])
+        assert np.abs(goal - last).max() < 0.1
+        last = goal
+    assert not theatre.following and theatre.text("reason").startswith("the camera would jump")
