@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
@@ -41,10 +42,15 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@functools.cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    return list(ast.walk(tree_of(path)))
+
+
 def words_of(path: Path) -> set[str]:
     """Every identifier and attribute a module uses; texts and comments don't count."""
     found: set[str] = set()
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Attribute):
@@ -79,12 +85,22 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
     assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=relative)
-def test_file_names_say_the_subject(path: Path) -> None:
-    assert path.stem not in FORBIDDEN
-    assert len(re.findall(r"[a-z0-9]+", path.stem)) <= 2 or path.stem.startswith("__")
-    if relative(path) not in NAMED_BY_THE_TREE and not path.stem.startswith("__"):
-        assert path.stem not in sys.stdlib_module_names, f"{path.stem} would hide a library module"
+def each_keeps_to(rule: Callable[[Path], object], paths: Iterable[Path] = SOURCES) -> None:
+    """All that breaks a rule, told at once; `rule` says what is wrong with a file, nothing if nothing is."""
+    found = {relative(path): wrong for path in paths if (wrong := rule(path))}
+    assert not found, "\n".join(f"{name}: {wrong}" for name, wrong in found.items())
+
+
+def test_file_names_say_the_subject() -> None:
+    def wrong(path: Path) -> str:
+        if path.stem in FORBIDDEN:
+            return "says no subject"
+        if len(re.findall(r"[a-z0-9]+", path.stem)) > 2 and not path.stem.startswith("__"):
+            return "more than two words"
+        known = relative(path) in NAMED_BY_THE_TREE or path.stem.startswith("__")
+        return "would hide a library module" if not known and path.stem in sys.stdlib_module_names else ""
+
+    each_keeps_to(wrong)
 
 
 def test_folders_hide_no_library_module() -> None:
@@ -92,46 +108,51 @@ def test_folders_hide_no_library_module() -> None:
     assert not {relative(p) for p in folders if p.name in sys.stdlib_module_names | set(FORBIDDEN)}
 
 
-@pytest.mark.parametrize("path", [p for p in SOURCES if not relative(p).startswith("shm/")], ids=relative)
-def test_layouts_are_spelled_in_shm_only(path: Path) -> None:
-    texts = {node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)
-             and isinstance(node.value, str)}
-    assert not {t for t in texts if NATIVE_DTYPE.match(t)}, "a layout of shared memory belongs to shm/topics.py"
-    if not relative(path).startswith(WIRE):
-        assert not {t for t in texts if BIG_ENDIAN.match(t)}, "big-endian words belong to the wire"
-    structured = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)
-                  and getattr(node.func, "attr", "") == "dtype" and node.args
-                  and isinstance(node.args[0], ast.List | ast.Dict)]
-    assert not structured, "a record's layout belongs to shm/topics.py"
+def test_layouts_are_spelled_in_shm_only() -> None:
+    def wrong(path: Path) -> str:
+        nodes = nodes_of(path)
+        texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        if {t for t in texts if NATIVE_DTYPE.match(t)}:
+            return "a layout of shared memory belongs to shm/topics.py"
+        if not relative(path).startswith(WIRE) and {t for t in texts if BIG_ENDIAN.match(t)}:
+            return "big-endian words belong to the wire"
+        structured = [node for node in nodes if isinstance(node, ast.Call)
+                      and getattr(node.func, "attr", "") == "dtype" and node.args
+                      and isinstance(node.args[0], ast.List | ast.Dict)]
+        return "a record's layout belongs to shm/topics.py" if structured else ""
+
+    each_keeps_to(wrong, [path for path in SOURCES if not relative(path).startswith("shm/")])
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=relative)
-def test_only_the_runtime_knows_signals_and_schedulers(path: Path) -> None:
-    name = relative(path)
-    if name == "procs/runtime.py":
-        return
-    used = words_of(path)
-    assert not {w for w in used if w.startswith("sched_") or w == "setproctitle"}
-    if not name.startswith("procs/supervisor/"):
-        assert "signal" not in used
+def test_only_the_runtime_knows_signals_and_schedulers() -> None:
+    def wrong(path: Path) -> set[str]:
+        name, used = relative(path), words_of(path)
+        theirs = {"signal"} if not name.startswith("procs/supervisor/") else set()
+        return {w for w in used if w.startswith("sched_") or w == "setproctitle"} | (used & theirs)
+
+    each_keeps_to(wrong, [path for path in SOURCES if relative(path) != "procs/runtime.py"])
 
 
-@pytest.mark.parametrize("path", [p for p in SOURCES if p.name == "loop.py"], ids=relative)
-def test_a_loop_s_body_fits_a_screen(path: Path) -> None:
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.FunctionDef) and any(isinstance(n, ast.While) for n in ast.walk(node)):
-            assert (node.end_lineno or 0) - node.lineno < 40, f"{node.name} has the loop and is too long"
+def test_a_loop_s_body_fits_a_screen() -> None:
+    def too_long(path: Path) -> list[str]:
+        loops = [node for node in nodes_of(path) if isinstance(node, ast.FunctionDef)
+                 and any(isinstance(n, ast.While) for n in ast.walk(node))]
+        return [node.name for node in loops if (node.end_lineno or 0) - node.lineno >= 40]
+
+    each_keeps_to(too_long, [path for path in SOURCES if path.name == "loop.py"])
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=relative)
-def test_no_process_imports_another(path: Path) -> None:
-    parts = relative(path).split("/")
-    if len(parts) < 3 or parts[0] != "procs" or parts[1] == "lib":
-        return
-    doors = {row.kind for row in PROCS} - {parts[1]}
-    imported = {node.module or "" for node in ast.walk(tree_of(path)) if isinstance(node, ast.ImportFrom)}
-    imported |= {a.name for node in ast.walk(tree_of(path)) if isinstance(node, ast.Import) for a in node.names}
-    assert not {m for m in imported if m.split(".")[:1] == ["procs"] and m.split(".")[1:2] and m.split(".")[1] in doors}
+def test_no_process_imports_another() -> None:
+    def wrong(path: Path) -> set[str]:
+        parts = relative(path).split("/")
+        if len(parts) < 3 or parts[0] != "procs" or parts[1] == "lib":
+            return set()
+        doors = {row.kind for row in PROCS} - {parts[1]}
+        imported = {node.module or "" for node in nodes_of(path) if isinstance(node, ast.ImportFrom)}
+        imported |= {a.name for node in nodes_of(path) if isinstance(node, ast.Import) for a in node.names}
+        return {m for m in imported if m.split(".")[:1] == ["procs"] and m.split(".")[1:2] and m.split(".")[1] in doors}
+
+    each_keeps_to(wrong)
 
 
 IMPORT_QUIETLY = """
@@ -197,6 +218,9 @@ def test_the_two_commands_of_the_readme_exist(command: str) -> None:
     assert command in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=relative)
-def test_no_file_has_outgrown_its_subject(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+def test_no_file_has_outgrown_its_subject() -> None:
+    def outgrown(path: Path) -> int:
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        return lines if lines > 400 else 0
+
+    each_keeps_to(outgrown)

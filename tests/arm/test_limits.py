@@ -23,8 +23,9 @@ class Stream:
 
     def __init__(self) -> None:
         self.rig = Rig(fixed_arm()).homed()
-        move = self.rig.send("move_jp", STRAIGHT)
-        self.rig.until(lambda: "done" in move.outcomes)
+        with self.rig.hurried():
+            move = self.rig.send("move_jp", STRAIGHT)
+            self.rig.until(lambda: "done" in move.outcomes)
         self.rig.run(0.02)
         self.rig.reports.events.clear()
         self.start = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))

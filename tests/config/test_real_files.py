@@ -28,6 +28,7 @@ def site() -> Path:
     return stock.find("dvrk-site/jhu-dVRK/system-PSM1.json")
 
 
+@pytest.mark.slow
 def test_every_file_is_read_without_unknown_keys() -> None:
     share = stock.find("dvrk-share")
     seen = set()

@@ -84,6 +84,7 @@ def test_broken_yaml_names_the_line(text: str, line: int, what: str) -> None:
     assert what in caught.value.what
 
 
+@pytest.mark.slow
 def test_aliases_cannot_explode() -> None:
     bomb = "a0: &a0 [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
         f"a{n}: &a{n} [{','.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9)

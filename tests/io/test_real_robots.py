@@ -25,7 +25,7 @@ def rig_of(name: str) -> Rig:
     ("jhu-dVRK/system-PSM1", "PSM1"),
     pytest.param("jhu-daVinci-Si/system-PSM1", "PSM1", marks=pytest.mark.slow),
     pytest.param("jhu-daVinci-Si/system-ECM", "ECM", marks=pytest.mark.slow),
-    ("jhu-daVinci/system-ECM", "ECM"), ("jhu-dVRK/system-MTML", "MTML"),
+    pytest.param("jhu-daVinci/system-ECM", "ECM", marks=pytest.mark.slow), ("jhu-dVRK/system-MTML", "MTML"),
 ])
 def test_a_robot_of_a_real_site_is_powered_biased_and_held(system: str, robot: str) -> None:
     rig = rig_of(system)

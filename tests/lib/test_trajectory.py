@@ -62,6 +62,7 @@ def test_all_joints_go_straight_and_end_together() -> None:
 coordinates = st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(coordinates, coordinates)
 def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: list[float]) -> None:

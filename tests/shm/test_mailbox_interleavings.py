@@ -144,6 +144,7 @@ def test_every_command_runs_once_and_is_answered(verbs: str, rounds: int, change
     assert mailbox(Real(*changes), verbs, rounds=rounds).explore().states > states
 
 
+@pytest.mark.slow
 def test_a_killed_owner_leaves_nothing_run_twice_or_untold() -> None:
     assert mailbox(Real(), "send1 poll", kill="owner heir").explore().states > 10_000
     assert mailbox(Real(), "send1", kill="owner", begun=2).explore().states > 1_000
@@ -153,6 +154,7 @@ def test_an_heir_that_refuses_tells_so() -> None:
     assert mailbox(Real(), "send1 poll", kill="owner", refuses=True).explore().states > 5_000
 
 
+@pytest.mark.slow
 def test_a_killed_client_leaves_no_half_command() -> None:
     assert mailbox(Real(), "send1", kill="client", second="send1").explore().states > 10_000
 

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import typer.testing
 
 from tests.tools.peeking import STRICT, Peek, build, running
+
+
+@pytest.fixture(scope="session", autouse=True)
+def verbs_are_made_once() -> Iterator[None]:
+    """Typer's runner makes all commands of a program anew for each that is run, which takes longer than most."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", functools.cache(typer.testing._get_command))
+        yield
 
 
 @pytest.fixture(scope="session")
