@@ -24,7 +24,7 @@ class Bench:
 
 BENCHES = {
     "ring": Bench("tools.bench_ring"), "io": Bench("tools.bench_io"), "boards": Bench("tools.bench_boards"),
-    "arm": Bench("tools.bench_arm"), "teleop": Bench("tools.bench_teleop", ("seconds",)),
+    "arm": Bench("tools.bench_arm"), "teleop": Bench("tools.bench_teleop", ("seconds", "sets")),
     "system": Bench("tools.bench_system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
@@ -35,7 +35,7 @@ def bench(
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="teleop, system: so long; 0: the usual.")] = 0.0,
-    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="system: as for up.")] = None,
+    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="teleop, system: like up.")] = None,
     as_json: JsonOption = False,
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.

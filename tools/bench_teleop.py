@@ -1,13 +1,14 @@
 """`trocar bench teleop`: how long it takes from an edge of a master's encoder to the slave's set-point.
 
-The system of `trocar demo` on emulated boards at its default periods, following; the master weighs nothing and nobody
-touches it. At random moments, about twenty a second, its first actuator is put NUDGE_RAD further, or back: its encoder
-runs there within one physics step (1 ms), which the boards' record has with its time. What is looked for is the first
-set-point of the slave that has gone PART of the way that this nudge makes it go, and the edge that is PART of the way
-is where time begins.
+The system of `trocar demo` on emulated boards, but at the usual periods, following; the master weighs nothing and
+nobody touches it. At random moments, about twenty a second, its first actuator is put NUDGE_RAD further, or back: its
+encoder runs there within one physics step (1 ms), which the boards' record has with its time. What is looked for is the
+first set-point of the slave that has gone PART of the way that this nudge makes it go, and the edge that is PART of the
+way is where time begins.
 
-- `master_to_slave_ms`: to the set-point that io has taken: until the write to the slave's boards that carries the
-  controller's answer to it had been sent (`write_ns` of io's record).
+- `master_to_slave_ms`: to the slave's set-point as io has taken it (`PSM1/setpoint_js` shows it): the time is when the
+  boards' reply was in (`recv_ns`), after which io takes set-points.
+- `master_to_write_ms`: until the write to the slave's boards had been sent that carries the answer to it (`write_ns`).
 - `master_to_setpoint_ms`: to the set-point record that the slave's arm process published, by the begin of the cycle
   that made it.
 - `sample_to_write_ms`: the same way of every goal, nudged or not, by stamps only and without the wait for a sample.
@@ -31,12 +32,13 @@ from tools.arms import home, power_off, silent
 from tools.errors import Problem
 from tools.hand import Hand
 from tools.supervising import Background, Request
-from tools.surgeon import Seat
+from tools.surgeon import Seat, Teleop
 from tools.systems import ROOT
 from tools.tracing import Column, Trace
 from tools.watch import arm_document
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
+SETS = ("io.period_s=0.000666667", "arm.period_s=0.000666667")  # the usual ones; the demo's are longer
 SECONDS = 20.0
 NUDGE_RAD = 0.002
 EVERY_S = (0.04, 0.06)
@@ -52,25 +54,36 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 
-def run(seconds: float = SECONDS) -> dict[str, Any]:
+def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-teleop-{os.getpid()}"
-    background = Background(Request(SYSTEM, name, "emulated"), tied=True)
+    background = Background(Request(SYSTEM, name, "emulated", sets=sets), tied=True)
     try:
         background.wait_until_up(silent)
         home(name)
         with Seat(name, "console") as seat:
             found = _measure(name, seat, seconds)
+            problems = [f"it did not follow to the end: {told}" for told in _missing(seat)]
         with contextlib.suppress(Problem):
             power_off(name)
     finally:
         background.stop(silent)
     conditions = {
-        "system": SYSTEM.name, "seconds": seconds, "nudge_rad": NUDGE_RAD, "part": PART,
+        "system": SYSTEM.name, "sets": list(sets), "seconds": seconds, "nudge_rad": NUDGE_RAD, "part": PART,
         "cores": len(psutil.Process().cpu_affinity() or []), "kernel": platform.release(),
         "python": platform.python_version(), "bus": "emulated boards on loopback UDP",
     }
-    return {"bench": "teleop", "figures": found, "conditions": conditions}
+    return {"bench": "teleop", "figures": found, "problems": problems, "conditions": conditions}
+
+
+def show(result: dict[str, Any]) -> None:
+    """For eyes, what is more than figures and conditions."""
+    for problem in result["problems"]:
+        print(f"PROBLEM: {problem}")
+
+
+def _missing(seat: Seat) -> list[str]:
+    return [teleop.told for teleop in seat.teleops if not teleop.is_following]
 
 
 def _measure(system: str, seat: Seat, seconds: float) -> dict[str, Any]:
@@ -88,35 +101,34 @@ def _measure(system: str, seat: Seat, seconds: float) -> dict[str, Any]:
         hand.begin()
         pause(SETTLED_S)
         boards = kept("boards", "state", "board_ns", "position")
-        applied = kept(io, "state", "write_ns", "setpoint_position")
+        applied = kept(io, "state", "recv_ns", "write_ns", "setpoint_position")
         published = kept(slave, "setpoint", "stamp_ns", "position")
         trace = Trace(system, teleop.name, slave, io)
         stack.callback(trace.close)
-        _nudge(hand, seconds, _place(system, at), (boards, applied, published, trace))
-        if not teleop.is_following:
-            raise Problem(f"it did not follow to the end: {teleop.told}")
+        _nudge(hand, teleop, seconds, _place(system, at), (boards, applied, published, trace))
         times, positions = boards.all()
         nudges = edges(times, positions[:, at.start])
-        written, setpoints = applied.all()
+        received, written, setpoints = applied.all()
         stamps, own = published.all()
-        late = reactions(nudges, written, setpoints[:, to]) * 1e-6
+        taken, late = (reactions(nudges, times, setpoints[:, to]) * 1e-6 for times in (received, written))
         early = reactions(nudges, stamps, own[:, : to.stop - to.start]) * 1e-6
         figures = trace.figures()
-    if not len(late):
-        raise Problem("no nudge of the master was seen at the slave; is the machine busy? (trocar logs)")
+    if not (len(taken) and len(late) and len(early)):
+        raise Problem(f"no nudge of the master was seen at the slave: {teleop.told}")
     return {
-        **_percentiles("master_to_slave_ms", late), **_percentiles("master_to_setpoint_ms", early),
+        **_percentiles("master_to_slave_ms", taken), **_percentiles("master_to_write_ms", late),
+        **_percentiles("master_to_setpoint_ms", early),
         "sample_to_write_ms_p50": figures["latency_ms_p50"], "sample_to_write_ms_p99": figures["latency_ms_p99"],
         "nudges": len(nudges), "reactions": len(late),
     }
 
 
-def _nudge(hand: Hand, seconds: float, place: Array, columns: tuple[Any, ...]) -> None:
-    """To and fro about `place`, the actuators of the master, at random moments; what came is taken in now and then."""
+def _nudge(hand: Hand, teleop: Teleop, seconds: float, place: Array, columns: tuple[Any, ...]) -> None:
+    """To and fro about `place`, the actuators of the master, at random moments, as long as the slave follows."""
     chance, further = random.Random(SEED), False
     end = collected = monotonic_ns()
     end += round(seconds * 1e9)
-    while monotonic_ns() < end:
+    while monotonic_ns() < end and teleop.is_following:
         further = not further
         actuators = place.copy()
         actuators[0] += NUDGE_RAD * further

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from procs.lib.document import from_json
 from shm import directory
 from shm.events import ERROR
 from tools.printing import plain
@@ -51,7 +52,7 @@ class Run:
         processes = [self._process(life) for life in now.values()]
         stamps, latency = np.array(self._stamps, dtype=np.int64), np.array(self._latency) * 1e-3
         periods = np.diff(stamps) * 1e-3
-        nominal = self._reader.info.get("rate_hz", 0.0)
+        nominal = 1.0 / from_json(directory.document(self.system)).io(self._io).period_s
         rate = 1e6 / periods.mean() if len(periods) else 0.0
         problems = list(self.errors)
         problems += [f"{life.name}: {life.trouble}" for life in now.values() if life.trouble]
