@@ -35,7 +35,8 @@ def bench(
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="teleop, system: so long; 0: the usual.")] = 0.0,
-    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="teleop, system: like up.")] = None,
+    sets: Annotated[list[str] | None, typer.Option(
+        "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,
     as_json: JsonOption = False,
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.

@@ -14,7 +14,7 @@ from tests.system.robot import Robot, wait_for
 from tools.remote import Remote
 from tools.surgeon import Seat, Seen
 
-pytestmark = [pytest.mark.slow, pytest.mark.soak]  # most of a minute; test_teleop.py has the same without boards
+pytestmark = pytest.mark.slow
 # On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.
 SETS = ("--set", "clock=lockstep", "--set", "arm.period_s=0.002", "--set", "io.period_s=0.001")
 PINCH = 0.75  # rad, more than the 40° that the file asks for
@@ -131,7 +131,7 @@ def test_the_slave_follows_a_hand_and_deaths_end_that(surgeon: Surgeon) -> None:
     wait_for(lambda: not surgeon.teleop.is_following, 20, "the pedal let go of")
     for victim, reason in ((NAME, "align only"), ("console1", "align only"), ("MTML", "pinch or twist")):
         surgeon.press("coag", False)
-        wait_for(lambda: not surgeon.seat.console.value("operator_present"), 20, "nobody there")
+        wait_for(lambda: surgeon.seat.console.value("present_inputs") == 0, 20, "nobody there")
         surgeon.press("coag", True)
         surgeon.waits_for("pinch or twist")
         surgeon.pinch()
