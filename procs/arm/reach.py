@@ -24,7 +24,9 @@ Guard = Callable[[Array, Array], None]
 FURTHEST_TURN: Final = 0.5 * math.pi  # rad; more at once is another way to hold the tip, or another turn of the roll
 QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick as that
 BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a stream, and may be gone to at once
+HELD_UP_NS: Final = 1_000_000_000  # but so long a stream that was held up on its way from a limit goes on there
 FIRST_STEP_NS: Final = 5_000_000
+SAME: Final = 1e-6  # rad or m
 SHORTEST_NS: Final = 1_000
 
 
@@ -35,13 +37,15 @@ class Reach:
         self._control, self._guard = control, guard
         self._served_ns = -BREAK_NS
         self._is_limited = False
+        self._kept: Array = np.zeros(0)  # where that left the joints
 
     def find(self, inverse: Inverse, goal: Array, at: Array) -> tuple[Array, str]:
         """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or ""."""
         passed_ns = self._control.now_ns - self._served_ns
-        begins = passed_ns >= BREAK_NS
+        begins = passed_ns >= BREAK_NS and not (passed_ns < HELD_UP_NS and self._is_left_at(at))
         if begins:
             self._is_limited, passed_ns = False, FIRST_STEP_NS
+        passed_ns = min(passed_ns, BREAK_NS)
         self._served_ns = self._control.now_ns
         found, why = inverse.q, self._unreachable(inverse, goal, at)
         if why:
@@ -55,7 +59,13 @@ class Reach:
         self._is_limited = bool(why) or too_far > 1.0
         if too_far > 1.0:
             found[...] = at + change / too_far
+        if self._is_limited:
+            self._kept = found.copy()
         return found, why or ("on the way back from there" if self._is_limited else "")
+
+    def _is_left_at(self, at: Array) -> bool:
+        """The stream was limited, and nothing else has moved the joints since."""
+        return bool(self._is_limited and len(at) == len(self._kept) and np.abs(at - self._kept).max() <= SAME)
 
     def _most(self, count: int, passed_ns: int) -> Array:
         """How far each joint may go in that time."""

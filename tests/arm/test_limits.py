@@ -149,3 +149,20 @@ def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: l
             break
     assert not made.told, made.told
     assert (made.largest[[0, 1, 3, 4, 5]] <= FURTHEST_TURN).all()
+
+
+def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Stream) -> None:
+    for angle in np.linspace(0.0, 1.2, 300):
+        stream.follow(turn=(angle, 0.0, 0.0))
+    for angle in np.linspace(1.2, 2.4, 20):  # far beyond what the wrist can do
+        stream.follow((0.0, 0.0, -0.03), turn=(angle, 0.0, 0.0))
+    assert stream.told.startswith("at its limit: ")
+    stream.follow()
+    assert stream.told.endswith("on the way back from there")
+    stream.largest[:] = 0.0
+    stream.rig.run(0.05)
+    stream.follow()
+    assert (stream.largest <= V_MAX * 0.0301).all(), stream.largest
+    for _ in range(1500):
+        stream.follow()
+    assert stream.told == "" and stream.place((0.0, 0.0, 0.0)) < 1e-6
