@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 import json
@@ -21,16 +20,14 @@ from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, path_of, segment_name, unlink
 from shm.topics import SETPOINT
 from tests.tools.robot import Played, robot
-from tools import bench_io, cli, demo
+from tools import bench_io, cli
 from tools.echo import _said
 from tools.errors import Problem
-from tools.following import Follower
-from tools.health import Run
 from tools.processes import cells, lives, remarks
-from tools.remote import Remote
+from tools.surgeon import Seen
 from tools.topics import catalogue
 from tools.views import open_topic
-from tools.watch import Watch, arm_document
+from tools.watch import arm_document
 
 APP = cli.build()
 SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
@@ -135,24 +132,15 @@ def test_torn_records_are_told(played: Played) -> None:
 
 
 def test_the_demo_takes_no_torn_record_for_its_arm(played: Played) -> None:
-    played.io.publish(monotonic_ns())
+    seen = Seen(played.name, "PSM1", "arm")
     with pytest.raises(Problem, match=r"PSM1: its state cannot be read: it has shown none"):
-        demo._trace(played.name, monotonic_ns(), 0.0)
+        seen.value("state")
     played.show_arm(state="ENABLED", homed=True)
-    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote, \
-            contextlib.closing(Run(played.name, "IO1")) as watched:
-        assert watch.look()
-        follower = Follower(watch, remote, False)
-        assert "PSM1 ENABLED" in demo._status(watched, watch)
-        assert demo._summary(watched, follower, watch, 0, 1.0)["state"] == "ENABLED"
-        played.show_arm(state="ENABLED", homed=True)
-        played.show_arm(state="ENABLED", homed=True)
-        tear(played)
-        follower.collect()  # the torn one behind the good one is not taken for a fault
-        assert demo._status(watched, watch).startswith("PSM1: its state cannot be read: ")
-        summary = demo._summary(watched, follower, watch, 0, 1.0)
-        assert (summary["state"], summary["is_homed"]) == (None, False)
-        assert "no whole record" in summary["problems"][-1]
+    assert seen.value("state") == "ENABLED"
+    tear(played)
+    with pytest.raises(Problem, match=r"PSM1: its state cannot be read: 1 reads found no whole record"):
+        seen.value("state")
+    seen.ring.close()
 
 
 def test_the_bench_of_io_takes_every_record_once(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
