@@ -26,7 +26,7 @@ BUTTON = np.uint32(1)
 
 
 def braked(**changes) -> Stand:
-    brake = Brake(1, 3, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 0.5, 0.4, 0.25, RELEASED_A, ENGAGED_A)
+    brake = Brake(1, 3, Linear(5242.88, 32768.0), Linear(12.5 / 65536, -6.25), 0.5, 0.4, 0.05, RELEASED_A, ENGAGED_A)
     return Stand(robots=(robot("PSM1", 0, brakes=(brake,), **changes),), period_s=1 / 1024)
 
 
@@ -37,9 +37,9 @@ def working(stand: Stand, grace_over: bool = True) -> Stand:
     stand.ask("tracking_check", 1)
     stand.ask("pot_check", 1)
     stand.send(1, in_effort=True, effort=EFFORT)
-    stand.run_s(0.3)
-    stand.clock.ns += 4_000_000_000 * grace_over
     stand.run_s(0.1)
+    stand.clock.ns += 4_000_000_000 * grace_over
+    stand.run_s(0.05)
     assert stand.codes == [] and stand.record.pid_enabled[0] and stand.record.brakes_released[0]
     assert (stand.record.current_request[:7] == EFFORT / 2).all()
     stand.core.reports.events.clear()
