@@ -62,7 +62,7 @@ def swing(rig: Rig, seconds: float, start: np.ndarray) -> tuple[int, float]:
 
 @pytest.mark.parametrize("rate", [0.01, 0.05, 0.2])
 @pytest.mark.parametrize("seconds", [
-    0.5, pytest.param(5.0, marks=pytest.mark.slow), pytest.param(30.0, marks=pytest.mark.soak)])
+    0.5, pytest.param(5.0, marks=pytest.mark.soak), pytest.param(30.0, marks=pytest.mark.soak)])
 def test_lost_datagrams_neither_stop_the_robot_nor_make_old_samples_new(rig: Rig, rate: float, seconds: float) -> None:
     start = rig.arms["PSM1"].position.copy()
     rig.link.loss = rate

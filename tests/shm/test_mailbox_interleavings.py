@@ -188,10 +188,10 @@ def judge_two(outcome: Outcome) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "states"), [
-    ({"verbs": "send1 send1", "kill": "client", "second": "send1"}, 100_000),
+    pytest.param({"verbs": "send1 send1", "kill": "client", "second": "send1"}, 100_000, marks=pytest.mark.soak),
     ({"verbs": "send1", "kill": "owner client", "second": "send1"}, 100_000),
     ({"verbs": "send1 send1", "kill": "owner heir"}, 100_000),
-    ({"verbs": "send1 send1 send1", "kill": "owner"}, 200_000),
+    pytest.param({"verbs": "send1 send1 send1", "kill": "owner"}, 200_000, marks=pytest.mark.soak),
     pytest.param({"verbs": "send2 send1 send2 poll", "rounds": 2}, 200_000, marks=pytest.mark.soak),
 ])
 def test_commands_and_deaths_go_together(scenario: dict[str, Any], states: int) -> None:
