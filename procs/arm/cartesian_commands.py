@@ -67,6 +67,8 @@ class CartesianCommands:
         """The pose (4, 4) of a command, in the arm's base."""
         if not self._control.cartesian.base_known:
             raise Refused(f"{name}: the arm's base frame is not known")
+        if not self._control.trusts_poses:
+            raise Refused(f"{name}: the arm's tip or base has just become another one; look where it is")
         pose = values[:POSE].copy()
         pose[3:] = unit_quaternion(values[3:POSE], QUATERNION_SLACK)
         return self._control.cartesian.to_local(matrix_from_pose(pose))
@@ -106,7 +108,7 @@ class CartesianCommands:
 
     def _follow(self, name: str, goal: Array, velocity: Array | None = None) -> str:
         control, inverse = self._control, self._inverse(name)
-        joints = control.take_goal()
+        joints, control.posed_ns = control.take_goal(), control.now_ns
         own = joints[: control.joints.count]
         found, why = self._reach.find(inverse, goal, own)
         own[...] = found

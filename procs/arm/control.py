@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 CLIP_EPISODE_NS: Final = 500_000_000
 SAID_NS: Final = 2_000_000_000
+STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
+SEEN_NS: Final = 20_000_000  # who streams goals has seen by then that the tip or the base is another one
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
@@ -53,6 +55,8 @@ class Control:
         self.held = False
         """A successor found the joint controller on, in no state for it: it just holds."""
         self.now_ns = 0
+        self.posed_ns, self._poses_from_ns = -STREAM_NS, 0
+        """When a goal of a stream of poses was last followed."""
         self._moves: dict[str, Request] = {}
         self._clipped_ns = -SAID_NS
         self._said_ns: dict[str, int] = {}
@@ -61,6 +65,7 @@ class Control:
     def use(self, joints: Joints) -> None:
         """Another joint space, at rest where the actuators are kept."""
         kept = self.joints.to_actuator @ self.here if self.driving is not None else None
+        self.mistrust_poses()
         self.joints = joints
         self.io.use(joints)
         self.motion.use(joints)
@@ -70,6 +75,16 @@ class Control:
         self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, Mode.NONE)
         self.goal, self._velocity = np.zeros(joints.size), np.zeros(joints.size)
         self._clipped = np.zeros(joints.size, dtype=np.bool_)
+
+    def mistrust_poses(self) -> None:
+        """The tip or the base is another one: goals of a stream that are on their way were worked out for the old."""
+        if self.now_ns - self.posed_ns < STREAM_NS:
+            self._poses_from_ns = self.now_ns + SEEN_NS
+
+    @property
+    def trusts_poses(self) -> bool:
+        """Goals are for the tip and the base that there are."""
+        return self.now_ns >= self._poses_from_ns
 
     # what is told
 

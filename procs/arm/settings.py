@@ -68,6 +68,7 @@ class Settings:
             raise Refused(f"set_base_frame: {self._base_from} gives the base frame of this arm")
         if request.text:
             control.record.show_frame(request.text)
+        control.mistrust_poses()
         if len(values) == 0:
             control.cartesian.set_base(None)
             return "base frame unknown: only local poses are valid"

@@ -166,3 +166,22 @@ def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Strea
     for _ in range(1500):
         stream.follow()
     assert stream.told == "" and stream.place((0.0, 0.0, 0.0)) < 1e-6
+
+
+def test_goals_for_another_base_frame_are_not_followed_by_the_next(stream: Stream) -> None:
+    for _ in range(5):
+        stream.follow((0.001, 0.0, 0.0))
+    before, rig = stream.joints, stream.rig
+    goal = pose_from_matrix(stream.start)
+    rig.send("set_base_frame", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "table")
+    for _ in range(5):  # whoever streams has not seen it yet
+        late = rig.send("servo_cp", goal)
+        assert late.outcomes == ["refused"] and "has just become another one" in late.replies[0][1]
+    assert stream.joints == pytest.approx(before)
+    rig.run(0.02)
+    goal[0] += 0.02
+    assert rig.send("servo_cp", goal).outcomes == ["done"]
+    rig.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
+    rig.run(0.2)
+    rig.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
+    assert rig.send("servo_cp", pose_from_matrix(stream.start)).outcomes == ["done"]  # nobody streams
