@@ -64,6 +64,7 @@ class Logic:
         self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
         self._again_ns = dict.fromkeys(self._by_name, 0)
+        self._untold: dict[str, float] = {}  # what has become of the clutch, for who could not be told
         self._awaiting = ""  # to be selected as soon as other consoles have let go
 
     # -- what happens --------------------------------------------------------------------------------------------------
@@ -82,7 +83,10 @@ class Logic:
         self.update(0)  # tele-operations are stopped before anything else is told
         if button == CLUTCH:
             for member in self.mine:
-                self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
+                if kind == CLICKED:
+                    self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
+                else:
+                    self._tell_clutch(member.name, PAYLOADS[kind])
             if kind == CLICKED and (chosen := tapped(self.mine, self.selected)):
                 self.select(chosen)
         duration_s, frequency_hz, count = BEEPS.get((button, kind), (0.0, 0.0, 0))
@@ -153,8 +157,9 @@ class Logic:
         """Its process was started again: it is told how things are and runs when presence is shown again."""
         self.asked[teleop] = ""
         self.lapsed.add(teleop)
+        self._untold.pop(teleop, None)
         if self.clutch:
-            self._desk.ask(teleop, "clutch", (PAYLOADS[PRESSED],))
+            self._tell_clutch(teleop, PAYLOADS[PRESSED])
         if self.is_scaled:
             self._desk.ask(teleop, "set_scale", (self.scale,))
 
@@ -199,6 +204,14 @@ class Logic:
         if self._awaiting:
             self.select(self._awaiting)
         self.update(now_ns)
+        for teleop, value in list(self._untold.items()):
+            self._tell_clutch(teleop, value)
+
+    def _tell_clutch(self, teleop: str, value: float) -> None:
+        if self._desk.ask(teleop, "clutch", (value,)):
+            self._untold.pop(teleop, None)
+        else:
+            self._untold[teleop] = value
 
     def _yield(self) -> None:
         """Two consoles selected at once what shares an arm: the one that stands first keeps it."""

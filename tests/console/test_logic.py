@@ -230,3 +230,21 @@ def test_teleop_that_an_error_stopped_is_asked_again_by_a_person_only() -> None:
     assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE]
     logic.enable(True)
     assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ENABLE]
+
+
+@pytest.mark.parametrize("last", [PRESSED, RELEASED])
+def test_a_clutch_that_could_not_be_told_is_told_later(last: int) -> None:
+    logic, desk = console()
+    logic.enable(True)
+    if last == RELEASED:
+        logic.press(CLUTCH, PRESSED)
+    desk.deaf.add(RIGHT.name)
+    logic.press(CLUTCH, last)
+    logic.step(1)
+    desk.deaf.clear()
+    desk.asks.clear()
+    logic.step(2)
+    assert [ask for ask in desk.asks if ask[1] == "clutch"] == [(RIGHT.name, "clutch", (float(last == PRESSED),), "")]
+    desk.asks.clear()
+    logic.step(3)
+    assert not desk.asks
