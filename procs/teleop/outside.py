@@ -38,6 +38,7 @@ class Outsider(Arm):
         self._last = np.zeros(7)
         self._has_last = self._had_gripper = False
         self._last_stamp_ns = self._last_seen_ns = self._steady_ns = 0
+        self._room_m, self._room_rad = STEP_M, STEP_RAD  # left: who is quicker all the time uses them up
 
     def base_of(self, field: Fields) -> Array:
         """Programs do not tell of bases; one that is another is a jump."""
@@ -47,6 +48,11 @@ class Outsider(Arm):
     def is_silent(self) -> bool:
         """Nothing came for too long, or it says that it came from the future."""
         return not abs(self._now_ns - self.stamp_ns) <= SILENT_NS
+
+    @property
+    def has_jaw(self) -> bool:
+        """See Arm."""
+        return super().has_jaw and math.isfinite(self.jaw)
 
     def look(self, now_ns: int) -> None:
         """See Arm."""
@@ -83,9 +89,12 @@ class Outsider(Arm):
         passed_ns = max(self.stamp_ns - self._last_stamp_ns, self._now_ns - self._last_seen_ns)
         passed_s = min(passed_ns, LONGEST_STEP_NS) * 1e-9
         way, turn = math.dist(pose[:3], self._last[:3]), _angle(pose[3:], self._last[3:])
-        if way > FASTEST_M_S * passed_s + STEP_M:
+        room_m, room_rad = self._room_m + FASTEST_M_S * passed_s - way, self._room_rad + FASTEST_RAD_S * passed_s - turn
+        self._room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)
+        self._room_rad = STEP_RAD if room_rad < 0.0 else min(room_rad, STEP_RAD)
+        if room_m < 0.0:
             return f"{self.name} jumped by {way * 1e3:.0f} mm, a hand's way in that time is {FASTEST_M_S:g} m/s"
-        if turn > FASTEST_RAD_S * passed_s + STEP_RAD:
+        if room_rad < 0.0:
             return f"{self.name} jumped by {math.degrees(turn):.0f}°, a hand's turn is {FASTEST_RAD_S:g} rad/s"
         return ""
 

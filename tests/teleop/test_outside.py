@@ -180,3 +180,21 @@ def test_records_that_were_held_up_are_no_jump(stage: Stage) -> None:
     stage.master.shift(0.025, 0.0, 0.0)
     stage.run(0.02)
     assert stage.following, stage.text("reason")
+
+
+def test_a_master_that_creeps_away_in_small_jumps_is_not_followed(stage: Stage) -> None:
+    for _ in range(5):  # 6 m/s, each step within what a coarse device may show
+        stage.master.shift(0.006, 0.0, 0.0)
+        stage.step()
+    assert not stage.following and any("jumped by 6 mm" in text for text in stage.reports.of("error"))
+
+
+def test_a_jaw_that_is_no_number_is_none() -> None:
+    theatre = Theatre(start_gripper_threshold=0.5)
+    slave = theatre.arms["PSM1"] = Program("PSM1")
+    slave.ring.set(has_jaw=True, jaw_setpoint_position=math.nan)
+    theatre.start()
+    theatre.run(0.02)
+    theatre.state_command("enable")
+    theatre.run(0.02)
+    assert theatre.text("state") == "DISABLED" and "PSM1 has no jaw" in theatre.text("reason")
