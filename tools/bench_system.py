@@ -23,6 +23,7 @@ import psutil
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.events import ERROR, WARNING
+from shm.pulse import Pulse
 from shm.ring import RingReader
 from tools.arms import home, power_off
 from tools.errors import Problem
@@ -32,7 +33,7 @@ from tools.processes import lives
 from tools.supervising import Background, Request
 from tools.surgeon import Seat, Seen, Sway, seats
 from tools.systems import ROOT, instances_of_kind
-from tools.watch import arm_names
+from tools.watch import Watch, powered_names
 
 FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
 SECONDS = 60.0
@@ -88,8 +89,10 @@ def _home(system: str) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """The counters of one process at one time."""
+    """The counters of one process: `cycles` at its last beat, `cpu_s` at the time of looking."""
 
+    beat_ns: int
+    look_ns: int
     kind: str
     pid: int
     cycles: int
@@ -130,13 +133,13 @@ def _measure(system: str, taken: list[Seat], seconds: float) -> dict[str, Any]:
             for sway in sways:
                 sway.step(k / MOVES_HZ)
         after, passed_s = marks(system), (monotonic_ns() - begin) * 1e-9
-        rows = [row(name, before[name], after[name], passed_s) for name in after if name in before]
+        rows = [row(name, before[name], after[name]) for name in after if name in before]
         bench = {"name": "bench", "kind": "bench", "cpu_percent": (_cpu_s(os.getpid()) - used) / passed_s * 100.0}
         following = [teleop.name for teleop in chosen if teleop.is_following]
         missing = [teleop.told for teleop in chosen if not teleop.is_following]
         errors = {name: each.count(ERROR) for name, each in told.items()}
         warnings = {name: each.count(WARNING) for name, each in told.items()}
-        homed = [name for name in arm_names(system) if _is_homed(system, name)]
+        homed = [name for name in powered_names(system) if _is_homed(system, name)]
     return {
         "figures": {**figures(rows), "arms": len(homed), "teleops": len(following),
                     "errors": sum(count for count, _ in errors.values()),
@@ -149,17 +152,25 @@ def _measure(system: str, taken: list[Seat], seconds: float) -> dict[str, Any]:
 
 def marks(system: str) -> dict[str, Mark]:
     """Every process of a system as it is now."""
-    return {life.name: Mark(life.kind, life.pid, life.cycles, life.missed, life.overruns, _cpu_s(life.pid),
-                            life.scheduling) for life in lives(system)}
+    found = {}
+    for life in lives(system):
+        pulse = Pulse(system, life.name)
+        beat_ns, cycles = int(pulse.get("heartbeat_ns")), int(pulse.get("cycles"))
+        found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(pulse.get("missed")),
+                                int(pulse.get("overruns")), _cpu_s(life.pid), life.scheduling)
+        pulse.close()
+    return found
 
 
-def row(name: str, before: Mark, after: Mark, passed_s: float) -> dict[str, Any]:
-    """What one process did in a window; one that was started anew meanwhile counts from there."""
+def row(name: str, before: Mark, after: Mark) -> dict[str, Any]:
+    """What one process did in a window; one that was started anew meanwhile counts as if it had then begun."""
     if before.pid != after.pid:
-        before = Mark(after.kind, after.pid, 0, 0, 0, 0.0, after.scheduling)
+        before = Mark(before.beat_ns, before.look_ns, after.kind, after.pid, 0, 0, 0, 0.0, after.scheduling)
+    beats_s, passed_s = (max(1, then - was) * 1e-9 for was, then in
+                         ((before.beat_ns, after.beat_ns), (before.look_ns, after.look_ns)))
     cycles, missed = after.cycles - before.cycles, after.missed - before.missed
     return {
-        "name": name, "kind": after.kind, "rate_hz": cycles / passed_s,
+        "name": name, "kind": after.kind, "rate_hz": cycles / beats_s,
         "missed_percent": missed / max(1, missed + cycles) * 100.0, "missed": missed,
         "overruns": after.overruns - before.overruns, "cpu_percent": (after.cpu_s - before.cpu_s) / passed_s * 100.0,
         "scheduling": after.scheduling,
@@ -197,7 +208,7 @@ def show(result: dict[str, Any]) -> None:
 
 def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
               before: dict[str, Mark], after: dict[str, Mark]) -> list[str]:
-    said = [f"{name} is not homed" for name in arm_names(system) if name not in homed] + missing
+    said = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
     said += [f"{name} told {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
     restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
     return said + [f"{name} was started anew" for name in restarted]
@@ -210,7 +221,8 @@ def _played(system: str, masters: list[str]) -> list[str]:
 
 
 def _is_homed(system: str, name: str) -> bool:
-    return _flag(system, name, "is_homed")
+    with Watch(system, name) as watch:
+        return watch.look() and watch.homed
 
 
 def _flag(system: str, name: str, field: str) -> bool:

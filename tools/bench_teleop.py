@@ -28,9 +28,12 @@ from numpy.typing import NDArray
 
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.events import ERROR
 from tools.arms import home, power_off, silent
+from tools.bench_system import Told
 from tools.errors import Problem
 from tools.hand import Hand
+from tools.processes import lives
 from tools.supervising import Background, Request
 from tools.surgeon import Seat, Teleop
 from tools.systems import ROOT
@@ -62,8 +65,15 @@ def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any
         background.wait_until_up(silent)
         home(name)
         with Seat(name, "console") as seat:
-            found = _measure(name, seat, seconds)
-            problems = [f"it did not follow to the end: {told}" for told in _missing(seat)]
+            told = [Told(name, life.name) for life in lives(name) if life.kind not in ("supervisor", "system")]
+            try:
+                found, problems = _measure(name, seat, seconds), []
+            except Problem as problem:
+                found, problems = {}, [str(problem)]
+            problems += [f"it did not follow to the end: {missing}" for missing in _missing(seat)]
+            for each in told:
+                problems += each.count(ERROR)[1]
+                each.close()
         with contextlib.suppress(Problem):
             power_off(name)
     finally:

@@ -16,24 +16,24 @@ from tools.errors import Misuse
 TELEOP = bench_system.ROOT / "configs/systems/kinematic-teleop.yaml"
 
 
-def mark(pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:
-    return Mark(kind, pid, cycles, missed, 0, cpu_s, "FIFO 80")
+def mark(at_s: float, pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:
+    return Mark(round(at_s * 1e9), round(at_s * 1e9), kind, pid, cycles, missed, 0, cpu_s, "FIFO 80")
 
 
 def test_row_tells_what_happened_in_the_window() -> None:
-    made = row("io", mark(7, 1000, 50, 1.0), mark(7, 1990, 60, 1.5), 1.0)
+    made = row("io", mark(5.0, 7, 1000, 50, 1.0), mark(6.0, 7, 1990, 60, 1.5))
     assert (made["rate_hz"], made["missed_percent"], made["cpu_percent"]) == (990.0, 1.0, 50.0)
 
 
 def test_process_started_anew_counts_from_its_start() -> None:
-    made = row("io", mark(7, 1000, 50, 9.0), mark(8, 100, 0, 0.25), 0.5)
+    made = row("io", mark(5.0, 7, 1000, 50, 9.0), mark(5.5, 8, 100, 0, 0.25))
     assert (made["rate_hz"], made["missed"], made["cpu_percent"]) == (200.0, 0, 50.0)
 
 
 def test_figures_are_those_of_the_worst_io_and_of_all_processes() -> None:
-    rows = [row("IO1", mark(1, 0, 0, 0.0), mark(1, 1500, 0, 0.2), 1.0),
-            row("IO2", mark(2, 0, 0, 0.0), mark(2, 990, 10, 0.2), 1.0),
-            row("PSM1", mark(3, 0, 0, 0.0, "arm"), mark(3, 980, 20, 0.1, "arm"), 1.0)]
+    rows = [row("IO1", mark(0.0, 1, 0, 0, 0.0), mark(1.0, 1, 1500, 0, 0.2)),
+            row("IO2", mark(0.0, 2, 0, 0, 0.0), mark(1.0, 2, 990, 10, 0.2)),
+            row("PSM1", mark(0.0, 3, 0, 0, 0.0, "arm"), mark(1.0, 3, 980, 20, 0.1, "arm"))]
     found = figures(rows)
     assert found["io_rate_hz"] == 990.0 and found["io_missed_percent"] == 1.0
     assert found["cpu_percent_total"] == pytest.approx(50.0) and found["arm_missed_percent"] == 2.0
@@ -56,7 +56,7 @@ def test_short_measurement_has_every_process_and_follows() -> None:
     result = bench_system.run(TELEOP, seconds=1.0)
     rows = {each["name"]: each for each in result["processes"]}
     assert {"io", "MTMR", "PSM1", "MTMR_PSM1", "console", "system", "bench"} <= set(rows)
-    assert result["homed"] == ["MTMR", "PSM1"] and result["figures"]["arms"] == 2
+    assert sorted(result["homed"]) == ["MTMR", "PSM1"] and result["figures"]["arms"] == 2
     assert result["following"] == ["MTMR_PSM1"], result["problems"]
     assert all(rows[name]["cpu_percent"] > 0.0 for name in ("io", "PSM1", "MTMR_PSM1"))
     assert not names_of(f"bench-system-{os.getpid()}")
