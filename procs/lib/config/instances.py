@@ -16,6 +16,7 @@ EXTERNAL: Final = "external"
 EXTERNAL_PERIOD_S: Final = 0.005
 STARTED: Final = frozenset({"teleop", "console", "system"})  # those whose processes exist
 SYSTEM_PERIOD_S: Final = 0.01
+HIGHEST: Final = 98
 
 
 def build_processes(
@@ -75,8 +76,10 @@ def _operators(
                                        priority=options.arm.priority, cpu=options.arm.cpu))
     for console in operation.consoles:
         after = tuple(dict.fromkeys((*console.teleops, *(one.io for one in console.operator_present))))
-        wanted.append(document.Process(console.name, "console", console.period_s, after,
-                                       priority=options.arm.priority, cpu=options.arm.cpu))
+        # Above the arms: it takes little, and an operator who cannot be seen for 30 ms counts as gone.
+        above = min(options.arm.priority + 5, HIGHEST) if options.arm.priority else 0
+        wanted.append(document.Process(console.name, "console", console.period_s, after, priority=above,
+                                       cpu=options.arm.cpu))
     if operation.consoles:
         after = tuple(row.name for row in (*rows, *wanted) if row.kind in ("arm", "suj", "console"))
         wanted.append(document.Process("system", "system", SYSTEM_PERIOD_S, after))
