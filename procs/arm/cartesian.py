@@ -76,13 +76,15 @@ class Cartesian:
     def set_base(self, base: Array | None) -> None:
         """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""
         self.base_known = base is not None
-        self._base_valid[...] = False  # until the next update
+        self._base_valid[...] = False
         self._setpoint_done, self._is_done = b"", False
         if base is not None:
             self.base[...] = base
             self._to_base = inverse(base)
             self._is_identity = bool(np.array_equal(base, np.eye(4)))
             pose_from_matrix(self.base, self._base_pose)
+            if self.valid:
+                self.update()  # no record is without poses that were known before and after
 
     def to_local(self, pose: Array) -> Array:
         """A pose (4, 4) of the reference frame, in the arm's base."""
