@@ -39,7 +39,8 @@ PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
 SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
-SCHED_DEADLINE, SCHED_FLAG_RESET_ON_FORK = 6, 1
+SCHED_DEADLINE = 6
+SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
 SUPERVISOR_CHECK_NS = 100_000_000
 LOCKSTEP_SERVE_NS = 200_000
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
@@ -268,10 +269,9 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
 
 
 def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
-    """SCHED_DEADLINE for a share of each period; False: it may not be had."""
+    """SCHED_DEADLINE for a share of each period, and of what nobody reserved; False: it may not be had."""
     if not SCHED_SETATTR:
         return False
     period_ns = round(period_s * 1e9)
-    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAG_RESET_ON_FORK, 0, 0, round(share * period_ns),
-                             period_ns, period_ns)
+    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns, period_ns)
     return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
