@@ -273,5 +273,6 @@ def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
     if not SCHED_SETATTR:
         return False
     period_ns = round(period_s * 1e9)
-    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns, period_ns)
+    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns,
+                             period_ns)
     return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
