@@ -11,8 +11,10 @@ import numpy as np
 from shm.pulse import Pulse
 
 INTERVAL_NS = 1_000_000_000
-SHORT_SHARE = 0.01  # of the deadlines of a second missed: the machine has not enough for everybody
-SHORT_NS = 10_000_000_000  # so long that counts
+SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has not enough time for everybody
+SHORT_CHECK_NS = 200_000_000
+SHORT_CHECKS = 3  # one after the other: not a pause of the machine, and before Linux stops FIFO processes
+SHORT_NS = 60_000_000_000  # so long that counts
 ROOM = 20_000
 GAIN = 0.05
 FIGURES = ("avg", "std", "min", "max", "p99")
@@ -34,7 +36,7 @@ class Pacing:
         self._count = self._latency_count = 0
         self._start = self._deadline = self._interval_end = 0
         self._missed_count = self._overrun_count = self._cycle_count = 0
-        self._missed_before = self._short_until = 0
+        self._missed_before = self._short_until = self._short_check = self._short_checks = 0
 
     def begin(self, now_ns: int, simulated: bool) -> None:
         """Start the grid: at the next phase point in lock-step, now on the wall clock."""
@@ -94,8 +96,18 @@ class Pacing:
         self._cycle_count += 1
         self._cycles[...] = self._cycle_count
         self._beat[...] = now_ns
+        if now_ns >= self._short_check:
+            self._look_at_missed(now_ns)
         if now_ns >= self._interval_end:
             self._publish(now_ns)
+
+    def _look_at_missed(self, now_ns: int) -> None:
+        much = (self._missed_count - self._missed_before) * self.period_ns > SHORT_SHARE * SHORT_CHECK_NS
+        self._short_checks = self._short_checks + 1 if much else 0
+        if self._short_checks >= SHORT_CHECKS:
+            self._short_until = now_ns + SHORT_NS
+        self._missed_before = self._missed_count
+        self._short_check = now_ns + SHORT_CHECK_NS
 
     def _publish(self, now_ns: int) -> None:
         kept = (("period", self._periods, self._count), ("work", self._work, self._count),
@@ -106,9 +118,6 @@ class Pacing:
             figures = (seconds.mean(), seconds.std(), seconds.min(), seconds.max(), np.partition(seconds, place)[place])
             for cell, figure in zip(self._figures[which], figures, strict=True):
                 cell[...] = figure
-        if self._missed_count - self._missed_before > SHORT_SHARE * self._count:
-            self._short_until = now_ns + SHORT_NS
-        self._missed_before = self._missed_count
         self._interval[...] = self._count
         self._count = self._latency_count = 0
         self._interval_end = now_ns + INTERVAL_NS

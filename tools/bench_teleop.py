@@ -168,7 +168,7 @@ def reactions(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
     for nudge in nudges.tolist():
         first, last = np.searchsorted(stamps, (nudge - QUIET_NS, nudge + LONGEST_NS)).tolist()
         begin = int(np.searchsorted(stamps, nudge))
-        if first == begin or last >= len(stamps) or last <= begin:
+        if first == begin or last >= len(stamps) or last < begin + 2:
             continue
         change = setpoints[begin:last] - setpoints[begin - 1]
         drift = np.abs(setpoints[first:begin] - setpoints[begin - 1]).max(axis=0)

@@ -6,7 +6,8 @@ import os
 
 import pytest
 
-from procs.arm.loop import AT_REST
+from procs.arm.loop import AT_REST, REST_PERIODS, SHORT_PERIODS
+from shm import directory
 from shm.segment import names_of
 from tools import bench_arm
 
@@ -36,3 +37,16 @@ def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
         for _ in range(3 * AT_REST):
             bench.step()
         assert loop.may_rest and bench.arm.state == "ENABLED"
+
+
+def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once() -> None:
+    with bench_arm.Bench("kinematic") as bench:
+        loop = bench._loop
+        told = directory.reader(bench.name, "PSM1", "events")
+        assert [loop.periods(short) for short in (False, True, True)] == [1, SHORT_PERIODS, SHORT_PERIODS]
+        for _ in range(AT_REST + 3):
+            bench.step()
+        assert loop.periods(True) == REST_PERIODS and loop.periods(False) == 1
+        warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"short-of-time"]
+        told.close()
+    assert warnings == ["PSM1: the machine is short of time: every second cycle only"]
