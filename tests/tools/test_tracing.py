@@ -84,4 +84,4 @@ def test_figures_that_are_not_good_are_told() -> None:
     good = {name: most / 2 for name, most in MOST.items()}
     assert too_much(good) == []
     assert too_much({**good, "error_mm_rms": 3.0}) == ["following error (rms) 3.00 mm, allowed 2"]
-    assert too_much({**good, "latency_ms_p99": math.nan}) == ["latency (p99) – ms, allowed 10"]
+    assert too_much({**good, "latency_ms_p99": math.nan}) == ["latency (p99) – ms, allowed 20"]
