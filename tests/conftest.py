@@ -20,6 +20,7 @@ import pytest
 from shm.segment import names_of, segment_name, unlink
 
 ROOT = Path(__file__).resolve().parent.parent
+REAL_TIME = (ROOT / "tests" / "system", ROOT / "tests" / "tools")  # whole robots: nobody else may take their cores
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
 
@@ -36,8 +37,15 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave soaks out unless `-m` speaks of them: `-m "not slow"` takes the place of the settings' `not soak`."""
+    """Say which tests want the machine for themselves, and leave soaks out unless `-m` speaks of them.
+
+    `-m "not slow"` takes the place of the settings' `not soak`.
+    """
+    for item in items:
+        if item.get_closest_marker("slow") and any(item.path.is_relative_to(folder) for folder in REAL_TIME):
+            item.add_marker("alone")
     if "soak" in config.option.markexpr:
         return
     soaks = [item for item in items if item.get_closest_marker("soak")]
