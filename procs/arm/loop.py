@@ -19,6 +19,7 @@ from procs.arm.psm import Psm
 from procs.arm.setup_base import SetupBase, place_of
 from procs.lib.document import Arm, Io
 from procs.lib.faults import fault_of
+from procs.manifest import proc
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
@@ -124,6 +125,11 @@ def setup_base(me: runtime.Me, arm: Arm) -> SetupBase | None:
     return SetupBase(ring, place_of(ring.info, arm.base_setup))
 
 
+def most_periods(period_s: float) -> int:
+    """How many periods an arm may let pass at most, so that it never seems silent."""
+    return max(1, int(0.5 * proc("arm").late_s / period_s))
+
+
 class Loop:
     """One arm with its rings and mailbox; `cycle` is all it does once a period."""
 
@@ -147,6 +153,7 @@ class Loop:
         self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         self._unchanged = 0
         self._events, self._name, self._was_short = me.events, me.name, False
+        self._most_periods = most_periods(me.row.period_s)
 
     @property
     def may_rest(self) -> bool:
@@ -165,7 +172,7 @@ class Loop:
         self._was_short = is_short
         if not is_short:
             return 1
-        return REST_PERIODS if self.may_rest else SHORT_PERIODS
+        return min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the set-points and the arm's state out."""

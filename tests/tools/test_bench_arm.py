@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from procs.arm.loop import AT_REST, REST_PERIODS, SHORT_PERIODS
+from procs.arm.loop import AT_REST, REST_PERIODS, SHORT_PERIODS, most_periods
 from shm import directory
 from shm.segment import names_of
 from tools import bench_arm
@@ -50,3 +50,7 @@ def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once(
         warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"short-of-time"]
         told.close()
     assert warnings == ["PSM1: the machine is short of time: every second cycle only"]
+
+
+def test_an_arm_that_is_slow_by_its_file_is_never_so_slow_that_it_seems_silent() -> None:
+    assert most_periods(1 / 1500) >= REST_PERIODS and most_periods(0.01) == 1 == most_periods(0.02)
