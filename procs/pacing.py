@@ -83,9 +83,9 @@ class Pacing:
             self._deadline += (skipped - 1) * self.period_ns
         return self._deadline
 
-    def early(self) -> None:
-        """The next cycle begins before its deadline, which stays the next one."""
-        self._deadline -= self.period_ns
+    def early(self, now_ns: int) -> None:
+        """The next cycle begins now, before its deadline; the one after it on the next point of the grid."""
+        self._deadline -= -(-(self._deadline - now_ns) // self.period_ns) * self.period_ns
 
     def begin_work(self, now_ns: int) -> None:
         """A cycle begins."""

@@ -171,8 +171,8 @@ class Me:
             while not found and (left := deadline - clock.now_ns()) > 0 and not self._stop:
                 found = self._nap.sleep(news, left)
             clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
-        if clock.now_ns() < deadline:
-            self._pacing.early()
+        if (now := clock.now_ns()) < deadline:
+            self._pacing.early(now)
 
     def _serve_lockstep(self, clock: LockstepClock, deadline: int, serve: Callable[[int], None]) -> None:
         clock.announce(deadline)

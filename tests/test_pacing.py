@@ -178,8 +178,21 @@ def test_a_cycle_that_begins_early_moves_no_deadline(page: Page) -> None:
     pacing.begin(0, simulated=False)
     assert pacing.end_of_work(100) == PERIOD
     for now in (200_000, 400_000, 700_000):
-        pacing.early()
+        pacing.early(now)
         pacing.begin_work(now)
         assert pacing.end_of_work(now + 1000) == PERIOD
     pacing.begin_work(PERIOD)
     assert pacing.end_of_work(PERIOD + 1000) == 2 * PERIOD and page["missed"] == 0
+
+
+@pytest.mark.parametrize(("periods", "slept"), [(1, 0.7), (10, 0.4), (10, 6.0), (10, 9.3)])
+def test_a_cycle_before_its_deadline_misses_nothing_and_keeps_the_grid(page: Page, periods: int, slept: float) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(0, False)
+    pacing.begin_work(0)
+    assert pacing.end_of_work(100, periods) == periods * PERIOD
+    woken = round(slept * PERIOD)
+    pacing.early(woken)
+    pacing.begin_work(woken)
+    following = pacing.end_of_work(woken + 100)
+    assert following % PERIOD == 0 and 0 < following - woken <= PERIOD + 100 and page["missed"] == 0

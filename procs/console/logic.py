@@ -82,7 +82,8 @@ class Logic:
         self._desk.button(button, kind)
         self.update(0)  # tele-operations are stopped before anything else is told
         if button == CLUTCH:
-            for member in self.mine:
+            # those at rest first: what they have a master do that others share must not undo what these want of it
+            for member in sorted(self.mine, key=lambda member: self.asked[member.name] in (ENABLE, ALIGN)):
                 if kind == CLICKED:
                     self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
                 else:

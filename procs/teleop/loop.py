@@ -19,7 +19,7 @@ from shm.ring import RingWriter
 # of a millisecond older, and half of that is what the grid settles on.
 BEHIND_MASTER_NS: Final = 360_000
 
-IDLE_PERIODS: Final = 10  # while DISABLED it looks after commands and the clutch a hundred times a second
+IDLE_PERIODS: Final = 10  # while DISABLED it looks around a hundred times a second, and when it is asked for something
 
 
 def jaw_range(me: runtime.Me, psm: str) -> JawRange:
@@ -66,8 +66,12 @@ def main() -> None:
         mailbox = me.mailbox()
         mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         master = teleop.arms[0]
+
+        def news() -> bool:
+            return mailbox.has_news
+
         me.ready()
-        while me.tick(periods=IDLE_PERIODS if teleop.is_idle else 1):
+        while me.tick(news=news, periods=IDLE_PERIODS) if teleop.is_idle else me.tick():
             teleop.step(me.now_ns, mailbox.drain(me.wall_ns))
             state.publish(me.now_ns)
             if master.whole and master.sets_pace:

@@ -138,6 +138,21 @@ def test_quick_tap_needs_exactly_two() -> None:
     assert tapped((LEFT, THIRD), set()) == "MTML_PSM2"
 
 
+@pytest.mark.parametrize("camera", [False, True])
+def test_of_a_clutch_those_hear_first_that_do_not_run(camera: bool) -> None:
+    logic, desk = console()
+    logic.enable(True)
+    logic.press(OPERATOR, PRESSED)
+    if camera:
+        logic.press(CAMERA, PRESSED)
+    running = {name for name, word in logic.asked.items() if word == ENABLE}
+    for kind in (PRESSED, RELEASED):
+        desk.asks.clear()
+        logic.press(CLUTCH, kind)
+        told = [name for name, command, _, _ in desk.asks if command == "clutch"]
+        assert len(told) == len(ALL) and set(told[-len(running):]) == running
+
+
 def test_clutch_goes_to_every_teleop_selected_or_not() -> None:
     logic, desk = console()
     logic.press(CLUTCH, PRESSED)

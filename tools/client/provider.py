@@ -66,8 +66,14 @@ class Provider:
             stack.callback(events.close)
             self._mailbox = Mailbox(system, name, KIND)
             stack.callback(self._mailbox.close)
+            self._consoles = []
+            for console in [row.name for row in document.consoles if row.is_wired_to(name)]:
+                page = Pulse(system, console, write=True)
+                stack.callback(page.close)
+                self._consoles.append(page.nap())
             self._open = stack.pop_all()
         self._events = Events(events, monotonic_ns)
+        self._untold: list[tuple[str, str, float]] = []  # what became of buttons since the last record
         self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
         self._begin(program or _program(), rate)
@@ -114,6 +120,8 @@ class Provider:
         now = monotonic_ns()
         self._pulse.field("heartbeat_ns")[...] = now
         self._ring.publish(max(now, self._ring.stamp_ns + 1))
+        if self._untold:
+            self._tell_buttons()
 
     def set_state(self, state: str, *, homed: bool = True, busy: bool = False, words: str = "") -> None:
         """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in words of yours."""
@@ -136,12 +144,12 @@ class Provider:
         cells, place = self._fields["input"], self._button(button)
         if bool(cells[place]) != pressed:
             cells[place] = pressed
-            self._tell(button, *PRESSED[pressed])
+            self._untold.append((button, *PRESSED[pressed]))
 
     def click(self, button: str) -> None:
-        """A button was tapped: too short to count as pressed."""
+        """A button was tapped: too short to count as pressed; told with the next record."""
         self._button(button)
-        self._tell(button, *CLICKED)
+        self._untold.append((button, *CLICKED))
 
     def status(self, text: str) -> None:
         """Tell people something."""
@@ -156,8 +164,13 @@ class Provider:
             raise unknown("button", button, self._place.inputs)
         return self._place.inputs.index(button)
 
-    def _tell(self, button: str, kind: str, value: float) -> None:
-        self._events.emit("button", kind, code=kind, component=button, value=value)
+    def _tell_buttons(self) -> None:
+        """Events come after the record, and consoles look at both at once."""
+        for button, kind, value in self._untold:
+            self._events.emit("button", kind, code=kind, component=button, value=value)
+        self._untold.clear()
+        for console in self._consoles:
+            console.rouse()
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():

@@ -168,6 +168,20 @@ def test_buttons_are_levels_and_events(place: Place) -> None:
         assert place.said() == [("button", "clutch", "pressed"), ("button", "camera", "clicked")]
 
 
+def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None:
+    console = Pulse(place.name, "console", write=True)
+    with trocar.provide("MTMR", place.name) as master:
+        for change in (lambda: master.press("operator_present"), lambda: master.click("clutch")):
+            console.field("nap")[...] = 1  # it sleeps
+            master.write(np.eye(4))
+            assert console.get("nap") == 1, "nothing was pressed"
+            change()
+            assert console.get("nap") == 1, "it would see the old record"
+            master.write(np.eye(4))
+            assert console.get("nap") == 0
+    console.close()
+
+
 def test_a_place_is_taken_once(place: Place) -> None:
     with trocar.provide("MTMR", place.name), pytest.raises(TimeoutError, match="MTMR"):
         trocar.provide("MTMR", place.name, timeout=0.0)
