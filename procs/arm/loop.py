@@ -26,6 +26,7 @@ BEHIND_IO_NS = 40_000  # io's record is out by then
 AT_REST = 100  # cycles without a command or a change
 REST_PERIODS = 3
 SHORT_PERIODS = 2
+WARN_EVERY_NS = 60_000_000_000
 RECENT_NS = 200_000_000
 TYPES: dict[str, type[AnyArm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}
 
@@ -152,7 +153,7 @@ class Loop:
         """When io last wrote its boards, ns."""
         self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         self._unchanged = 0
-        self._events, self._name, self._was_short = me.events, me.name, False
+        self._events, self._name, self._warn_ns = me.events, me.name, 0
         self._most_periods = most_periods(me.row.period_s)
 
     @property
@@ -160,18 +161,18 @@ class Loop:
         """A played robot at rest: each cycle is as the one before."""
         return self._unchanged > AT_REST
 
-    def periods(self, is_short: bool) -> int:
+    def periods(self, is_short: bool, now_ns: int) -> int:
         """How many periods the next cycle takes: more than one where the machine is short of time, which is said.
 
         An arm that skips deadlines takes the time of others, and arms that together leave nothing are stopped by Linux
         for 50 ms: half as many cycles, evenly, are better.
         """
-        if is_short and not self._was_short:
-            self._events.warning("short-of-time",
-                                 f"{self._name}: the machine is short of time: every second cycle only")
-        self._was_short = is_short
         if not is_short:
             return 1
+        if now_ns >= self._warn_ns:
+            self._events.warning("short-of-time",
+                                 f"{self._name}: the machine is short of time: every second cycle only")
+            self._warn_ns = now_ns + WARN_EVERY_NS
         return min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
@@ -191,7 +192,7 @@ def main() -> None:
     with runtime.process("arm") as me:
         loop = Loop(me)
         me.ready()
-        while me.tick(periods=loop.periods(me.is_short)):
+        while me.tick(periods=loop.periods(me.is_short, me.now_ns)):
             loop.cycle(me.now_ns, me.wall_ns)
             me.follow(int(loop.written), BEHIND_IO_NS)
 
