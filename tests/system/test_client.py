@@ -212,7 +212,7 @@ def settings(psm: trocar.Psm) -> None:
         psm.use_gravity_compensation()
     before, _ = psm.measured_cp()
     psm.set_base_frame(shifted(np.eye(4), 0.1, 0.2, 0.3), "table")
-    assert psm.reference_frame() == "table"
+    becomes(lambda: psm.reference_frame() == "table")
     becomes(lambda: np.allclose(psm.measured_cp()[0], shifted(before, 0.1, 0.2, 0.3), atol=1e-6))
     psm.set_base_frame(None)
     becomes(lambda: not is_known(psm))
@@ -251,11 +251,11 @@ def test_every_word_of_a_master(robot: Robot, monkeypatch: pytest.MonkeyPatch) -
             mtm.lock_orientation_as_is()
         mtm.body.servo_cf(np.zeros(6))
         mtm.lock_orientation_as_is()
-        assert mtm.orientation_locked()
+        becomes(mtm.orientation_locked)
         mtm.unlock_orientation()
-        assert not mtm.orientation_locked()
+        becomes(lambda: not mtm.orientation_locked())
         mtm.lock_orientation(mtm.measured_cp()[0][:3, :3])
-        assert mtm.orientation_locked()
+        becomes(mtm.orientation_locked)
         mtm.hold()
         with pytest.raises(AttributeError):
             mtm.jaw  # noqa: B018
