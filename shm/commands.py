@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-WAKING: Final = frozenset(("console", "system"))
+WAKING: Final = frozenset(("console", "system", "teleop"))
 """Kinds that sleep between their cycles and are woken by a command; see shm/nap.py."""
 
 

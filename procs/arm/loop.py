@@ -167,13 +167,11 @@ class Loop:
         An arm that skips deadlines takes the time of others, and arms that together leave nothing are stopped by Linux
         for 50 ms: half as many cycles, evenly, are better.
         """
-        if not is_short:
-            return 1
-        if now_ns >= self._warn_ns:
-            self._events.warning("short-of-time",
-                                 f"{self._name}: the machine is short of time: every second cycle only")
+        periods = min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods) if is_short else 1
+        if periods > 1 and now_ns >= self._warn_ns:
+            self._events.warning("short-of-time", f"{self._name}: the machine is short of time: one cycle in {periods}")
             self._warn_ns = now_ns + WARN_EVERY_NS
-        return min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods)
+        return periods
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the set-points and the arm's state out."""

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from tests.system.robot import Robot
-from tools.demo import too_much
 
 pytestmark = pytest.mark.slow
 
@@ -34,6 +33,8 @@ def test_a_real_site_file_starts_on_emulated_boards_and_homes(robot: Robot, data
 def test_the_demo_ends_by_itself_and_says_how_it_went(robot: Robot) -> None:
     said = robot.trocar("demo", "--for", "6", "--json", "--system", robot.name, code=None)
     summary = json.loads(said.splitlines()[-1])
-    if not summary["problems"]:  # a machine with much else to do is told of
-        assert summary["following"] and not too_much(summary)
+    assert summary["homed_after_s"] > 0.0 and summary["supervisor_exit"] == 0
+    if summary["followed_s"] > 1.0:  # a machine with much else to do is told of
+        assert summary["error_mm_rms"] < 2.0 and summary["latency_ms_p50"] > 0.0
+    assert summary["following"] is not any(" is " in problem for problem in summary["problems"])
     assert robot.left_over() == []

@@ -49,7 +49,7 @@ def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once(
         assert loop.periods(True, bench.now_ns) == REST_PERIODS and loop.periods(False, bench.now_ns) == 1
         warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"short-of-time"]
         told.close()
-    assert warnings == ["PSM1: the machine is short of time: every second cycle only"]
+    assert warnings == ["PSM1: the machine is short of time: one cycle in 2"]
 
 
 def test_an_arm_that_is_slow_by_its_file_is_never_so_slow_that_it_seems_silent() -> None:
