@@ -1,10 +1,11 @@
 """Birth, pacing, heartbeat and death of every process, so that a loop file holds none of these words.
 
-    with runtime.process("arm") as me:
-        state, out = me.reads("IO1", "state"), me.writes("state")
-        me.ready()
-        while me.tick():
-            ...
+    class Loop(runtime.Loop):
+        def __init__(self, me): ...
+        def cycle(self, now_ns, wall_ns): ...
+
+    def main():
+        runtime.run("arm", Loop)
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ import platform
 import signal
 import struct
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Protocol, TypeVar
 
 from procs.lib.document import Process, System, from_json
 from procs.manifest import proc
@@ -46,6 +49,16 @@ LOCKSTEP_SERVE_NS = 200_000
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
 MOST_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
+
+
+class Closing(Protocol):
+    """What is closed when it is given back."""
+
+    def close(self) -> None:
+        """Give it back."""
+
+
+Part = TypeVar("Part", bound=Closing)
 
 
 class Me:
@@ -74,27 +87,42 @@ class Me:
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
         self._check_at = 0
         self._stop = ""
+        self._held = contextlib.ExitStack()
+        self._mailbox: Mailbox | None = None
         self.now_ns = self.clock.now_ns()
 
+    # what a loop takes, until `give_back`
+
     def reads(self, instance: str, topic: str) -> RingReader:
-        """Attach to a ring of another instance."""
-        return directory.reader(self.system, instance, topic, self.document.process(instance).kind)
+        """Attach to a ring of another instance, or of the supervisor."""
+        kind = instance if instance == "supervisor" else self.document.process(instance).kind
+        return self._hold(directory.reader(self.system, instance, topic, kind))
 
     def writes(self, topic: str) -> RingWriter:
         """Claim one of our own rings."""
-        return directory.writer(self.system, self.name, topic, self.kind)
+        return self._hold(directory.writer(self.system, self.name, topic, self.kind))
 
     def mailbox(self) -> Mailbox:
-        """Our own mailbox."""
-        return Mailbox(self.system, self.name, self.kind)
+        """Our own mailbox; what waits in it when the loop begins is refused."""
+        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind))
+        return self._mailbox
 
     def commands(self, instance: str) -> LoopClient:
         """A place in the mailbox of another instance."""
-        return LoopClient(self.system, instance)
+        return self._hold(LoopClient(self.system, instance))
 
     def rouses(self, instance: str) -> Nap:
         """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""
-        return Pulse(self.system, instance, write=True).nap()
+        return self._hold(Pulse(self.system, instance, write=True)).nap()
+
+    def _hold(self, part: Part) -> Part:
+        self._held.callback(part.close)
+        return part
+
+    def give_back(self) -> None:
+        """Close all that the loop has taken."""
+        self._mailbox = None
+        self._held.close()
 
     @property
     def stop_reason(self) -> str:
@@ -112,6 +140,8 @@ class Me:
 
     def ready(self) -> None:
         """Set-up has succeeded; whoever waits at the barrier goes on."""
+        if self._mailbox is not None:  # nobody acts on what a predecessor was told
+            self._mailbox.refuse_waiting(f"{self.name} has just started; ask again")
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -188,10 +218,40 @@ class Me:
         return bool(self._stop)
 
     def close(self) -> None:
-        """Give everything back."""
+        """The end of this process."""
         gc.unfreeze()  # or extension modules see their objects leak at exit
         gc.enable()
         self.pulse.close()
+
+
+class Loop(ABC):
+    """What a process does: made when it begins, then `wait` and `cycle` by turns, closed at the end on every path."""
+
+    def __init__(self, me: Me) -> None:
+        """Take rings and mailboxes by `me`, which gives them back after `close`."""
+        self.me = me
+
+    def wait(self) -> bool:
+        """End this cycle, wait for the next one; False when the process must end."""
+        return self.me.tick()
+
+    @abstractmethod
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """Receive, decide, act, publish; `wall_ns` is `Me.wall_ns`."""
+
+    def close(self) -> None:  # noqa: B027  # most have nothing
+        """Leave things in order, and give back what was not taken by `me`."""
+
+
+def run(kind: str, make: Callable[[Me], Loop]) -> None:
+    """The life of one process."""
+    with process(kind) as me, contextlib.ExitStack() as held:
+        held.callback(me.give_back)
+        loop = make(me)
+        held.callback(loop.close)
+        me.ready()
+        while loop.wait():
+            loop.cycle(me.now_ns, me.wall_ns)
 
 
 @contextlib.contextmanager

@@ -131,10 +131,11 @@ def most_periods(period_s: float) -> int:
     return max(1, int(0.5 * proc("arm").late_s / period_s))
 
 
-class Loop:
+class Loop(runtime.Loop):
     """One arm with its rings and mailbox; `cycle` is all it does once a period."""
 
     def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
         arm = me.document.arm(me.name)
         if arm.type not in TYPES:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(TYPES)} are")
@@ -151,7 +152,6 @@ class Loop:
             reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader)))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
-        self._mailbox.refuse_waiting(f"{me.name} has just started; ask again")
         self._unchanged = 0
         self._events, self._name, self._warn_ns = me.events, me.name, 0
         self._most_periods = most_periods(me.row.period_s)
@@ -173,6 +173,10 @@ class Loop:
             self._warn_ns = now_ns + WARN_EVERY_NS
         return periods
 
+    def wait(self) -> bool:
+        """See runtime.Loop."""
+        return self.me.tick(periods=self.periods(self.me.is_short, self.me.now_ns))
+
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the set-points and the arm's state out."""
         io = self._io
@@ -183,16 +187,12 @@ class Loop:
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)
+        self.me.follow(int(self.written), BEHIND_IO_NS)
 
 
 def main() -> None:
     """Run one arm until asked to stop; its robot is then held by io."""
-    with runtime.process("arm") as me:
-        loop = Loop(me)
-        me.ready()
-        while me.tick(periods=loop.periods(me.is_short, me.now_ns)):
-            loop.cycle(me.now_ns, me.wall_ns)
-            me.follow(int(loop.written), BEHIND_IO_NS)
+    runtime.run("arm", Loop)
 
 
 if __name__ == "__main__":

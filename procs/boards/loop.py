@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 import numpy.typing as npt
 
@@ -61,33 +59,48 @@ class Publisher:
         np.subtract(epoch, ns, field)
 
 
-def main() -> None:
-    """Serve until told to stop."""
-    with runtime.process("boards") as me, contextlib.ExitStack() as stack:
+class Loop(runtime.Loop):
+    """All emulated boards with their robots."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
         system, emulation = me.document.emulated(), me.document.emulation
         if emulation is None:
             raise ValueError("this system has no emulated boards")
         plant = Plant(system)
-        world = Emulation(system, plant, me.clock.now_ns())
+        self._world = world = Emulation(system, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        orders = Orders.of(system, world, plant)
-        mailbox = me.mailbox()
-        endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
-                              world.board_at)
-        stack.callback(endpoints.close)
+        self._orders, self._mailbox = Orders.of(system, world, plant), me.mailbox()
+        self._endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
+                                    world.board_at)
+        self._skipped = 0
         publisher.publish()
-        skipped = 0
-        me.ready()
-        while me.tick(endpoints.serve):
-            world.advance(me.now_ns)
-            me.follow(world.board_ns, BEHIND_STEP_NS)
-            for command in mailbox.drain(me.wall_ns):
-                orders.carry_out(command)
-            if world.skipped_steps != skipped:
-                me.events.warning("BOARDS_LATE", f"stopped for {world.skipped_steps - skipped} physics steps; "
-                                  "the robots stood still meanwhile", value=world.skipped_steps - skipped)
-                skipped = world.skipped_steps
+
+    def wait(self) -> bool:
+        """See runtime.Loop."""
+        return self.me.tick(self._endpoints.serve)
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        world = self._world
+        world.advance(now_ns)
+        self.me.follow(world.board_ns, BEHIND_STEP_NS)
+        for command in self._mailbox.drain(wall_ns):
+            self._orders.carry_out(command)
+        if world.skipped_steps != self._skipped:
+            steps, self._skipped = world.skipped_steps - self._skipped, world.skipped_steps
+            self.me.events.warning("BOARDS_LATE", f"stopped for {steps} physics steps; the robots stood still "
+                                   "meanwhile", value=steps)
+
+    def close(self) -> None:
+        """See runtime.Loop."""
+        self._endpoints.close()
+
+
+def main() -> None:
+    """Serve until told to stop."""
+    runtime.run("boards", Loop)
 
 
 if __name__ == "__main__":

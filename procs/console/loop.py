@@ -21,33 +21,53 @@ def first_scale(system: System, console: str) -> float:
     return next((row.scale for row in sorted(rows, key=lambda row: not isinstance(row, TeleopPsm))), 0.2)
 
 
-def main() -> None:
-    """Run one console until asked to stop; its tele-operations then stop following by themselves."""
-    with runtime.process("console") as me:
+class Loop(runtime.Loop):
+    """One console with its rings and mailboxes."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
         row, members = me.document.console(me.name), members_of(me.document)
-        state = me.writes("state")
-        desk = Mailboxes(me, members)
-        logic = Logic(me.name, members, desk, first_scale(me.document, me.name))
+        self._state = me.writes("state")
+        self._desk = Mailboxes(me, members)
+        self._logic = logic = Logic(me.name, members, self._desk, first_scale(me.document, me.name))
         began_anew = go_on(me.reads(me.name, "state"), logic)
         warn = partial(me.events.warning, "head-sensor", component=me.name)
-        head = Goovis(row.head, warn) if row.head is not None else None
-        inputs = Inputs(row, me.document, me.reads, head, began_anew=began_anew)
+        self._head = Goovis(row.head, warn) if row.head is not None else None
+        self._inputs = Inputs(row, me.document, me.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:
             me.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
-        record, commands = Record(state.field, row, logic), Commands(logic)
-        mailbox = me.mailbox()
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-        me.ready()
-        while me.tick(news=lambda: inputs.has_news or mailbox.has_news):
-            for button, kind in inputs.poll(me.now_ns):
-                logic.press(button, kind)
-            if not inputs.valid:
-                logic.lost_sight()
-            desk.listen(logic, me.now_ns)
-            commands.execute(mailbox.drain(me.wall_ns), me.now_ns)
-            logic.step(me.now_ns)
-            record.fill(inputs)
-            state.publish(me.now_ns)
+        self._record, self._commands = Record(self._state.field, row, logic), Commands(logic)
+        self._mailbox = me.mailbox()
+
+    def wait(self) -> bool:
+        """See runtime.Loop."""
+        return self.me.tick(news=self._has_news)
+
+    def _has_news(self) -> bool:
+        return self._inputs.has_news or self._mailbox.has_news
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        logic, inputs = self._logic, self._inputs
+        for button, kind in inputs.poll(now_ns):
+            logic.press(button, kind)
+        if not inputs.valid:
+            logic.lost_sight()
+        self._desk.listen(logic, now_ns)
+        self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
+        logic.step(now_ns)
+        self._record.fill(inputs)
+        self._state.publish(now_ns)
+
+    def close(self) -> None:
+        """See runtime.Loop."""
+        if self._head is not None:
+            self._head.close()
+
+
+def main() -> None:
+    """Run one console until asked to stop; its tele-operations then stop following by themselves."""
+    runtime.run("console", Loop)
 
 
 if __name__ == "__main__":

@@ -68,23 +68,35 @@ def carry_out(request: Request, lens: Lens, now_ns: int) -> None:
     request.refuse(f"{request.name}: {reason}") if reason else request.done()
 
 
+class Loop(runtime.Loop):
+    """One endoscope's focus."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
+        self._wires = Wires(me, me.document.focus_of(me.name))
+        self._lens, self._state, self._mailbox = Lens(self._wires), me.writes("state"), me.mailbox()
+        field = self._state.field
+        self._valid, self._locked, self._focusing = field("valid"), field("locked"), field("focusing")
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        lens, wires = self._lens, self._wires
+        for request in self._mailbox.drain(wall_ns):
+            carry_out(request, lens, now_ns)
+        pins = wires.pins()
+        lens.step(now_ns, wires.pedals(), pins)
+        self._valid[...], self._locked[...], self._focusing[...] = pins is not None, lens.locked, lens.focusing
+        self._state.publish(now_ns)
+
+    def close(self) -> None:
+        """The lens rests."""
+        for way in (IN, OUT):
+            self._wires.write(way, True)
+
+
 def main() -> None:
     """Run until asked to stop; the lens then rests."""
-    with runtime.process("focus") as me:
-        wires = Wires(me, me.document.focus_of(me.name))
-        lens, state, mailbox = Lens(wires), me.writes("state"), me.mailbox()
-        valid, locked, focusing = (state.field(name) for name in ("valid", "locked", "focusing"))
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-        me.ready()
-        while me.tick():
-            for request in mailbox.drain(me.wall_ns):
-                carry_out(request, lens, me.now_ns)
-            pins = wires.pins()
-            lens.step(me.now_ns, wires.pedals(), pins)
-            valid[...], locked[...], focusing[...] = pins is not None, lens.locked, lens.focusing
-            state.publish(me.now_ns)
-        for way in (IN, OUT):
-            wires.write(way, True)
+    runtime.run("focus", Loop)
 
 
 if __name__ == "__main__":

@@ -39,47 +39,58 @@ class RingSource:
         return self._ring.stamp_ns
 
 
-def main() -> None:
-    """Run until asked to stop; outputs are zero on every path out."""
-    with runtime.process("io") as me, contextlib.ExitStack() as held:
+class Loop(runtime.Loop):
+    """One bus: its port, its robots, who sends them set-points, and who is told."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
         io = me.document.io(me.name)
         robots = Robots(io)
-        port = _port(me, io, robots, held) if io.port else None
-        out, mailbox = me.writes("state"), me.mailbox()
-        consoles = [me.rouses(row.name) for row in me.document.processes
-                    if row.kind == "console" and me.document.console(row.name).is_wired_to(me.name)]
-        others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
+        self._held = contextlib.ExitStack()
+        self._port = port = self._take_port(io, robots) if io.port else None
+        self._out, self._mailbox = me.writes("state"), me.mailbox()
+        self._consoles = [me.rouses(row.name) for row in me.document.processes
+                          if row.kind == "console" and me.document.console(row.name).is_wired_to(me.name)]
+        self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
-        now_ns, record, gains = me.clock.now_ns, Record(out.field), others["gains"].field
-        core: RobotIo | KinematicIo
+        now_ns, record, gains = me.clock.now_ns, Record(self._out.field), self._others["gains"].field
+        self._core: RobotIo | KinematicIo
         if port is None:
-            core = KinematicIo(io, now_ns, record, sources, gains=gains)
+            self._core = KinematicIo(io, now_ns, record, sources, gains=gains)
         else:
-            core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                           instruments=others["instruments"].field)
-        try:
-            mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-            me.ready()
-            while me.tick():
-                core.cycle(mailbox.drain(me.wall_ns))
-                out.publish(core.stamp_ns)
-                if port is not None and core.good:
-                    me.latency(port.send_ns - port.recv_ns)
-                while core.reports.changed:
-                    others[core.reports.changed.pop()].publish(core.stamp_ns)
-                if core.reports.events:
-                    _tell(me, core.reports.events, consoles)
-        finally:
-            core.farewell()
+            self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
+                                 instruments=self._others["instruments"].field)
+
+    def _take_port(self, io: Io, robots: Robots) -> BusPort:
+        """The port of this io, ours alone."""
+        me = self.me
+        port = port_of(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
+                       first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
+        self._held.enter_context(owner.hold(io.port))
+        self._held.callback(port.close)
+        return port
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        core, port = self._core, self._port
+        core.cycle(self._mailbox.drain(wall_ns))
+        self._out.publish(core.stamp_ns)
+        if port is not None and core.good:
+            self.me.latency(port.send_ns - port.recv_ns)
+        while core.reports.changed:
+            self._others[core.reports.changed.pop()].publish(core.stamp_ns)
+        if core.reports.events:
+            _tell(self.me, core.reports.events, self._consoles)
+
+    def close(self) -> None:
+        """All outputs zero, then the port is given back."""
+        with self._held:
+            self._core.farewell()
 
 
-def _port(me: runtime.Me, io: Io, robots: Robots, held: contextlib.ExitStack) -> BusPort:
-    """The port of this io, ours alone; given back with `held`."""
-    port = port_of(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
-                   first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
-    held.enter_context(owner.hold(io.port))
-    held.callback(port.close)
-    return port
+def main() -> None:
+    """Run until asked to stop; outputs are zero on every path out."""
+    runtime.run("io", Loop)
 
 
 def _tell(me: runtime.Me, events: list[Event], consoles: list[Nap]) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,8 @@ from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
-from procs.suj.setups import Fields, Setups
-from procs.suj.si import EmulatedBoards, Si
+from procs.suj.setups import Setups
+from procs.suj.si import EmulatedBoards, Link, Si
 from shm.client import LoopClient
 
 BEHIND_IO_NS: Final = 120_000
@@ -79,39 +78,53 @@ def fault_text(number: int) -> str:
     return f"{fault.text}; {fault.hint}" if fault is not None else f"io reports fault {number}"
 
 
+class Loop(runtime.Loop):
+    """One patient cart with its rings and mailboxes."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
+        cart = me.document.cart(me.name)
+        self._state, self._setpoint = me.writes("state"), me.writes("setpoint")
+        self._orders: IoMailbox | None = None
+        self._link: Link | None = None
+        self._written: NDArray[Any] | None = None
+        field, setups = self._state.field, Setups(cart, self._state.field)
+        source: Classic | Si | None = None
+        if cart.kind == CLASSIC and cart.io:
+            self._orders = IoMailbox(me.commands(cart.io), me)
+            board = InterfaceBoard(me.document.io(cart.io), cart.robot, me.reads(cart.io, "state"), self._orders)
+            self._written = board.write_ns
+            source = Classic(cart, setups, board, me.events, field, self._setpoint.field, fault_text)
+        elif cart.kind == SI and cart.simulation != "KINEMATIC":
+            self._link = link_of(cart)
+            source = Si(cart, setups, self._link, me.events, field, clutches(me, cart))
+        self._joints = SetupJoints(cart, field, setups, source, me.events, tips(me, cart))
+        self._mailbox = me.mailbox()
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        self._joints.step(now_ns, self._mailbox.drain(wall_ns))
+        self._state.publish(now_ns)
+        if self._orders is not None and self._written is not None:
+            self._setpoint.publish(now_ns)
+            self._orders.poll()
+            self.me.follow(int(self._written), BEHIND_IO_NS)
+
+    def close(self) -> None:
+        """See runtime.Loop."""
+        if self._link is not None:
+            self._link.close()
+
+
+def link_of(cart: Cart) -> Link:
+    """The potentiometer boards of an Si cart, real or played."""
+    return EmulatedBoards(cart) if cart.emulated else BluetoothBoards(
+        [cart.base_board, *(arm.board for arm in cart.arms)])
+
+
 def main() -> None:
     """Run one patient cart until asked to stop; its brakes then hold."""
-    with runtime.process("suj") as me, contextlib.ExitStack() as held:
-        cart = me.document.cart(me.name)
-        state, setpoint = me.writes("state"), me.writes("setpoint")
-        setups = Setups(cart, state.field)
-        source: Classic | Si | None = None
-        board = orders = None
-        if cart.kind == CLASSIC and cart.io:
-            orders = IoMailbox(me.commands(cart.io), me)
-            board = InterfaceBoard(me.document.io(cart.io), cart.robot, me.reads(cart.io, "state"), orders)
-            source = Classic(cart, setups, board, me.events, state.field, setpoint.field, fault_text)
-        elif cart.kind == SI and cart.simulation != "KINEMATIC":
-            source = si(me, cart, setups, state.field, held)
-        joints = SetupJoints(cart, state.field, setups, source, me.events, tips(me, cart))
-        mailbox = me.mailbox()
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-        me.ready()
-        while me.tick():
-            joints.step(me.now_ns, mailbox.drain(me.wall_ns))
-            state.publish(me.now_ns)
-            if board is not None and orders is not None:
-                setpoint.publish(me.now_ns)
-                orders.poll()
-                me.follow(int(board.write_ns), BEHIND_IO_NS)
-
-
-def si(me: runtime.Me, cart: Cart, setups: Setups, field: Fields, held: contextlib.ExitStack) -> Si:
-    """The potentiometer boards of an Si cart, real or played."""
-    addresses = [cart.base_board, *(arm.board for arm in cart.arms)]
-    link = EmulatedBoards(cart) if cart.emulated else BluetoothBoards(addresses)
-    held.callback(link.close)
-    return Si(cart, setups, link, me.events, field, clutches(me, cart))
+    runtime.run("suj", Loop)
 
 
 if __name__ == "__main__":

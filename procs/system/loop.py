@@ -2,53 +2,67 @@
 
 from __future__ import annotations
 
-import contextlib
-
 from procs import runtime
 from procs.system.arms import arms_of
 from procs.system.centre import Centre, Source
 from procs.system.commands import Commands
 from procs.system.record import Record
 from procs.system.sound import Sound
-from shm import directory
 from shm.clock import monotonic_ns
 
 
 def sources(me: runtime.Me) -> list[Source]:
     """The events of all others, the supervisor's too, from now on."""
     found = []
-    for name, kind in (("supervisor", "supervisor"), *((row.name, row.kind) for row in me.document.processes)):
+    for name in ("supervisor", *(row.name for row in me.document.processes)):
         if name != me.name:
-            ring = directory.reader(me.system, name, "events", kind)
+            ring = me.reads(name, "events")
             ring.newest()
             found.append(Source(name, ring))
     return found
 
 
+class Loop(runtime.Loop):
+    """The whole system, as one process sees it."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
+        self._state, self._arms, self._sound = me.writes("state"), arms_of(me), Sound()
+        consoles = [me.commands(row.name) for row in me.document.processes if row.kind == "console"]
+        self._commands = Commands(self._arms, consoles, me.events, self._sound, me.document.audio_volume)
+        self._centre = Centre(sources(me), me.events, self._commands.beep)
+        self._record = Record(self._state.field, self._arms, me.events, self._sound,
+                              calibration_mode=any(io.calibration_mode for io in me.document.ios))
+        if self._sound.lacks:
+            me.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", me.name)
+        self._mailbox = me.mailbox()
+
+    def wait(self) -> bool:
+        """See runtime.Loop."""
+        return self.me.tick(news=self._has_news)
+
+    def _has_news(self) -> bool:
+        return self._mailbox.has_news
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        for arm in self._arms:
+            arm.look(now_ns)
+        self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
+        self._centre.step(now_ns)
+        if trouble := self._sound.step(monotonic_ns()):
+            self.me.events.warning("sound", trouble, self.me.name)
+        self._record.fill(self._commands, self._centre)
+        self._state.publish(now_ns)
+
+    def close(self) -> None:
+        """End what is heard."""
+        self._sound.close()
+
+
 def main() -> None:
     """Run until asked to stop; arms stay as they are."""
-    with runtime.process("system") as me, contextlib.ExitStack() as held:
-        state, arms, sound = me.writes("state"), arms_of(me), Sound()
-        held.callback(sound.close)
-        consoles = [me.commands(row.name) for row in me.document.processes if row.kind == "console"]
-        commands = Commands(arms, consoles, me.events, sound, me.document.audio_volume)
-        centre = Centre(sources(me), me.events, commands.beep)
-        record = Record(state.field, arms, me.events, sound,
-                        calibration_mode=any(io.calibration_mode for io in me.document.ios))
-        if sound.lacks:
-            me.events.status(f"system: {sound.lacks}; it is silent where these are missing", me.name)
-        mailbox = me.mailbox()
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-        me.ready()
-        while me.tick(news=lambda: mailbox.has_news):
-            for arm in arms:
-                arm.look(me.now_ns)
-            commands.execute(mailbox.drain(me.wall_ns), me.now_ns)
-            centre.step(me.now_ns)
-            if trouble := sound.step(monotonic_ns()):
-                me.events.warning("sound", trouble, me.name)
-            record.fill(commands, centre)
-            state.publish(me.now_ns)
+    runtime.run("system", Loop)
 
 
 if __name__ == "__main__":

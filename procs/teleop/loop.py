@@ -58,27 +58,41 @@ def build(me: runtime.Me, record: RingWriter) -> Teleop:
     return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events)
 
 
+class Loop(runtime.Loop):
+    """One tele-operation with its rings and mailbox."""
+
+    def __init__(self, me: runtime.Me) -> None:
+        super().__init__(me)
+        self._state = me.writes("state")
+        self.teleop = build(me, self._state)
+        self._master = self.teleop.arms[0]
+        self._mailbox = me.mailbox()
+
+    def wait(self) -> bool:
+        """See runtime.Loop."""
+        return self.me.tick(news=self._has_news, periods=IDLE_PERIODS) if self.teleop.is_idle else self.me.tick()
+
+    def _has_news(self) -> bool:
+        return self._mailbox.has_news
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        """See runtime.Loop."""
+        self.teleop.step(now_ns, self._mailbox.drain(wall_ns))
+        self._state.publish(now_ns)
+        me, master = self.me, self._master
+        if master.whole and master.sets_pace:
+            me.follow(master.stamp_ns, BEHIND_MASTER_NS)
+            if self.teleop.following:
+                me.latency(me.clock.now_ns() - master.stamp_ns)
+
+    def close(self) -> None:
+        """As if it were disabled."""
+        self.teleop.leave(self.me.now_ns)
+
+
 def main() -> None:
     """Run one tele-operation until asked to stop; its slave then holds."""
-    with runtime.process("teleop") as me:
-        state = me.writes("state")
-        teleop = build(me, state)
-        mailbox = me.mailbox()
-        mailbox.refuse_waiting(f"{me.name} has just started; ask again")
-        master = teleop.arms[0]
-
-        def news() -> bool:
-            return mailbox.has_news
-
-        me.ready()
-        while me.tick(news=news, periods=IDLE_PERIODS) if teleop.is_idle else me.tick():
-            teleop.step(me.now_ns, mailbox.drain(me.wall_ns))
-            state.publish(me.now_ns)
-            if master.whole and master.sets_pace:
-                me.follow(master.stamp_ns, BEHIND_MASTER_NS)
-                if teleop.following:
-                    me.latency(me.clock.now_ns() - master.stamp_ns)
-        teleop.leave(me.now_ns)
+    runtime.run("teleop", Loop)
 
 
 if __name__ == "__main__":
