@@ -13,6 +13,7 @@ import typer
 
 from procs.lib.config import Checked, check_file
 from procs.lib.config.problem import Problem
+from procs.lib.config.source import unreadable
 from procs.lib.convert import LOST, Converted, convert_file, to_json
 from tools.errors import Misuse
 from tools.options import JsonOption
@@ -68,9 +69,12 @@ def convert(
 
 def _converted(file: Path, to: Path | None, force: bool) -> Result:
     try:
-        data = file.read_bytes()
+        wrong = unreadable(file)
+        data = b"" if wrong else file.read_bytes()
     except OSError as bad:
-        problem = Problem(str(file), 0, "", "", f"cannot be read: {bad.strerror or bad}")
+        wrong = f"cannot be read: {bad.strerror or bad}", ""
+    if wrong:
+        problem = Problem(str(file), 0, "", "", *wrong)
         return Result(file, Converted("unknown", (), (), (problem,)), [], [problem], [])
     converted = convert_file(str(file), data)
     result = Result(file, converted, [], list(converted.problems), [])

@@ -20,7 +20,7 @@ class Gain:
     key: str
     field: str
     low: float = 0.0
-    high: float = math.inf
+    high: float = 1e6  # far above what any arm has, far below what overflows in a computation
     above: bool = False  # `low` itself is not allowed
     switch: bool = False  # 1 or 0
     stiff: bool = False  # too much of it shakes or throws the arm
@@ -32,9 +32,7 @@ class Gain:
         low, high, inside = self.low, self.high, math.isfinite(value) and self.low <= value <= self.high
         if inside and not (self.above and value == low):
             return ""
-        if low == -math.inf:
-            return "any finite number"
-        return f"{'above' if self.above else 'from'} {low:g}" + (f" up to {high:g}" if high < math.inf else "")
+        return f"{'above' if self.above else 'from'} {low:g} up to {high:g}"
 
 
 GAINS: Final = (
@@ -45,8 +43,8 @@ GAINS: Final = (
     Gain("p_deadband_outer", "p_deadband_outer"),
     Gain("i_forget_rate", "i_forget_rate", high=1.0),
     Gain("i_limit", "i_limit"),
-    Gain("offset", "offset", low=-math.inf),
-    Gain("pid_max_output", "pid_max_output", low=-math.inf),
+    Gain("offset", "offset", low=-1e6),
+    Gain("pid_max_output", "pid_max_output", low=-1e6),
     Gain("p_measured_setpoint_tolerance", "tolerance"),
     Gain("v_low_pass_cutoff", "v_low_pass_cutoff", high=1.0, above=True),
     Gain("use_disturbance_observer", "use_disturbance_observer", switch=True),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,7 @@ DRIVE = "robots[0].actuators[0].drive"
         (IO, "maximum_current: 1.34", "maximum_current: -1", f"{DRIVE}.maximum_current", "-1", "from 0"),
         (IO, "latency: 0.01", "latency: -1", "robots[0].potentiometers.tolerances[0].latency", "-1", "from 0"),
         (PID, "p_gain: 120", "p_gain: -120", "pid[0].p_gain", "-120", "from 0"),
+        (PID, "p_gain: 120", "p_gain: 1e308", "pid[0].p_gain", "1e+308", "from 0.0 up to 1000000.0"),
         (PID, "i_gain: 0,", "i_gain: 0, v_low_pass_cutoff: 0,", "pid[0].v_low_pass_cutoff", "0", "above 0"),
         (SYSTEM, "port: udp", "port: udp\n    period: 0", "IOs[0].period", "0", "from 0.0001 up to 0.1"),
         (SYSTEM, "serial: demo", "serial: demo\n    period: 2", "arms[0].period", "2", "up to 0.1"),
@@ -243,9 +245,21 @@ def test_broken_json_is_one_clear_error(home: Home, text: str, line: int, what: 
 
 def test_files_that_cannot_be_read(home: Home) -> None:
     (home.path / "bytes.json").write_bytes(b'{"a": "\xff"}')
-    for name, what in (("nowhere.json", "No such file"), ("bytes.json", "not UTF-8"), ("systems", "Is a directory")):
+    (home.path / "large.json").write_bytes(b" " * 4_000_001)
+    os.mkfifo(home.path / "pipe.json")
+    for name, what in (("nowhere.json", "No such file"), ("bytes.json", "not UTF-8"), ("systems", "but a folder"),
+                       ("pipe.json", "not a regular file but a named pipe"), ("/dev/zero", "but a device"),
+                       ("large.json", "too large: 4000001 bytes; allowed: at most 4000000")):
         (problem,) = home.load(name).errors
         assert what in str(problem) and str(home.path / name) in str(problem)
+
+
+@pytest.mark.parametrize("name", ["pipe.json", "io"])
+def test_a_named_file_that_is_none_is_named(home: Home, name: str) -> None:
+    os.mkfifo(home.path / "pipe.json")
+    home.edit(SYSTEM, "io/PSM1-demo.yaml", name)
+    assert any(str(home.path / name) in str(problem) and "not a regular file" in problem.text
+               for problem in home.load().errors)
 
 
 def test_console_file_of_old_days_is_refused_plainly(home: Home) -> None:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from procs.lib.config import PROJECT_CONFIGS
 from tools import check
+from tools.systems import ROOT
 
 DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
 
@@ -68,3 +72,16 @@ def test_kind_is_told_from_id_or_keys(tmp_path: Path, text: str, kind: str, code
 def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert check.run([tmp_path / "nowhere.json"], [], False) == 1
     assert "No such file" in capsys.readouterr().out
+
+
+def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) -> None:
+    pipe, huge, stiff = tmp_path / "pipe.yaml", tmp_path / "huge.json", tmp_path / "stiff.yaml"
+    stiff.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace("p_gain: 120", "p_gain: 1e308", 1))
+    os.mkfifo(pipe)
+    huge.write_text('{"a": [' + "{}," * 3_300_000 + "{}]}")  # 10 MB
+    words = [sys.executable, "-m", "tools", "check", str(stiff), str(huge), str(pipe)]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=15, check=False)
+    assert done.returncode == 1
+    assert f"{stiff}:6: error: pid[0].p_gain = 1e+308: out of range; allowed: a number from 0" in done.stdout
+    assert f"{pipe}: error: not a regular file but a named pipe" in done.stdout
+    assert f"{huge}: error: too large: 9900011 bytes" in done.stdout

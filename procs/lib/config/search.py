@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -20,17 +21,22 @@ class SearchPath:
         return SearchPath(_unique((self.folders[0], *folders, *self.folders[1:])))
 
     def find(self, *names: str) -> Path | None:
-        """The first of `names` that exists: every name as it is in all folders first, then our own name for it."""
+        """The first of `names` that exists: every name as it is in all folders first, then our own name for it.
+
+        Where there is no such file, but something else of that name (a folder, a named pipe), that: whoever reads it
+        says what it is.
+        """
         for name in names:
-            found = self._exact(name)
+            found = self._exact(name, _is_file)
             if found:
                 return found
         for name in names:
             for other in _other_names(name):
-                found = self._exact(other)
+                found = self._exact(other, _is_file)
                 if found:
                     return found
-        return None
+        there = (self._exact(name, _exists) for name in names if name)
+        return next((path for path in there if path), None)
 
     def find_all(self, name: str) -> tuple[Path, ...]:
         """All files called `name` or its YAML twin, one of each folder at most, in order."""
@@ -52,11 +58,11 @@ class SearchPath:
     def __str__(self) -> str:
         return ", ".join(str(folder) for folder in self.folders)
 
-    def _exact(self, name: str) -> Path | None:
+    def _exact(self, name: str, fits: Callable[[Path], bool]) -> Path | None:
         direct = expanded(name)
         if direct.is_absolute():
-            return direct if _is_file(direct) else None
-        return next((folder / name for folder in self.folders if _is_file(folder / name)), None)
+            return direct if fits(direct) else None
+        return next((folder / name for folder in self.folders if fits(folder / name)), None)
 
 
 def search_path(folders: tuple[Path, ...]) -> SearchPath:
@@ -91,6 +97,13 @@ def _is_file(path: Path) -> bool:
     """A path that cannot even be asked about (too long, not allowed) is no file of ours."""
     try:
         return path.is_file()
+    except OSError:
+        return False
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
     except OSError:
         return False
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,9 @@ from procs.lib.config.problem import WARNING, Key, Problem, key_text, value_text
 from procs.lib.config.yamltext import parse_yaml
 
 _YAML = (".yaml", ".yml")
-_LARGEST = 20_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
+_LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
+_OTHER = {stat.S_IFIFO: "a named pipe", stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
+          stat.S_IFBLK: "a device"}
 _MISSING = object()
 
 
@@ -69,12 +72,25 @@ class Source:
         return here
 
 
+def unreadable(path: Path) -> tuple[str, str] | None:
+    """What is wrong with a file before it is opened, and what is allowed; None: nothing. OSError: it is not there.
+
+    Opening waits at a named pipe for ever, and may do something to a device.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        return f"not a regular file but {_OTHER.get(stat.S_IFMT(status.st_mode), 'something else')}", "a file"
+    if status.st_size > _LARGEST:
+        return f"too large: {status.st_size} bytes", f"at most {_LARGEST}"
+    return None
+
+
 def read_source(path: Path) -> tuple[Source | None, list[Problem]]:
     """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
     name = str(path)
     try:
-        if path.stat().st_size > _LARGEST:
-            return None, [Problem(name, 0, "", "", f"too large: {path.stat().st_size} bytes", f"at most {_LARGEST}")]
+        if wrong := unreadable(path):
+            return None, [Problem(name, 0, "", "", *wrong)]
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as bad:
         return None, [Problem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
