@@ -52,8 +52,8 @@ CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
     "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
-    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "path_of",
-    "segment_name", "size_of", "start_time", "unlink",
+    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "owner_of",
+    "path_of", "segment_name", "size_of", "start_time", "unlink",
 ]
 
 
@@ -141,8 +141,7 @@ def create(
     try:
         shared = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600)
     except posix_ipc.ExistentialError:
-        raise SegmentError(f"{name}: exists already{_whose(name)}; another system of this name is up, or was not "
-                           "cleared") from None
+        raise SegmentError(f"{name}: exists already{_in_the_way(name)}") from None
     except (OSError, posix_ipc.Error) as error:
         raise SegmentError(f"{name}: cannot be made in {FOLDER}: {_reason(error)}") from None
     try:
@@ -188,9 +187,24 @@ def foreign_owner(name: str) -> str:
     return "" if uid == -1 or uid in _accepted() else owners.user(uid)
 
 
-def _whose(name: str) -> str:
-    user = foreign_owner(name)
-    return f" and belongs to {user}" if user else ""
+def owner_of(name: str) -> str:
+    """The owner of whatever lies under a name, in words ("user bob"); empty when that is us, or nothing is there."""
+    try:
+        uid = path_of(name).lstat().st_uid
+    except OSError:
+        return ""
+    return "" if uid == os.getuid() else owners.user(uid)
+
+
+def _in_the_way(name: str) -> str:
+    """Whose the thing is that should not be there, and what to do about it."""
+    user, path = owner_of(name), path_of(name)
+    if user:
+        return (f" and belongs to {user}: its owner, or root, has to remove it (rm {path}); or choose another name "
+                "(--system)")
+    if path.is_file() and not path.is_symlink():
+        return "; another system of this name is up, or was not cleared"
+    return f" and is no segment: remove it (rm -r {path})"
 
 
 def _reason(error: Exception) -> str:
@@ -204,7 +218,7 @@ def unlink(name: str) -> None:
     except posix_ipc.ExistentialError:
         return
     except (OSError, posix_ipc.Error) as error:
-        raise SegmentError(f"{name}: cannot be removed{_whose(name)}: {_reason(error)}") from None
+        raise SegmentError(f"{name}: cannot be removed ({_reason(error)}){_in_the_way(name)}") from None
 
 
 def held(name: str) -> bool:
@@ -338,8 +352,9 @@ def _opened(name: str, write: bool) -> int:
     except FileNotFoundError:
         raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
     except PermissionError:
-        raise SegmentError(f"{name}: not permitted{_whose(name)}; the system's `group` decides who else may attach"
-                           ) from None
+        owner = owner_of(name)
+        raise SegmentError(f"{name}: not permitted{f', it belongs to {owner}' if owner else ''}; the system's `group` "
+                           "decides who else may attach") from None
     except OSError as error:
         raise SegmentError(f"{name}: is no segment but something else of that name ({error.strerror})") from None
 

@@ -24,10 +24,10 @@ from shm.segment import (
     SegmentError,
     SegmentFull,
     create,
-    foreign_owner,
     free_bytes,
     held,
     names_of,
+    owner_of,
     segment_name,
     size_of,
     unlink,
@@ -115,13 +115,13 @@ def hold_name(name: str) -> socket.socket:
 def _holder(name: str) -> str:
     """Who has the name, and what to do about it."""
     control = segment_name(name, "supervisor", "control")
-    user = foreign_owner(control)
-    if user:
-        return f", of {user}; choose another name (--system)"
     try:
         with Segment(control) as segment:
             return f" (supervisor pid {segment.identity().pid}); trocar down stops it"
     except SegmentError:
+        user = owner_of(control)
+        if user:
+            return f", of {user}; choose another name (--system)"
         return " (it is just starting or ending, or another program holds its name); try again, or choose another name"
 
 

@@ -314,7 +314,7 @@ def test_another_user_attaches_only_by_the_group(system: System, group: str) -> 
     memory.create_all(system, memory.maker(group))
     said = as_user("daemon", lambda: attached(segment_name(system.name, "PSM1", "state")))
     memory.remove_all(system.name)
-    refused = "not permitted; the system's `group` decides who else may attach"
+    refused = "not permitted, it belongs to user root; the system's `group` decides who else may attach"
     assert said == "attached" if group else refused in said
 
 
@@ -346,5 +346,22 @@ def test_what_may_not_be_removed_stops_the_start_plainly(system: System) -> None
         return memory.clear_left_over(system.name)
 
     said = as_user("daemon", clear)
+    path = paths(system.name)[0]
     memory.remove_all(system.name)
     assert said.startswith("SegmentError: ") and "cannot be removed" in said
+    assert "belongs to user root: its owner, or root, has to remove it" in said and f"(rm {path})" in said
+
+
+@pytest.mark.slow
+def test_up_names_the_file_in_its_way_and_whose_it_is(system: System, tmp_path: Path) -> None:
+    as_root()
+    path = path_of(segment_name(system.name, "PSM1", "state"))
+    for make in (os.mkfifo, Path.mkdir):
+        make(path)
+        os.chown(path, STRANGER, -1)
+        up = subprocess.run([sys.executable, "-m", "tools", "up", str(DEMO), "--system", system.name], cwd=ROOT,
+                            text=True, capture_output=True, timeout=60, check=False,
+                            env={**os.environ, "TROCAR_STATE": str(tmp_path)})
+        path.rmdir() if path.is_dir() else path.unlink()
+        assert up.returncode == 1 and f"{path.name}: exists already and belongs to user {STRANGER}: " in up.stderr
+        assert f"(rm {path})" in up.stderr and names_of(system.name) == []
