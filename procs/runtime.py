@@ -29,9 +29,11 @@ from procs.lib.document import Process, System, from_json
 from procs.manifest import proc
 from procs.pacing import Pacing
 from shm import directory
+from shm.audit import Audit
 from shm.client import LoopClient
 from shm.clock import LockstepClock, WallClock, monotonic_ns
 from shm.events import Events
+from shm.faults import Cell, FaultCell, Faults
 from shm.mailbox import Mailbox
 from shm.nap import Nap
 from shm.pulse import Pulse
@@ -102,10 +104,22 @@ class Me:
         """Claim one of our own rings."""
         return self._hold(directory.writer(self.system, self.name, topic, self.kind))
 
-    def mailbox(self) -> Mailbox:
-        """Our own mailbox; what waits in it when the loop begins is refused."""
-        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind))
+    def mailbox(self, guard: Cell | None = None) -> Mailbox:
+        """Our own mailbox; what waits in it when the loop begins is refused.
+
+        `guard`: what may power or move needs a person's command, given after the last fault of this cell.
+        """
+        audit = Audit(self.writes("audit"), self.clock.now_ns)
+        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind, guard=guard, audit=audit))
         return self._mailbox
+
+    def faults(self) -> Faults:
+        """The fault page of the system."""
+        return self._hold(Faults(self.system))
+
+    def fault_cell(self, component: str = "") -> FaultCell:
+        """The faults of a component of ours; empty: of this instance."""
+        return FaultCell(self._hold(Faults(self.system, write=True)), component or self.name)
 
     def commands(self, instance: str) -> LoopClient:
         """A place in the mailbox of another instance."""

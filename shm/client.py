@@ -12,6 +12,7 @@ import numpy as np
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS, WAKING
 from shm.doorbell import Places
+from shm.faults import Faults
 from shm.header import SegmentError
 from shm.mailbox import (
     CLIENTS,
@@ -23,15 +24,17 @@ from shm.mailbox import (
     LAST_NUMBER,
     MAX_TEXT,
     MAX_VALUES,
-    OUTCOMES,
     REPLIES_DEPTH,
     REPLY_BODY,
     REPLY_START,
     MailboxMap,
 )
+from shm.origins import NOBODY, Origin, new_id, program_name
 from shm.pulse import Pulse
+from shm.received import OUTCOMES
 
 SEQUENCES = (tuple, list)
+STREAM_NS = 100_000_000  # a stream that pauses so long has ended
 FAR = 1 << 40  # commands; twenty years at 1500 Hz
 
 
@@ -49,7 +52,9 @@ class Reply:
 
 
 class Client:
-    """The sending end: one place in an owner's mailbox."""
+    """The sending end: one place in an owner's mailbox. What it sends are commands of a person, see shm/origins.py."""
+
+    is_person = True
 
     def __init__(self, system: str, instance: str) -> None:
         """Claim a free place; SegmentError when the instance has no mailbox or all places are taken."""
@@ -57,7 +62,13 @@ class Client:
         segment = places.segment
         self.instance = instance
         self.kind = str(segment.header.info.get("kind", ""))
-        self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
+        rows = COMMANDS.get(self.kind, ())
+        self._codes = {command.name: code for code, command in enumerate(rows)}
+        self._streams = [command.streams for command in rows]
+        self._faults = _faults(system) if self.is_person else None
+        self._program, self._streamed_ns = program_name(), -STREAM_NS
+        self.origin = self._stream = NOBODY
+        """Of what was sent last; `_stream`: of the stream under way."""
         self._words, self._view = places.words, places.view
         try:
             locks = Places(segment, places.first + CURSOR_BYTES * CURSORS.index("place"), CLIENTS)
@@ -117,15 +128,29 @@ class Client:
             self._known = self._words[self._taken]
             if n - self._known > COMMANDS_DEPTH:
                 raise MailboxFull(f"{self.instance} has not taken the last {COMMANDS_DEPTH} commands")
-        at = self._queue[n % COMMANDS_DEPTH] + COMMAND_START
+        at, now_ns = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, monotonic_ns()
+        origin = self._own_origin(self._streams[code], now_ns) if self.is_person else self.origin
+        whose, by = (origin.id, origin.generation), origin.program.encode()
         try:
-            COMMANDS_OF[count].pack_into(self._view, at, monotonic_ns(), n, code, count, encoded, *numbers)  # M2
+            COMMANDS_OF[count].pack_into(self._view, at, now_ns, n, *whose, code, count, by, encoded, *numbers)  # M2
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
         if self._nap is not None:
             self._nap.rouse()
         return n
+
+    def _own_origin(self, streams: bool, now_ns: int) -> Origin:
+        """A stream is one command of a person: begun before a fault, it must not go on after it."""
+        if streams:
+            under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
+            if under_way:
+                return self._stream
+        generation = self._faults.generation() if self._faults is not None else 0
+        self.origin = origin = Origin(new_id(), generation, self._program)
+        if streams:
+            self._stream = origin
+        return origin
 
     def poll(self) -> list[Reply]:
         """Replies that came since the last call, in order; what was overwritten is counted in `lost`."""
@@ -153,11 +178,26 @@ class Client:
         """Free the place."""
         if self._pulse is not None:
             self._pulse.close()
+        if self._faults is not None:
+            self._faults.close()
         self._map.segment.close()
 
 
+def _faults(system: str) -> Faults | None:
+    """The fault page; without one commands are of generation 0: they count until there is a fault."""
+    try:
+        return Faults(system)
+    except SegmentError:
+        return None
+
+
 class LoopClient(Client):
-    """A client for loops, which ask again for what they want: a full mailbox is no error there."""
+    """A client for loops, which ask again for what they want: a full mailbox is no error there.
+
+    It is no person: set `origin` to that of the command it passes on.
+    """
+
+    is_person = False
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its id; 0 when there was no room."""

@@ -6,8 +6,12 @@ A command travels as a place in its kind's table, up to 64 numbers and a short t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 WAKING: Final = frozenset(("console", "system", "teleop"))
 """Kinds that sleep between their cycles and are woken by a command; see shm/nap.py."""
@@ -17,8 +21,10 @@ WAKING: Final = frozenset(("console", "system", "teleop"))
 class Command:
     """One command: name (CRTK where there is one), its numbers, its text, one sentence.
 
-    `moves` marks commands after which the robot may move or change power. Such a command is refused when it comes late,
-    unless its text is among `stops`, with which it only ends something ("*": with any text).
+    `moves` marks commands after which the robot may move or change power. Such a command is refused when it comes late
+    and when no person's command stands behind it (shm/origins.py), unless it only ends something: its text is among
+    `stops` ("*": with any text), or its values are all 0 and `zero` is "stops". With "frees" zeros let go of something
+    that a person brought up: that must not come late, but nobody needs to have asked for it.
     """
 
     name: str
@@ -27,10 +33,21 @@ class Command:
     doc: str
     moves: bool = True
     stops: tuple[str, ...] = ()
+    zero: Literal["", "stops", "frees"] = ""
 
-    def may_be_late(self, text: str) -> bool:
-        """Whether it is carried out however long it has waited."""
-        return not self.moves or "*" in self.stops or text in self.stops
+    def only_ends(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
+        """Whether it moves nothing, or only ends something: it is carried out however long it has waited."""
+        return (not self.moves or "*" in self.stops or text in self.stops
+                or (self.zero == "stops" and not any(values)))
+
+    def needs_person(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
+        """Whether a person's command has to stand behind it."""
+        return not (self.only_ends(text, values) or (self.zero == "frees" and not any(values)))
+
+    @property
+    def streams(self) -> bool:
+        """Whether it is one of a stream: goals that are followed as they come."""
+        return "servo_" in self.name
 
 
 COMMANDS: dict[str, tuple[Command, ...]] = {
@@ -40,7 +57,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("bias_encoders", "samples, axes to leave out or none", "robot",
                 "set encoders from potentiometers; negative samples: accept preset ones"),
         Command("set_encoder", "axis, rad or m", "robot", "make the encoder of an axis at a known place read it"),
-        Command("pid_enable", "on", "robot", "joint controller on, or off, when brakes hold"),
+        Command("pid_enable", "on", "robot", "joint controller on, or off, when brakes hold", zero="stops"),
         Command("servo_zero", "", "robot", "zero efforts, joint controller off, brakes hold", stops=("*",)),
         Command("enforce_limits", "on", "robot", "clip set-points to the position limits", moves=False),
         Command("tracking_check", "on", "robot", "trip on too large a tracking error", moves=False),
@@ -52,7 +69,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("brake_engage", "", "robot", "let the brakes hold", moves=False),
         Command("set_output", "on", "output name", "pin of a digital output high or low; a one-shot turns by itself",
                 moves=False),
-        Command("set_pwm", "duty", "output name", "share of the time that a digital output is high, 0 to 1"),
+        Command("set_pwm", "duty", "output name", "share of the time that a digital output is high, 0 to 1",
+                zero="stops"),
         Command("trigger_read", "", "instrument reader",
                 "read the memory of the instrument; done with its NAME:MODEL[VERSION]", moves=False),
         Command("clear_fault", "", "robot", "forget the latched fault", moves=False),
@@ -63,15 +81,16 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("servo_jp", "position {n}, velocity {n} or none", "", "follow these joint positions now"),
         Command("servo_jr", "increment {n}", "", "follow the set-point plus these increments"),
         Command("servo_jv", "velocity {n}", "", "go at these joint velocities until 0.1 s after the last such command"),
-        Command("servo_jf", "effort {n}", "", "apply these joint efforts"),
+        Command("servo_jf", "effort {n}", "", "apply these joint efforts", zero="frees"),
         Command("servo_cp", "x y z qx qy qz qw, twist or none", "", "follow this tip pose now"),
         Command("servo_cr", "x y z qx qy qz qw", "", "follow the set-point pose, shifted and turned about its tip"),
         Command("servo_cs", "pose, twist, wrench, 1 or 0 for each", "",
                 "follow a pose with velocity and wrench; without a pose apply the wrench"),
-        Command("servo_cf", "fx fy fz tx ty tz, s or none", "", "the same as body/servo_cf"),
+        Command("servo_cf", "fx fy fz tx ty tz, s or none", "", "the same as body/servo_cf", zero="frees"),
         Command("body/servo_cf", "fx fy fz tx ty tz, s it lasts or none", "",
-                "apply this force and torque at the tip, in its axes"),
-        Command("spatial/servo_cf", "fx fy fz tx ty tz", "", "apply this force and torque at the origin of the base"),
+                "apply this force and torque at the tip, in its axes", zero="frees"),
+        Command("spatial/servo_cf", "fx fy fz tx ty tz", "", "apply this force and torque at the origin of the base",
+                zero="frees"),
         Command("servo_ci", "place, axes q, orientation q, gains (48)", "",
                 "push as springs and dampers about a place and an orientation do"),
         Command("body/set_cf_orientation_absolute", "on", "", "wrenches of the tip are in axes of the reference frame",
@@ -99,8 +118,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("crtk_version", "", "", "version of the commands' meaning", moves=False),
         Command("set_endoscope_type", "", "endoscope", "say which endoscope an ECM carries", moves=False),
         Command("lock_orientation", "qx qy qz qw, or none: as it is", "",
-                "in Cartesian effort mode: hold the orientation of a master's tip, the place stays free"),
-        Command("unlock_orientation", "", "", "let go of the orientation"),
+                "in Cartesian effort mode: hold the orientation of a master's tip, the place stays free", zero="frees"),
+        Command("unlock_orientation", "", "", "let go of the orientation", zero="frees"),
         Command("set_tool_type", "", "NAME:MODEL", "say which instrument is on, when asked"),
         Command("emulate_adapter_present", "on", "", "act as if a sterile adapter were on; 0: its switch counts"),
         Command("emulate_tool_present", "on", "", "act as if an instrument were on; 0: its switch counts"),
@@ -111,8 +130,10 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("move_jp", "position {n}", "set-up arm", "the same: nothing is there that would take time"),
         Command("local/servo_cp", "x y z qx qy qz qw", "set-up arm", "be here in the cart; fixed ones only"),
         Command("set_reference_arm", "", "set-up arm", "give base frames in the tip of the arm on this one"),
-        Command("clutch", "on", "set-up arm", "let its brakes go, as its button does, for a minute at most"),
-        Command("set_lift_velocity", "velocity", "", "move the lift, -1 down to 1 up, for a second at most; 0: stop"),
+        Command("clutch", "on", "set-up arm", "let its brakes go, as its button does, for a minute at most",
+                zero="stops"),
+        Command("set_lift_velocity", "velocity", "", "move the lift, -1 down to 1 up, for a second at most; 0: stop",
+                zero="stops"),
     ),
     "teleop": (
         Command("state_command", "", "enable|align_MTM|disable", "change the desired state", stops=("disable",)),
@@ -124,7 +145,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("following/mtm/body/servo_cf", "fx fy fz tx ty tz", "", "push the master so while following"),
     ),
     "console": (
-        Command("teleop_enable", "on", "", "let the selected tele-operations run, or none", stops=("*",)),
+        Command("teleop_enable", "on", "", "let the selected tele-operations run, or none", zero="stops"),
         Command("select_teleop", "", "teleop", "select a tele-operation; those that share an arm with it are not"),
         Command("unselect_teleop", "", "teleop", "unselect a tele-operation", stops=("*",)),
         Command("set_scale", "scale", "", "scale of all its tele-operations, above 0", moves=False),

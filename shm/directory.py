@@ -37,7 +37,7 @@ def instances(system: str) -> list[str]:
 
 def rings(system: str) -> list[tuple[str, str]]:
     """All rings of a system as (instance, topic)."""
-    plain = {"control", "mailbox", "clock", "document"}
+    plain = {"control", "mailbox", "clock", "document", "faults"}
     return [(i, what) for _, i, what in names_of(system) if what not in plain]
 
 

@@ -10,7 +10,7 @@ Header, little-endian (W: written by the supervisor at creation, C: by the claim
     28   4  W  depth             slots
     32   4  W  schema length     JSON, from byte 256
     36   4  W  info length       JSON behind the schema: constants of this instance (names, cuts)
-    40  16  W  kind              "ring", "mailbox", "control", "clock", "document"
+    40  16  W  kind              "ring", "mailbox", "control", "clock", "document", "faults"
     56   8  W  size              of the whole file
     64   4  C  pid               of the writer, 0: never claimed
     68   4  C  epoch             +1 at each claim
@@ -38,7 +38,7 @@ HEAD_AT = 192
 TEXT_AT = 256
 MAX_TEXT = 1 << 20
 BLOCK = 512  # what a file's blocks are counted in
-KINDS = ("ring", "mailbox", "control", "clock", "document")
+KINDS = ("ring", "mailbox", "control", "clock", "document", "faults")
 
 
 class SegmentError(Exception):

@@ -28,6 +28,10 @@ past M3 are still run, what the dead one left of M2 is overwritten.
 Late. A command that may move the robot and has waited longer than LATE_NS is refused: its owner was held up, and who
 sent it does not expect it any more. What only stops something is carried out however late.
 
+Whose. Each command carries its origin (shm/origins.py): the person's command it comes from. With `guard`, one that
+needs a person is refused when it has none, or one of before the last fault of the owner's component (shm/faults.py).
+With `audit`, what became of each command is put into a ring.
+
 Trust. The owner runs nothing whose slot was not written for its turn (each command carries its number), and nothing
 whose cursor is out of step (sent − taken not in 0 … depth): it takes taken := sent there, runs nothing, and goes on. A
 client passes over a place whose cursors make no sense, after pushing `sent` out of step so that the owner puts the
@@ -48,11 +52,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shm.commands import COMMANDS, Command
+from shm.audit import Audit
+from shm.commands import COMMANDS
+from shm.faults import Cell
 from shm.header import SegmentError
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
+from shm.origins import PROGRAM_BYTES
+from shm.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
 from shm.topics import COMMAND, REPLY
@@ -63,17 +70,19 @@ COMMANDS_DEPTH = COMMAND.depth
 REPLIES_DEPTH = REPLY.depth
 COMMAND_SCHEMA = schema_of(COMMAND)
 REPLY_SCHEMA = schema_of(REPLY)
-ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
-OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
 LATE_NS = 1_000_000_000
+AGAIN = "a person has to ask for it again"
+NOBODYS = f"no person's command stands behind it; {AGAIN}"
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
 
 # What the rows of the topic table come to; tests compare these with the schemas.
 MAX_VALUES, MAX_TEXT = 64, 64
-COMMAND_START = 8  # in the slot: stamp, id, code, count, text, gap, values
-COMMANDS_OF = tuple(struct.Struct(f"<qQHH{MAX_TEXT}s4x{n}d") for n in range(MAX_VALUES + 1))  # by number of values
-COMMAND_HEAD = struct.Struct("<qQHH")
-TEXT_IN_RAW = COMMAND_HEAD.size
+COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, program, text, gap, values
+COMMANDS_OF = tuple(struct.Struct(f"<qQQQHH{PROGRAM_BYTES}s{MAX_TEXT}s4x{n}d")  # by number of values
+                    for n in range(MAX_VALUES + 1))
+COMMAND_HEAD = struct.Struct("<qQQQHH")
+PROGRAM_IN_RAW = COMMAND_HEAD.size
+TEXT_IN_RAW = PROGRAM_IN_RAW + PROGRAM_BYTES
 VALUES_IN_RAW = COMMANDS_OF[0].size
 SHORT = 8  # values that come with the first copy
 FLOAT, NDARRAY = np.dtype(np.float64), np.ndarray
@@ -155,55 +164,16 @@ class MailboxMap:
         return [start + i * schema.stride for i in range(depth)]
 
 
-class Received:
-    """One command on the owner's side; answer it once with accept/refuse, and later done/fail if it takes time."""
-
-    __slots__ = ("_box", "_place", "_raw", "command", "id", "values")
-
-    def __init__(
-        self, box: Mailbox, place: int, number: int, command: Command, raw: bytes, values: NDArray[np.float64]
-    ) -> None:
-        """`command` is its row of the table; `values` (count,) its numbers, our own copy, read-only."""
-        self._box, self._place, self._raw = box, place, raw
-        self.id, self.command, self.values = number, command, values
-
-    @property
-    def name(self) -> str:
-        """The command's name."""
-        return self.command.name
-
-    @property
-    def sent_ns(self) -> int:
-        """Real monotonic time when the client sent it."""
-        return int(COMMAND_HEAD.unpack_from(self._raw)[0])
-
-    @property
-    def text(self) -> str:
-        """Its text argument."""
-        return self._raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT].rstrip(b"\0").decode(errors="replace")
-
-    def accept(self, text: str = "") -> None:
-        """It is under way; `done` or `fail` follows when it takes time."""
-        self._box.answer(self._place, self.id, ACCEPTED, text)
-
-    def refuse(self, reason: str) -> None:
-        """It will not be done, because of `reason`."""
-        self._box.answer(self._place, self.id, REFUSED, reason)
-
-    def done(self, text: str = "") -> None:
-        """It has been carried out."""
-        self._box.answer(self._place, self.id, DONE, text)
-
-    def fail(self, reason: str) -> None:
-        """It was accepted and has failed, because of `reason`."""
-        self._box.answer(self._place, self.id, FAILED, reason)
-
-
 class Mailbox:
     """The owner's end. `resets` counts places that were out of step and have been put right."""
 
-    def __init__(self, system: str, instance: str, kind: str) -> None:
-        """Claim the mailbox of `instance`."""
+    def __init__(self, system: str, instance: str, kind: str, *, guard: Cell | None = None,
+                 audit: Audit | None = None) -> None:
+        """Claim the mailbox of `instance`.
+
+        `guard`: refuse what needs a person's command and has none since the last fault of this cell. `audit`: where it
+        is written what became of each command.
+        """
         places = MailboxMap(system, instance)
         self._segment = segment = places.segment
         try:
@@ -211,6 +181,7 @@ class Mailbox:
         except BaseException:
             segment.close()
             raise
+        self._guard, self._audit = guard, audit
         self._table = COMMANDS.get(kind, ())
         self._view, self._words = places.view, places.words
         self._sent_bytes = segment.keep(places.view[places.first : places.first + len(NOBODY)])
@@ -331,18 +302,23 @@ class Mailbox:
     def _take(self, place: int, n: int) -> Received | None:
         slot = n % COMMANDS_DEPTH
         raw = self._heads[place][slot].tobytes()  # N2
-        sent_ns, number, code, count = COMMAND_HEAD.unpack_from(raw)
+        sent_ns, number, origin, generation, code, count = COMMAND_HEAD.unpack_from(raw)
         if SHORT < count <= MAX_VALUES:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
         if number == n and code < len(self._table) and count <= MAX_VALUES:
             values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
-            received = Received(self, place, n, self._table[code], raw, values)
-            if self._now_ns - sent_ns <= LATE_NS or received.command.may_be_late(received.text):
+            received = Received(self, place, n, sent_ns, self._table[code], raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT],
+                                values, (origin, generation, raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
+            objection = ""
+            if self._now_ns - sent_ns > LATE_NS:
+                objection = self._too_late(received, sent_ns)
+            if not objection and self._guard is not None and (not origin or generation < self._guard.void):
+                objection = self._nobodys(received)
+            if not objection:
                 return received
-            waited = (self._now_ns - sent_ns) * 1e-9
-            received.refuse(f"it came {waited:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again")
+            received.refuse(objection)
             return None
         wrong = f"command {code} is not in the table"
         if number != n:  # nobody wrote it for this turn: never run what was run before
@@ -351,6 +327,25 @@ class Mailbox:
             wrong = f"{count} values; allowed are {MAX_VALUES}"
         self.answer(place, n, REFUSED, wrong)
         return None
+
+    def _too_late(self, received: Received, sent_ns: int) -> str:
+        if received.command.only_ends(received.text, received.values):
+            return ""
+        waited = (self._now_ns - sent_ns) * 1e-9
+        return f"it came {waited:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
+
+    def _nobodys(self, received: Received) -> str:
+        if not received.command.needs_person(received.text, received.values):
+            return ""
+        if not received.origin.is_person:
+            return NOBODYS
+        return f"{received.origin.program or 'a program'} was told so before the last fault; {AGAIN}"
+
+    def reply(self, received: Received, outcome: int, text: str) -> None:
+        """Answer a command, and put into the audit ring what became of it."""
+        self.answer(received.place, received.id, outcome, text)
+        if self._audit is not None:
+            self._audit.write(received, OUTCOMES[outcome], text)
 
     def answer(self, place: int, number: int, outcome: int, text: str) -> None:
         """Write a reply; the oldest is overwritten when a client does not read its replies."""

@@ -10,6 +10,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from shm.messages import AUDIT as AUDIT
+from shm.messages import COMMAND as COMMAND
+from shm.messages import EVENTS as EVENTS
+from shm.messages import REPLY as REPLY
 from shm.operation import CONSOLE_STATE as CONSOLE_STATE
 from shm.operation import EXTERNAL_STATE as EXTERNAL_STATE
 from shm.operation import FOCUS_STATE as FOCUS_STATE
@@ -322,59 +326,10 @@ SUPERVISOR_STATE = Topic(
     ),
 )
 
-EVENTS = Topic(
-    "events",
-    writer="*",
-    rate_hz=0,
-    depth_s=0,
-    depth=1024,
-    fields=(
-        Field("event", "S32", "", "what happened: operating_state, goal_reached, button, status, warning, error, …"),
-        Field("severity", "u1", "", "0 none, 1 status, 2 warning, 3 error"),
-        Field("code", "S32", "", "code of a warning or error, a name of the fault table"),
-        Field("component", "S24", "", "robot, board, axis group or input it is about"),
-        Field("axis", "<i2", "", "actuator or joint, -1: none"),
-        Field("value", "<f8", "", "measured value, NaN: none"),
-        Field("limit", "<f8", "", "what was allowed, NaN: none"),
-        Field("text", "S200", "", "one sentence for a person"),
-        Field("state", "S16", "", "operating state, in operating_state events"),
-        Field("sub_state", "S40", "", "internal state, in operating_state events"),
-        Field("is_homed", "?", "", "in operating_state events"),
-        Field("is_busy", "?", "", "in operating_state events"),
-    ),
-)
-
-COMMAND = Topic(
-    "command",
-    writer="*",
-    rate_hz=0,
-    depth_s=0,
-    depth=32,
-    fields=(
-        Field("id", "<u8", "", "number of the command, unique for its client"),
-        Field("code", "<u2", "", "place of the command in the owner kind's command table"),
-        Field("count", "<u2", "", "values in use"),
-        Field("text", "S64", "", "text argument"),
-        Field("values", "(64,)<f8", "", "numbers, in the order the command table gives; last: only `count` are copied"),
-    ),
-)
-
-REPLY = Topic(
-    "reply",
-    writer="*",
-    rate_hz=0,
-    depth_s=0,
-    depth=64,
-    fields=(
-        Field("id", "<u8", "", "number of the command answered"),
-        Field("outcome", "u1", "", "1 accepted, 2 refused, 3 done, 4 failed"),
-        Field("text", "S200", "", "reason"),
-    ),
-)
-
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
     TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, EXTERNAL_STATE, EVENTS, COMMAND, REPLY,
+    AUDIT,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

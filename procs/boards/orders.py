@@ -17,7 +17,7 @@ from procs.boards.robots.plant import Plant
 from procs.lib.document import System
 from procs.lib.poses import POSE
 from shm.commands import COMMANDS
-from shm.mailbox import Received
+from shm.received import Received
 
 MOST_TIMES = 1_000_000
 LONGEST_DELAY_S = 60.0

@@ -22,6 +22,7 @@ from procs.runtime import realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from shm import directory
+from shm.audit import Audit
 from shm.clock import Conductor, monotonic_ns, pause
 from shm.events import Events
 from shm.mailbox import Mailbox
@@ -84,7 +85,7 @@ class Supervisor:
         self.size += self.conductor.size if self.conductor is not None else 0
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns)
-        self.mailbox = Mailbox(system.name, "supervisor", "supervisor")
+        self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
         self._state = self._writes("state")
         self._rows = tuple(row for row in system.processes if proc(row.kind).module)  # others are not ours to start
         self.children = [self._child(row, folder) for row in self._rows]

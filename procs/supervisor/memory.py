@@ -14,6 +14,7 @@ from procs.manifest import proc
 from shm import directory
 from shm.clock import create_clock, monotonic_ns, pause
 from shm.commands import COMMANDS
+from shm.faults import create_faults, robot_component
 from shm.mailbox import create_mailbox
 from shm.owners import SERVICE_USER
 from shm.pulse import create_control
@@ -211,9 +212,15 @@ def _no_room(name: str, total: int, free: int) -> str:
 
 
 def _create_rest(system: System, make: Make) -> int:
-    total = create_control(system.name, "supervisor", make)
+    total = create_control(system.name, "supervisor", make) + create_faults(system.name, components(system), make)
     supervisor = Process("supervisor", "supervisor", proc("supervisor").period_s)
     return total + sum(_create_instance(system, process, make) for process in (supervisor, *system.processes))
+
+
+def components(system: System) -> list[str]:
+    """Whose faults are counted: arms and setup joints, and the robots of every io."""
+    arms = [row.name for row in system.processes if row.kind in ("arm", "suj")]
+    return arms + [robot_component(io.name, robot.name) for io in system.ios for robot in io.robots]
 
 
 def _create_instance(system: System, process: Process, make: Make) -> int:
@@ -224,9 +231,10 @@ def _create_instance(system: System, process: Process, make: Make) -> int:
         total += create_mailbox(system.name, process.name, process.kind, make)
     dims, info = sizes(system, process)
     topics = ("state",) if process.kind == "supervisor" else proc(process.kind).topics
-    for topic in (*topics, "events"):
+    audit = ("audit",) if process.kind in COMMANDS else ()
+    for topic in (*topics, "events", *audit):
         row = directory.topic_of(process.kind, topic)
-        total += directory.create_ring(system.name, process.name, row, dims if topic != "events" else {},
+        total += directory.create_ring(system.name, process.name, row, {} if row.writer == "*" else dims,
                                        {"kind": process.kind, **info}, make)
     return total
 

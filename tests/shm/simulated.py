@@ -35,6 +35,8 @@ SMALL = (
     ("mailbox", "CLIENTS = 16", "CLIENTS = 1"),
     ("mailbox", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
     ("mailbox", "SHORT = 8", "SHORT = 1"),
+    ("mailbox", "<qQQQHH", "<qQBBBB"),
+    ("mailbox", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
     ("mailbox", '"<QB200s"', '"<QB7s"'),
     ("mailbox", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
     ("doorbell", "PLACES = 16", "PLACES = 1"),
@@ -256,6 +258,7 @@ class Real:
             if name in vars(mailbox) and not name.startswith("__"):
                 setattr(client, name, getattr(mailbox, name))
         client.Places, client.monotonic_ns = doorbell.Places, lambda: 7
+        client.new_id, client.program_name = lambda: 1, lambda: ""
         doorbell.ctypes = doorbell.os = kernel
         doorbell.SYSCALL, doorbell._lock, doorbell._unlock = kernel.futex, kernel.lock, kernel.unlock
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))

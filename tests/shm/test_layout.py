@@ -96,9 +96,11 @@ def test_texts_are_cut_between_characters() -> None:
 
 def test_mailbox_structs_agree_with_the_schema() -> None:
     command, reply = mailbox.COMMAND_SCHEMA, mailbox.REPLY_SCHEMA
-    assert [command.offset(n) for n in ("stamp_ns", "id", "code", "count", "text", "values")] == [8, 16, 24, 26, 28, 96]
-    assert [mailbox.COMMAND_START + n for n in (0, mailbox.TEXT_IN_RAW, mailbox.VALUES_IN_RAW)] == [8, 28, 96]
-    assert mailbox.COMMANDS_OF[3].format == "<qQHH64s4x3d" and mailbox.REPLY_BODY.format == "<QB200s"
+    assert [command.offset(n) for n in ("stamp_ns", "id", "origin", "generation", "code", "count", "program", "text",
+                                        "values")] == [8, 16, 24, 32, 40, 42, 44, 60, 128]
+    starts = (0, mailbox.PROGRAM_IN_RAW, mailbox.TEXT_IN_RAW, mailbox.VALUES_IN_RAW)
+    assert [mailbox.COMMAND_START + n for n in starts] == [8, 44, 60, 128]
+    assert mailbox.COMMANDS_OF[3].format == "<qQQQHH16s64s4x3d" and mailbox.REPLY_BODY.format == "<QB200s"
     assert [reply.offset(n) - reply.offset("id") for n in ("id", "outcome", "text")] == [0, 8, 9]
     assert COMMAND.fields[-1].name == "values" and COMMAND.fields[-1].dtype == f"({mailbox.MAX_VALUES},)<f8"
     assert struct.calcsize(mailbox.REPLY_BODY.format) <= reply.stride - reply.offset("id")

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import clock, doorbell, header, mailbox, pulse, ring
+from shm import clock, doorbell, faults, header, mailbox, pulse, ring
 from shm.client import Client
 from shm.commands import COMMANDS, code_of
 from shm.directory import create_ring
@@ -159,9 +159,10 @@ def laid_out(schema: Schema) -> tuple[dict[str, int], int, int]:
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_the_rules_give_the_offsets_of_every_topic(count: int) -> None:
     named = ("axes", "drives", "robots", "inputs", "outputs", "readers", "boards", "setups", "instances",
-             "teleops", "arms")
+             "teleops", "arms", "components")
     dims = dict.fromkeys(named, count)
-    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, clock.SCHEMA]:
+    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, clock.SCHEMA,
+                   schema_of(faults.PAGE, dims)]:
         names = schema.dtype.names or ()
         assert laid_out(schema) == ({n: schema.offset(n) for n in names}, schema.dtype.itemsize, schema.stride)
 
@@ -206,10 +207,18 @@ def test_numbers_in_sentences_are_those_of_the_code(sentence: str) -> None:
 
 
 def test_the_page_names_what_is_carried_out_however_late() -> None:
-    (sentence,) = re.findall(r"carried out however late: ([^.]*)\.", " ".join(TEXT.split()))
-    stops = [row for rows in COMMANDS.values() for row in rows if row.moves and row.stops]
-    named = {row.name for row in stops} | {text for row in stops for text in row.stops} - {"*"}
-    assert set(re.findall(r"`(\w+)`", sentence)) == named
+    text = " ".join(TEXT.split())
+    always, zero = re.findall(r"carried out however late: ([^.]*); with values of 0, ([^.]*)\.", text)[0]
+    rows = [row for rows in COMMANDS.values() for row in rows if row.moves]
+    named = {row.name for row in rows if row.stops} | {text for row in rows for text in row.stops} - {"*"}
+    assert set(re.findall(r"`(\w+)`", always)) == named
+    assert set(re.findall(r"`(\w+)`", zero)) == {row.name for row in rows if row.zero == "stops"}
+
+
+def test_the_faults_page_lies_where_the_page_says() -> None:
+    schema = schema_of(faults.PAGE, {"components": 3})
+    assert (schema.offset("count"), schema.offset("void")) == (16, 16 + 8 * 3)
+    assert [row["field"] for row in table("Faults page", "field", "dtype")] == ["count", "void"]
 
 
 def test_names_are_as_long_as_the_page_says() -> None:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from shm import mailbox as m
 from shm.client import Client, MailboxFull
-from shm.commands import COMMANDS
+from shm.commands import COMMANDS, Command
 from shm.mailbox import Mailbox, create_mailbox
+from shm.received import DONE
 from shm.segment import SegmentError, segment_name, unlink
 
 CLIENT = """
@@ -195,7 +196,7 @@ def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
     (0, 0xFFFF, "65535 values"),
 ])
 def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, count: int, reason: str) -> None:
-    m.COMMAND_HEAD.pack_into(client._view, client._queue[1] + m.COMMAND_START, 0, 1, code, count)
+    m.COMMAND_HEAD.pack_into(client._view, client._queue[1] + m.COMMAND_START, 0, 1, 1, 0, code, count)
     client._words[client._sent] = 1
     assert list(box.drain()) == []
     (reply,) = client.poll()
@@ -317,7 +318,7 @@ def test_an_answer_cut_short_is_given_anew(system: str, client: Client, before: 
     n = owner._answered[0] + 1
     at = owner._replies[0][n % m.REPLIES_DEPTH]
     owner._words[at >> 3] = 0  # A1
-    m.REPLY_BODY.pack_into(owner._view, at + m.REPLY_START, last, m.DONE, b"")  # A2; it dies before A3
+    m.REPLY_BODY.pack_into(owner._view, at + m.REPLY_START, last, DONE, b"")  # A2; it dies before A3
     owner.close()
     heir = Mailbox(system, "IO1", "io")
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(last, "failed", m.DIED)]
@@ -369,12 +370,12 @@ def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Clien
 @pytest.mark.parametrize(("text", "late"), [("home", False), ("enable", False), ("disable", True), ("pause", True)])
 def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
     row = next(c for c in COMMANDS["arm"] if c.name == "state_command")
-    assert row.may_be_late(text) == late
+    assert row.only_ends(text, ()) == late
 
 
 def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = COMMANDS["io"]
-    monkeypatch.setitem(COMMANDS, "io", (rows[0], m.Command("new", "", "", "one more"), *rows[1:]))
+    monkeypatch.setitem(COMMANDS, "io", (rows[0], Command("new", "", "", "one more"), *rows[1:]))
     for end in (lambda: Client(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
         with pytest.raises(SegmentError, match="its commands are not those of this program"):
             end()

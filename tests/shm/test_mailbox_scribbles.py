@@ -83,12 +83,12 @@ class OneBadClient(RuleBasedStateMachine):
             for count, got in enumerate(self.owner.drain()):
                 assert count < 3 * m.PER_CYCLE
                 assert got.values.size <= m.MAX_VALUES and got.name
-                if got.text in ("good 0", "good 1") and got._place:
+                if got.text in ("good 0", "good 1") and got.place:
                     which = int(got.text[-1])
                     self.run[which].append(int(got.values[0]))
                     got.done(str(self.run[which][-1]))
                 else:
-                    assert got._place == 0
+                    assert got.place == 0
                     got.refuse("bad")
         for which, client in enumerate(self.good):
             assert self.run[which] == self.sent[which][: len(self.run[which])]
@@ -116,12 +116,12 @@ class OneBadClient(RuleBasedStateMachine):
         self.bad.poll()
         number = self.bad.send("power_off", (7,), "heir")
         got = [c for _ in range(6) for c in self.owner.drain()]
-        ours = [c for c in got if c._place == 0 and c.text == "heir"]
+        ours = [c for c in got if c.place == 0 and c.text == "heir"]
         assert [c.id for c in ours] == [number] and ours[0].values.tolist() == [7.0]
         ours[0].done("it was")
         assert ("done", "it was") in [(r.outcome, r.text) for r in self.bad.poll()]
         for c in got:
-            if c._place:
+            if c.place:
                 self.run[int(c.text[-1])].append(int(c.values[0]))
                 c.done(str(int(c.values[0])))
         self.drain()

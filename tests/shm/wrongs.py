@@ -89,7 +89,7 @@ def run_then_taken() -> None:
 
     def take(self: Mailbox, place: int, n: int) -> Received | None:
         at = self._slots[place][n % COMMANDS_DEPTH] + COMMAND_START
-        _, number, code, count = COMMAND_HEAD.unpack_from(self._view, at)
+        _, number, _, _, code, count = COMMAND_HEAD.unpack_from(self._view, at)
         raw = self._view[at : at + COMMANDS_OF[count].size].tobytes()  # N2
         return Received(self, place, number, self._table[code], raw)
 
@@ -128,7 +128,8 @@ def sent_first() -> None:
         self._count = self._words[self._sent] = n  # M3
         at, numbers = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, np.asarray(values, dtype=np.float64)
         COMMANDS_OF[len(numbers)].pack_into(
-            self._view, at, monotonic_ns(), n, self._codes[name], len(numbers), text.encode(), *numbers)  # M2
+            self._view, at, monotonic_ns(), n, 1, 0, self._codes[name], len(numbers), b"", text.encode(),  # M2
+            *numbers)
         return n
 
     Client.send = send  # type: ignore[method-assign]

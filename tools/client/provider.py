@@ -19,8 +19,9 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.events import Events
-from shm.mailbox import COMMANDS_DEPTH, PER_CYCLE, Mailbox, Received
+from shm.mailbox import COMMANDS_DEPTH, PER_CYCLE, Mailbox
 from shm.pulse import Pulse
+from shm.received import Received
 from shm.topics import EXTERNAL_STATE
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem, Refused

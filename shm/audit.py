@@ -1,0 +1,45 @@
+"""What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
+
+Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from shm.layout import cut_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from shm.received import Received
+    from shm.ring import RingWriter
+
+NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id")
+
+
+class Audit:
+    """The writing end."""
+
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int]) -> None:
+        """`now_ns` is the process's clock."""
+        self._ring, self._now_ns = ring, now_ns
+        self._fields = [ring.field(name) for name in NAMES]
+        self._stream: tuple[str, int, str, str] | None = None
+
+    def write(self, received: Received, outcome: str, reason: str) -> None:
+        """One command has got an answer."""
+        command = received.command
+        if command.streams:
+            stream = command.name, received.place, outcome, reason
+            if stream == self._stream:
+                return
+            self._stream = stream
+        elif self._stream is not None:
+            self._stream = None
+        origin = received.origin
+        values = (command.name.encode(), received.text.encode(), outcome.encode(), cut_text(reason, 199), origin.id,
+                  origin.generation, origin.program.encode(), received.pid, received.place, received.id)
+        for field, value in zip(self._fields, values, strict=True):
+            field[...] = value
+        self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))

@@ -1,0 +1,125 @@
+"""Fault generations: what was asked for before a fault counts for nothing after it.
+
+One page per system with two counters for each component (an arm, setup joints, a robot of an io), written by its owner
+alone:
+
+Fault (owner):    F1 count := count + 1       F2 void := sum of all counts
+Command (person): G1 generation := sum of all counts, before the command is sent
+Check (owner):    the command counts when its generation ≥ void of the component
+
+The sum is the system's fault generation: how many faults there were. Counts only grow, so a sum that was taken before
+F1 is smaller than that of F2, one that was taken after F2 is not. No clock is compared with another; a fault of one
+component leaves commands to the others as they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from shm.layout import schema_of
+from shm.ring import attach
+from shm.rows import Field, Topic
+from shm.segment import Make, Segment, SegmentError, create, segment_name
+
+WORD = (1 << 64) - 1
+
+PAGE = Topic(
+    "faults",
+    writer="supervisor",
+    rate_hz=0,
+    depth_s=0,
+    depth=1,
+    fields=(
+        Field("count", "(components,)<u8", "", "faults of this component so far; by its owner"),
+        Field("void", "(components,)<u8", "", "commands of an earlier generation count for nothing; by its owner"),
+    ),
+)
+
+
+def robot_component(io: str, robot: str) -> str:
+    """The name of a robot of an io among the components."""
+    return f"{io}/{robot}"
+
+
+class Cell(Protocol):
+    """What an owner knows of its component's faults."""
+
+    void: int
+    """Commands of an earlier generation count for nothing."""
+
+    def fault(self) -> None:
+        """A fault has happened: what was asked for before counts for nothing from now on."""
+
+
+class NoFaults:
+    """A component that has no faults of its own; every person's command counts."""
+
+    void = 0
+
+    def fault(self) -> None:
+        """See Cell."""
+
+
+def create_faults(system: str, components: Sequence[str], make: Make = create) -> int:
+    """Make the page of a system; returns its size."""
+    schema = schema_of(PAGE, {"components": len(components)})
+    return make(segment_name(system, "supervisor", "faults"), "faults", schema, 1, {"components": list(components)})
+
+
+class Faults:
+    """The page, for whoever looks."""
+
+    def __init__(self, system: str, *, write: bool = False) -> None:
+        """Attach; SegmentError when the system has no such page."""
+        self._segment = segment = Segment(segment_name(system, "supervisor", "faults"), write=write)
+        try:
+            components = segment.header.info.get("components")
+            if not (isinstance(components, list) and all(isinstance(name, str) for name in components)):
+                raise SegmentError(f"{segment.name}: its list of components is not readable")
+            schema = schema_of(PAGE, {"components": len(components)})
+            attach(segment, "faults", schema)
+        except BaseException:
+            segment.close()
+            raise
+        self.components: tuple[str, ...] = tuple(components)
+        first, places = segment.header.first, range(len(components))
+        self.words = segment.words()
+        self._counts, self._voids = ([(first + schema.offset(name)) // 8 + place for place in places]
+                                     for name in ("count", "void"))
+
+    def generation(self) -> int:
+        """How many faults there were in the system."""
+        words = self.words
+        return sum([words[at] for at in self._counts]) & WORD  # G1
+
+    def void(self, component: str) -> int:
+        """The generation before which commands to a component count for nothing; 0 where there is none of this name."""
+        return self.words[self._voids[self.components.index(component)]] if component in self.components else 0
+
+    def cell(self, component: str) -> tuple[int, int]:
+        """Where `count` and `void` of a component lie in `words`; KeyError when there is none."""
+        if component not in self.components:
+            raise KeyError(f"no component {component}; there are {', '.join(self.components)}")
+        place = self.components.index(component)
+        return self._counts[place], self._voids[place]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._segment.close()
+
+
+class FaultCell:
+    """The cell of one component, for its owner."""
+
+    def __init__(self, faults: Faults, component: str) -> None:
+        """`faults` is attached with write; KeyError when it has no such component."""
+        self._faults = faults
+        self._count, self._void = faults.cell(component)
+        self.void: int = faults.words[self._void]
+
+    def fault(self) -> None:
+        """See Cell."""
+        faults = self._faults
+        faults.words[self._count] = faults.words[self._count] + 1 & WORD  # F1
+        self.void = faults.words[self._void] = faults.generation()  # F2

@@ -1,0 +1,52 @@
+"""Whose command it was: every command that may power, home or move carries the person's command that it comes from.
+
+Persons are the command line, Python programs, bridges and the web console. System, consoles and teleoperations pass on
+the origin of what they were asked for; pedals, head sensors and processes that were restarted have none of their own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+PROGRAM_BYTES: Final = 16
+COUNT = itertools.count(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """One person's command: its number, unique among all programs of a run, its fault generation, the program.
+
+    See shm/faults.py for generations.
+    """
+
+    id: int
+    generation: int
+    program: str
+
+    @property
+    def is_person(self) -> bool:
+        """Whether a person's command stands behind it."""
+        return self.id != 0
+
+
+NOBODY: Final = Origin(0, 0, "")
+
+
+def new_id() -> int:
+    """A number that no other command of a person has."""
+    return os.getpid() << 32 | next(COUNT) & 0xFFFF_FFFF
+
+
+def program_name() -> str:
+    """What this process was called as: "trocar send", "plan.py", "python"."""
+    path = Path(sys.argv[0] if sys.argv else "")
+    name = "trocar" if path.name == "__main__.py" and path.parent.name == "tools" else path.name
+    if name == "trocar":
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        return f"trocar {verb}".strip()
+    return name if name not in ("", "-c", "-m") else "python"

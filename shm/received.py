@@ -1,0 +1,74 @@
+"""A command on its owner's side: what was asked, by whom, and the ways to answer."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm.commands import Command
+from shm.header import readable
+from shm.origins import Origin
+
+ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
+OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
+
+
+class Box(Protocol):
+    """The mailbox that a command came through."""
+
+    def reply(self, received: Received, outcome: int, text: str) -> None:
+        """Answer a command."""
+
+
+class Received:
+    """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
+
+    __slots__ = ("_box", "_origin", "_text", "command", "id", "place", "sent_ns", "values")
+
+    def __init__(self, box: Box, place: int, number: int, sent_ns: int, command: Command, text: bytes,
+                 values: NDArray[np.float64], origin: tuple[int, int, bytes]) -> None:
+        """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
+
+        `sent_ns`: real monotonic time; `origin`: number, generation and program of the person's command.
+        """
+        self._box, self.place, self.sent_ns, self._text, self._origin = box, place, sent_ns, text, origin
+        self.id, self.command, self.values = number, command, values
+
+    @property
+    def name(self) -> str:
+        """The command's name."""
+        return self.command.name
+
+    @property
+    def pid(self) -> int:
+        """The process that sent it, by its own word; 0: not known."""
+        return 0
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command it comes from."""
+        number, generation, program = self._origin
+        return Origin(number, generation, readable(program))
+
+    @property
+    def text(self) -> str:
+        """Its text argument."""
+        return self._text.rstrip(b"\0").decode(errors="replace")
+
+    def accept(self, text: str = "") -> None:
+        """It is under way; `done` or `fail` follows when it takes time."""
+        self._box.reply(self, ACCEPTED, text)
+
+    def refuse(self, reason: str) -> None:
+        """It will not be done, because of `reason`."""
+        self._box.reply(self, REFUSED, reason)
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+        self._box.reply(self, DONE, text)
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed, because of `reason`."""
+        self._box.reply(self, FAILED, reason)

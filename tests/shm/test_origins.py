@@ -1,0 +1,202 @@
+"""Whose command it was: who guards its mailbox carries out only what a person asked for after its last fault."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+
+from shm import client as sending
+from shm.audit import Audit
+from shm.client import Client, LoopClient
+from shm.commands import COMMANDS
+from shm.directory import create_ring, reader, topic_of, writer
+from shm.faults import FaultCell, Faults, create_faults
+from shm.mailbox import Mailbox, create_mailbox
+from shm.origins import NOBODY, Origin
+from shm.ring import RingReader
+from tests.conftest import World
+
+
+@pytest.fixture
+def system(world: World) -> Iterator[str]:
+    create_mailbox(world.name, "PSM1", "arm")
+    create_faults(world.name, ("PSM1",))
+    create_ring(world.name, "PSM1", topic_of("arm", "audit"), {}, {"kind": "arm"})
+    yield world.name
+    world.remove()
+
+
+@pytest.fixture
+def faults(system: str) -> Iterator[Faults]:
+    page = Faults(system, write=True)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def cell(faults: Faults) -> FaultCell:
+    return FaultCell(faults, "PSM1")
+
+
+@pytest.fixture
+def audit(system: str) -> Iterator[RingReader]:
+    ring = reader(system, "PSM1", "audit", "arm")
+    yield ring
+    ring.close()
+
+
+@pytest.fixture
+def box(system: str, cell: FaultCell) -> Iterator[Mailbox]:
+    ring = writer(system, "PSM1", "audit", "arm")
+    owner = Mailbox(system, "PSM1", "arm", guard=cell, audit=Audit(ring, time.monotonic_ns))
+    yield owner
+    owner.close()
+    ring.close()
+
+
+@pytest.fixture
+def person(system: str, box: Mailbox) -> Iterator[Client]:
+    client = Client(system, "PSM1")
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def loop(system: str, box: Mailbox) -> Iterator[LoopClient]:
+    client = LoopClient(system, "PSM1")
+    yield client
+    client.close()
+
+
+def ran(box: Mailbox) -> list[str]:
+    found = list(box.drain())
+    for command in found:
+        command.done()
+    return [command.name for command in found]
+
+
+def test_a_person_is_served_and_known_by_number_and_program(box: Mailbox, person: Client) -> None:
+    person.send("state_command", (), "enable")
+    (got,) = box.drain()
+    assert got.origin.is_person and got.origin.generation == 0 and got.origin.program
+
+
+def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) -> None:
+    loop.send("state_command", (), "enable")
+    assert ran(box) == []
+    (reply,) = loop.poll()
+    assert (reply.outcome, reply.text) == (
+        "refused", "no person's command stands behind it; a person has to ask for it again")
+
+
+def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
+    loop.origin = Origin(77, 0, "trocar home")
+    loop.send("state_command", (), "home")
+    (got,) = box.drain()
+    assert got.origin == loop.origin
+
+
+def test_what_was_queued_at_a_fault_is_refused_and_what_comes_later_runs(
+    box: Mailbox, person: Client, cell: FaultCell
+) -> None:
+    person.send("move_jp", (0.1,) * 6)
+    cell.fault()
+    person.send("state_command", (), "enable")
+    assert ran(box) == ["state_command"]
+    assert [reply.outcome for reply in person.poll()] == ["refused", "done"]
+
+
+def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_when(
+    box: Mailbox, loop: LoopClient, cell: FaultCell
+) -> None:
+    loop.origin = Origin(77, 0, "trocar home")
+    cell.fault()
+    loop.send("state_command", (), "enable")
+    assert ran(box) == []
+    (reply,) = loop.poll()
+    assert reply.text.startswith("trocar home was told so before the last fault")
+
+
+@pytest.mark.parametrize(("name", "values", "text"), [
+    ("state_command", (), "disable"), ("hold", (), ""), ("crtk_version", (), ""), ("body/servo_cf", (0.0,) * 6, ""),
+    ("unlock_orientation", (), ""),
+])
+def test_stopping_asking_and_letting_go_need_nobody(
+    box: Mailbox, loop: LoopClient, cell: FaultCell, name: str, values: tuple[float, ...], text: str
+) -> None:
+    cell.fault()
+    loop.origin = NOBODY
+    loop.send(name, values, text)
+    assert ran(box) == [name]
+
+
+def test_a_wrench_that_pushes_needs_a_person(box: Mailbox, loop: LoopClient) -> None:
+    loop.send("body/servo_cf", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
+    assert ran(box) == []
+
+
+def test_a_stream_that_began_before_a_fault_does_not_go_on_after_it(
+    box: Mailbox, person: Client, cell: FaultCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = SimpleNamespace(ns=10**12)
+    monkeypatch.setattr(sending, "monotonic_ns", lambda: now.ns)
+
+    def goal() -> list[str]:
+        person.send("servo_jp", (0.1,) * 6)
+        return ran(box)
+
+    assert goal() == ["servo_jp"]
+    cell.fault()
+    for _ in range(5):
+        now.ns += 90_000_000
+        assert goal() == []  # one command of a person, of before the fault
+    now.ns += 200_000_000
+    assert goal() == ["servo_jp"]  # another one
+
+
+def test_another_command_of_the_same_person_does_not_renew_a_stream(
+    box: Mailbox, person: Client, cell: FaultCell
+) -> None:
+    person.send("servo_jp", (0.1,) * 6)
+    cell.fault()
+    person.send("state_command", (), "home")
+    person.send("servo_jp", (0.1,) * 6)
+    assert ran(box) == ["state_command"]
+
+
+def test_the_audit_ring_tells_who_asked_for_what_and_what_became_of_it(
+    box: Mailbox, loop: LoopClient, audit: RingReader
+) -> None:
+    loop.origin = Origin(77, 0, "trocar home")
+    loop.send("state_command", (), "home")
+    (got,) = box.drain()
+    got.accept()
+    got.fail("no power")
+    rows = audit.since(0)
+    assert [(r["command"], r["text"], r["outcome"], r["reason"], int(r["origin"]), r["program"]) for r in rows] == [
+        (b"state_command", b"home", b"accepted", b"", 77, b"trocar home"),
+        (b"state_command", b"home", b"failed", b"no power", 77, b"trocar home")]
+
+
+def test_the_audit_ring_keeps_the_first_of_a_stream_and_its_changes(
+    box: Mailbox, person: Client, audit: RingReader, cell: FaultCell
+) -> None:
+    for _ in range(20):
+        person.send("servo_jp", (0.1,) * 6)
+        ran(box)
+    cell.fault()
+    for _ in range(20):
+        person.send("servo_jp", (0.1,) * 6)
+        ran(box)
+    assert [row["outcome"] for row in audit.since(0)] == [b"done", b"refused"]
+
+
+def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends_something() -> None:
+    free = {(kind, row.name) for kind, rows in COMMANDS.items() for row in rows
+            if row.moves and not row.needs_person("", (1.0,))}
+    assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("external", "hold"),
+                    ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
+                    ("boards", "hand_release")}
