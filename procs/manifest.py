@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from procs.lib.document import Process
+
 
 @dataclass(frozen=True, slots=True)
 class Proc:
-    """One kind: its module, default period, when silence counts as trouble, and what happens after it died.
+    """One kind: its module, default period, how long it may be silent, and what happens after it died.
 
     Without a module it is a program of somebody else, who starts it: only its places in shared memory are ours.
 
     `topics` are the rings its instances write besides `events`; `phase` is where in the period its cycle lies in
-    lock-step; `stop_s` is how long it may take to end when asked; `on_exit` is said in words for `trocar status`.
-    `reserved` is the share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority.
+    lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
+    again by the policy for deaths. `stop_s` is how long it may take to end when asked; `on_exit` is said in words for
+    `trocar status`. `reserved` is the share of its period that nobody else may take (SCHED_DEADLINE), where it may ask
+    for priority.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -29,6 +33,8 @@ class Proc:
     restart: bool = True
     reserved: float = 0.0
     budget_us: float = 0.0
+    hung_s: float = 1.0
+    rest: int = 1
 
 
 PROCS: tuple[Proc, ...] = (
@@ -39,11 +45,11 @@ PROCS: tuple[Proc, ...] = (
     Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
          ("state", "gains", "instruments"), reserved=0.6, budget_us=300),
     Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
-         ("state", "setpoint"), phase=0.5, budget_us=150),
+         ("state", "setpoint"), phase=0.5, budget_us=150, rest=3),
     Proc("suj", "procs.suj.loop", 1 / 500, 0.05, 3.0, "brakes engage, base frames unknown; restart goes on",
          ("state", "setpoint"), phase=0.75, budget_us=150),
     Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
-         ("state",), phase=0.75, budget_us=200),
+         ("state",), phase=0.75, budget_us=200, rest=10),
     Proc("console", "procs.console.loop", 0.01, 0.05, 3.0, "operator counts as absent; restart goes on",
          ("state",), phase=0.05, budget_us=300),
     Proc("system", "procs.system.loop", 0.01, 0.5, 3.0, "nothing moves differently; restart",
@@ -61,3 +67,14 @@ def proc(kind: str) -> Proc:
         if row.kind == kind:
             return row
     raise KeyError(f"no process of kind {kind}; there are {', '.join(r.kind for r in PROCS)}")
+
+
+def late_s(row: Process) -> float:
+    """Silence that is reported, s: as configured, or as usual for its kind; more than an instance may sleep."""
+    kind = proc(row.kind)
+    return max(kind.late_s if row.late_s is None else row.late_s, 2.0 * kind.rest * row.period_s)
+
+
+def hung_s(row: Process) -> float:
+    """Silence after which an instance is killed, s; never less than what is reported."""
+    return max(proc(row.kind).hung_s if row.hung_s is None else row.hung_s, late_s(row))

@@ -124,6 +124,7 @@ class Conductor:
         self._now = self._segment.view.cast("q")[at : at + 1]
         self._tick = Futex(self._segment, first + SCHEMA.offset("tick"))
         self._now[0] = self._time_ns = EPOCH_NS
+        self.held_up_by = ""  # who had not finished when `advance` was called last
 
     @property
     def now_ns(self) -> int:
@@ -133,12 +134,14 @@ class Conductor:
     def advance(self, players: list[Pulse], give_up_ns: int) -> bool:
         """One step: wait until every player has finished what was due, then go to the earliest wish.
 
-        Returns False when somebody has not finished within `give_up_ns` real time; nothing was advanced then.
+        Returns False when somebody has not finished within `give_up_ns` real time; nothing was advanced then, and
+        `held_up_by` says whom it was waiting for.
         """
-        now = self.now_ns
+        now, self.held_up_by = self.now_ns, ""
         wishes = []
         for player in players:
             if not _finished(player, now, give_up_ns):
+                self.held_up_by = player.instance
                 return False
             wishes.append(int(player.get("next_ns")))
         wish = min((w for w in wishes if w > now), default=now + 1_000_000)

@@ -6,7 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from procs.manifest import proc
+from procs.lib.document import Process, from_json
+from procs.manifest import late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
@@ -56,7 +57,7 @@ class Life:
 
 def lives(system: str) -> list[Life]:
     """Every process of a system, the supervisor first."""
-    ledger = _ledger(system)
+    ledger, rows = _ledger(system), _rows(system)
     simulated = is_lockstep(system)
     found = []
     for name in directory.instances(system):
@@ -66,11 +67,19 @@ def lives(system: str) -> list[Life]:
             continue
         try:
             said = _said(system, name)
-            life = _life(name, pulse, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated)
+            life = _life(name, pulse, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated, rows.get(name))
             found.append(dataclasses.replace(life, simulation=str(said.get("simulation", ""))))
         finally:
             pulse.close()
     return found
+
+
+def _rows(system: str) -> dict[str, Process]:
+    """What the configuration says of each process; nothing where it is not readable."""
+    try:
+        return {row.name: row for row in from_json(directory.document(system)).processes}
+    except (SegmentError, ValueError):
+        return {}
 
 
 def _said(system: str, name: str) -> dict[str, Any]:
@@ -99,7 +108,7 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
     return {str(row["instance"]): row for row in rows if row["instance"]}
 
 
-def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool) -> Life:
+def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row: Process | None) -> Life:
     kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
     state, lives_on = pulse.state, alive(pulse.segment.identity())
     counts = {count: pulse.get(count) for count in COUNTS}
@@ -117,24 +126,24 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool) -> L
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(pulse.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if wall and beat else None,
-        trouble=_trouble(kind, state, lives_on, pulse, wall), statistics=statistics,
+        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, pulse, wall), statistics=statistics,
     )
 
 
-def _trouble(kind: str, state: str, lives_on: bool, pulse: Pulse, wall: bool) -> str:
+def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, wall: bool) -> str:
     if state == "FAILED":
         return f"failed: {plain(pulse.get('error'))}"
     if not lives_on:
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
-    if state == "RUNNING" and wall and _stalled(kind, pulse):
-        return "silent" if kind == EXTERNAL else "stalled"
+    if state == "RUNNING" and wall and _stalled(row, pulse):
+        return "silent" if row.kind == EXTERNAL else "stalled"
     return ""
 
 
-def _stalled(kind: str, pulse: Pulse) -> bool:
-    """Silent for longer than the manifest allows, and still so when looked at again: one late cycle is no stall."""
+def _stalled(row: Process, pulse: Pulse) -> bool:
+    """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
-        late_ns = proc(kind).late_s * 1e9
+        late_ns = late_s(row) * 1e9
     except KeyError:
         return False
     beat = int(pulse.get("heartbeat_ns"))

@@ -242,6 +242,8 @@ class Process:
     cpu: int | None = None
     restart_limit: int = 5
     backoff_s: float = 0.2
+    late_s: float | None = None  # silence that is reported; None: as usual for its kind
+    hung_s: float | None = None  # silence after which it is killed
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ class Child:
     restart_at_ns: int = 0  # 0: no restart planned
     kill_at_ns: int = 0  # 0: nobody waits for its end
     given_up: bool = field(default=False)
+    hung_s: float = 0.0  # so long it was silent when we killed it
 
     @property
     def pid(self) -> int:
@@ -78,6 +79,11 @@ class Child:
         if self.popen is not None:
             self.popen.kill()
 
+    def kill_hung(self, silent_s: float) -> None:
+        """It lives, but does not go on: kill it; the policy for deaths decides about the next one."""
+        self.hung_s = silent_s
+        self.kill()
+
     def kill_when_due(self) -> None:
         """Kill what was asked to end and does not."""
         if self.kill_at_ns and monotonic_ns() >= self.kill_at_ns:
@@ -94,7 +100,9 @@ class Child:
         asked = self.state != lifecycle.RUNNING
         begins = lifecycle.starts_process(self.state, lifecycle.QUIT)
         self.state = lifecycle.after(self.state, lifecycle.QUIT)
-        self.reason = "stopped" if asked and code == 0 else _in_words(code, self.pulse)
+        hung = f"hung for {self.hung_s:.1f} s, killed" if self.hung_s else ""
+        self.reason = "stopped" if asked and code == 0 else hung or _in_words(code, self.pulse)
+        self.hung_s = 0.0
         if begins:
             self._spawn()
         elif not asked:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import logging
+import math
 import os
 import signal
 import socket
@@ -14,13 +15,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
+from procs import lifecycle
 from procs.lib.config import load_system
 from procs.lib.document import Process, System
 from procs.lib.paths import log_folder
-from procs.manifest import proc
+from procs.manifest import hung_s, late_s, proc
 from procs.runtime import realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
+from procs.supervisor.judge import HUNG, LATE, Judge, Member
 from shm import directory
 from shm.audit import Audit
 from shm.clock import Conductor, monotonic_ns, pause
@@ -34,6 +37,7 @@ BEAT_S = 0.02
 BARRIER_S = 60.0
 LOCKSTEP_BUDGET_NS = 10_000_000
 LOCKSTEP_GIVE_UP_NS = 20_000_000
+LOCKSTEP_SLOWER = 10.0  # nothing moves while time stands, and io waits 2 s there for a reply that does not come
 BUS_PORT = 1394
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 log = logging.getLogger("supervisor")
@@ -51,6 +55,8 @@ class Supervisor:
         self.system = system
         memory.trust(system.service_user)
         self.stopping = ""
+        self.lost = False  # our processes have ended because we were held up
+        self.judge, self._beat_ns = Judge(), 0
         self._name = memory.hold_name(system.name)
         try:
             self._make(memory.maker(system.group))
@@ -104,8 +110,13 @@ class Supervisor:
         return self.conductor.now_ns if self.conductor is not None else monotonic_ns()
 
     def beat(self) -> None:
-        """Show that we live; always in real time."""
-        self.pulse.field("heartbeat_ns")[...] = monotonic_ns()
+        """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
+        now = monotonic_ns()
+        passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
+        if passed_s > self.system.supervisor_lost_s and not self.stopping:
+            self.lost = True
+            self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
+        self.pulse.field("heartbeat_ns")[...] = now
 
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
@@ -115,9 +126,12 @@ class Supervisor:
             children = [c for c in self.children if c.row.name in names]
             for child in children:
                 child.start()
+                self.beat()
             self._wait(lambda group=children: self._all_up(group), BARRIER_S)  # type: ignore[misc]  # bound default
+            if self.stopping:
+                return
             late = [c.row.name for c in children if not c.ready]
-            if late and not self.stopping:
+            if late:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
         self.pulse.show("RUNNING")
         self._show()
@@ -135,8 +149,8 @@ class Supervisor:
         while monotonic_ns() < end and (to_the_end or not self.stopping):
             if done():
                 return True
-            self.beat()
             self.let_time_pass()
+            self.beat()
         return done() if to_the_end or not self.stopping else False
 
     def let_time_pass(self) -> None:
@@ -156,10 +170,11 @@ class Supervisor:
         """Watch until asked to stop, or for so many seconds of real time."""
         end = monotonic_ns() + round(seconds * 1e9) if seconds is not None else None
         while not self.stopping:
-            self.beat()
             self._commands()
             self._watch()
+            self._judge()
             self.let_time_pass()
+            self.beat()
             if end is not None and monotonic_ns() >= end:
                 self.stopping = f"{seconds:g} s are over"
 
@@ -192,6 +207,34 @@ class Supervisor:
                 log.info("%s started again (pid %d)", child.row.name, child.pid)
                 self.events.status(f"{child.row.name} started again", child.row.name)
                 self._show()
+
+    def _judge(self) -> None:
+        """Report who is late, kill who hangs."""
+        for verdict in self.judge.beat(monotonic_ns(), self._members()):
+            child = next(c for c in self.children if c.row.name == verdict.name)
+            name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
+            if verdict.what == LATE:
+                text = f"{name} is late: silent for {seconds:.2f} s, allowed are {allowed_s:g} s"
+                log.warning("%s", text)
+                self.events.warning("process-late", text, name, value=seconds, limit=allowed_s)
+            elif verdict.what == HUNG:
+                log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
+                child.kill_hung(seconds)
+            else:
+                log.info("%s resumes after %.2f s", name, seconds)
+                self.events.status(f"{name} resumes after {seconds:.2f} s", name)
+
+    def _members(self) -> Iterator[Member]:
+        """Who is to be judged: all that run on the wall clock; in lock-step the one that holds time up."""
+        conductor = self.conductor
+        for child in self.children:
+            if child.state != lifecycle.RUNNING or not child.ready:
+                continue
+            hung_ns = hung_s(child.row) * 1e9
+            if conductor is None:
+                yield Member(child.row.name, int(child.pulse.get("heartbeat_ns")), late_s(child.row) * 1e9, hung_ns)
+            elif child.row.name == conductor.held_up_by:
+                yield Member(child.row.name, conductor.now_ns, math.inf, LOCKSTEP_SLOWER * hung_ns)
 
     def _show(self) -> None:
         for i, child in enumerate(self.children):
@@ -325,10 +368,11 @@ def _run(system: System, seconds: float | None) -> int:
             log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)
             try:
                 supervisor.start_all()
-                log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
+                if not supervisor.stopping:
+                    log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
                 supervisor.run(seconds)
-                log.info("stopping: %s", supervisor.stopping)
-                failed = any(c.given_up for c in supervisor.children)
+                log.log(logging.ERROR if supervisor.lost else logging.INFO, "stopping: %s", supervisor.stopping)
+                failed = supervisor.lost or any(c.given_up for c in supervisor.children)
             except (SetupFailed, OSError) as error:  # OSError: no process or log file could be made
                 log.error("%s", error)
                 failed = True

@@ -55,6 +55,7 @@ def test_set_accepts_a_mapping(home: Home) -> None:
         ("io=[", "io", "YAML"),
         ("clock.x.y=1", "trocar.clock", "wall"),
         ("IOs.0.port=udp", "trocar.IOs", "clock"),
+        ("processes.PSM1.hung_s=0.01", "trocar.processes.PSM1.hung_s", "from 0.1 up to 86400"),
         ("processes.PSM9.cpu=1", "trocar.processes.PSM9", "PSM1"),
         ("group=no-such-group", "trocar.group", "a group of this machine"),
         ("service_user=no-such-user", "trocar.service_user", "a user of this machine"),
@@ -76,13 +77,14 @@ def test_values_of_single_processes_win(home: Home) -> None:
   arm: {priority: 30, period_s: 0.0005}
   processes:
     IO1: {priority: 50, on_exit: stay-down, restart_limit: 1, backoff_s: 0.5}
-    PSM1: {period_s: 0.002, cpu: 0}""",
+    PSM1: {period_s: 0.002, cpu: 0, late_s: 0.2, hung_s: 86400}""",
     )
     system = home.load().system
     assert system is not None
     io, arm = system.process("IO1"), system.process("PSM1")
     assert (io.period_s, io.priority, io.on_exit, io.restart_limit, io.backoff_s) == (0.0005, 50, "stay-down", 1, 0.5)
     assert (arm.period_s, arm.priority, arm.cpu) == (0.002, 30, 0)
+    assert (arm.late_s, arm.hung_s, io.late_s, io.hung_s) == (0.2, 86400.0, None, None)
     assert system.arm("PSM1").period_s == 0.002 and system.io("IO1").period_s == 0.0005
 
 

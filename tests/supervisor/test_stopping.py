@@ -11,7 +11,9 @@ import pytest
 from procs import lifecycle
 from procs.lib.document import Process, System
 from procs.supervisor import loop, memory
+from procs.supervisor.children import Child
 from procs.supervisor.loop import Supervisor
+from shm.clock import monotonic_ns
 from shm.pulse import Pulse, create_control
 from shm.segment import SegmentError, names_of
 
@@ -105,3 +107,35 @@ def test_a_supervisor_that_cannot_begin_leaves_no_memory(
     with pytest.raises(OSError, match="no space"):
         Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "arm", 1 / 1500),)))
     assert names_of(world.name) == []
+
+
+def test_a_supervisor_that_was_held_up_ends_instead_of_starting_all_again(
+    supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervisor.beat()
+    child = supervisor.children[0]
+    assert child.popen is not None
+    child.popen.kill()  # it has noticed that we were away
+    child.popen.wait(10)
+    monkeypatch.setattr(loop, "monotonic_ns", lambda: monotonic_ns() + 3_000_000_000)
+    supervisor.run(None)
+    assert supervisor.lost and child.restarts == 0 and child.popen is None
+    assert supervisor.stopping.startswith("was held up for 3.0 s; its processes have ended")
+
+
+def test_being_asked_to_stop_while_starting_starts_nobody_else(
+    supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[str] = []
+
+    def start(child: Child) -> None:
+        started.append(child.row.name)
+        supervisor.stopping = "got SIGINT"
+
+    monkeypatch.setattr(Child, "start", start)
+    supervisor.children.append(supervisor._child(Process("PSM1", "arm", 1 / 1500, ("IO1",)), Path()))
+    supervisor._rows = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
+    supervisor.children[0].row = supervisor._rows[0]
+    supervisor.start_all()
+    del supervisor.children[1:]
+    assert supervisor.stop_all() and started == ["IO1"]

@@ -23,6 +23,8 @@ class ProcessKeys(Section):
     on_exit: OnExit | None = None
     restart_limit: int | None = Field(default=None, ge=0, le=1000)
     backoff_s: float | None = Field(default=None, ge=0.0, le=60.0, description="s")
+    late_s: float | None = Field(default=None, ge=0.01, le=60.0, description="s of silence, then it is reported")
+    hung_s: float | None = Field(default=None, ge=0.1, le=86400.0, description="s of silence, then it is killed")
 
 
 class IoOptions(Section):

@@ -1,0 +1,78 @@
+"""Who has not beaten for too long: late ones are reported, hung ones are killed. Pure: all times come from outside.
+
+A process shows that it goes on by a mark that changes: its heartbeat, or, in lock-step, the time that it holds up. Its
+silence grows by our own beats, and only by those that we took in time: whatever held us up (the machine, somebody who
+stopped us) may have held up the others as well, so nobody is judged for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+OWN_LATE_NS: Final = 60_000_000  # three of our beats
+CALM_NS: Final = 1_000_000_000  # late again within this: the same episode
+LATE, HUNG, RESUMED = "late", "hung", "resumed"
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One process that is to be judged in this beat: what it shows, and what is allowed, ns."""
+
+    name: str
+    mark: int
+    late_ns: float
+    hung_ns: float
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """`what` is LATE (once an episode), HUNG, or RESUMED after it was reported late; silent for so long, in s."""
+
+    name: str
+    what: str
+    silent_s: float
+
+
+@dataclass(slots=True)
+class _Silence:
+    mark: int
+    silent_ns: int = 0
+    reported: bool = False
+    calm_at_ns: int = 0
+
+
+class Judge:
+    """Remembers how long each has been silent."""
+
+    def __init__(self) -> None:
+        self._silences: dict[str, _Silence] = {}
+        self._last_ns: int | None = None
+
+    def beat(self, now_ns: int, members: Iterable[Member]) -> Iterator[Verdict]:
+        """One beat, at real time `now_ns`; who is not among the members is forgotten."""
+        passed_ns = 0 if self._last_ns is None else now_ns - self._last_ns
+        self._last_ns, known, self._silences = now_ns, self._silences, {}
+        for member in members:
+            silence = known.get(member.name) or _Silence(member.mark)
+            self._silences[member.name] = silence
+            if silence.mark != member.mark:
+                if silence.reported:
+                    yield Verdict(member.name, RESUMED, silence.silent_ns * 1e-9)
+                silence.mark, silence.silent_ns, silence.reported = member.mark, 0, False
+            elif passed_ns <= OWN_LATE_NS:
+                silence.silent_ns += passed_ns
+                yield from _judged(now_ns, member, silence)
+
+
+def _judged(now_ns: int, member: Member, silence: _Silence) -> Iterator[Verdict]:
+    silent_s = silence.silent_ns * 1e-9
+    if silence.silent_ns > member.late_ns:
+        if not silence.reported and now_ns >= silence.calm_at_ns:
+            silence.reported = True
+            yield Verdict(member.name, LATE, silent_s)
+        silence.calm_at_ns = now_ns + CALM_NS
+    if silence.silent_ns > member.hung_ns:
+        silence.silent_ns, silence.reported = 0, False
+        yield Verdict(member.name, HUNG, silent_s)

@@ -1,0 +1,95 @@
+"""SIGSTOP of every part for good, on the wall clock and in lock-step: who notices, what is killed and comes back."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shm import directory
+from tests.system.robot import DEMO, Robot, wait_for
+
+pytestmark = pytest.mark.slow
+KINEMATIC = DEMO.parent / "kinematic.yaml"
+
+
+def stop(robot: Robot, instance: str) -> int:
+    """SIGSTOP for good; returns the pid that hangs."""
+    pid = robot.pid(instance)
+    os.kill(pid, signal.SIGSTOP)
+    return pid
+
+
+def killed(robot: Robot, instance: str, hung: int, seconds: float) -> str:
+    """Wait until another process runs in its place; how the supervisor says that the one before ended."""
+    try:
+        wait_for(lambda: robot.pid(instance) != hung and robot.state(instance) == "RUNNING", seconds,
+                 f"{instance} killed and started again")
+    finally:
+        if robot.pid(instance) == hung:
+            os.kill(hung, signal.SIGCONT)
+    return str(row(robot, instance)["exit_reason"])
+
+
+def row(robot: Robot, instance: str) -> Any:
+    """A process as `trocar status` has it."""
+    listed = json.loads(robot.trocar("status", "--json", code=None))["processes"]
+    return next(each for each in listed if each["name"] == instance)
+
+
+def test_whoever_hangs_is_killed_and_comes_back(robot: Robot) -> None:
+    robot.up()
+    robot.trocar("power-on")
+    robot.trocar("home")
+    io = directory.reader(robot.name, "IO1", "state")
+    events = directory.reader(robot.name, "supervisor", "events")
+    assert io.newest()
+    before = io.field("position").copy()
+    reason = killed(robot, "PSM1", stop(robot, "PSM1"), 10.0)
+    assert reason.startswith("hung for 1.") and reason.endswith(" s, killed")
+    assert io.newest() and io.field("powered").all() and io.field("pid_enabled").all()
+    assert np.abs(io.field("position") - before).max() < 0.01, "io held the robot meanwhile"
+    late = [each for each in events.last(100) if each["code"] == b"process-late" and each["component"] == b"PSM1"]
+    assert late and b"PSM1 is late: silent for 0.0" in late[-1]["text"]
+    reason = killed(robot, "IO1", stop(robot, "IO1"), 10.0)
+    assert "hung for" in reason
+    wait_for(lambda: io.newest() and io.epoch == 2, 10.0, "records of the new io")
+    assert not io.field("powered").any(), "nobody asked for power since"
+    for each in (io, events):
+        each.close()
+    robot.pids |= {robot.pid(instance) for instance in directory.instances(robot.name)}
+    held_up_supervisor_ends(robot)
+
+
+def held_up_supervisor_ends(robot: Robot) -> None:
+    """Its processes have ended by themselves: it starts none of them again, and leaves nothing."""
+    assert robot.supervisor is not None
+    before = robot.said().count("started again")
+    os.kill(robot.supervisor.pid, signal.SIGSTOP)
+    time.sleep(3.0)  # what is tested is the time itself
+    os.kill(robot.supervisor.pid, signal.SIGCONT)
+    try:
+        assert robot.supervisor.wait(10) == 1
+    finally:
+        robot.down()
+    assert "was held up for 3." in robot.said() and "its processes have ended" in robot.said()
+    assert robot.said().count("started again") == before and robot.left_over() == []
+
+
+def test_time_goes_on_without_the_one_that_holds_it_up(robot: Robot) -> None:
+    robot.up(KINEMATIC, "--set", "clock=lockstep", "--set", "processes.PSM1.hung_s=0.1")
+    robot.trocar("power-on")
+    io = directory.reader(robot.name, "io", "state")
+    hung = stop(robot, "PSM1")
+    assert io.newest()
+    stands_ns = io.stamp_ns
+    assert "hung for" in killed(robot, "PSM1", hung, 10.0)
+    wait_for(lambda: io.newest() and io.stamp_ns > stands_ns + 100_000_000, 10.0, "time goes on")
+    assert int(row(robot, "io")["restarts"]) == 0
+    io.close()
+    assert robot.down() == 0
