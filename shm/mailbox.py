@@ -71,8 +71,8 @@ REPLIES_DEPTH = REPLY.depth
 COMMAND_SCHEMA = schema_of(COMMAND)
 REPLY_SCHEMA = schema_of(REPLY)
 LATE_NS = 1_000_000_000
-AGAIN = "a person has to ask for it again"
-NOBODYS = f"no person's command stands behind it; {AGAIN}"
+NOBODYS = "no person's command stands behind it; a person has to ask for it"
+BEFORE = "before the last fault or power-off; a person has to ask for it again"
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
 
 # What the rows of the topic table come to; tests compare these with the schemas.
@@ -314,8 +314,8 @@ class Mailbox:
             objection = ""
             if self._now_ns - sent_ns > LATE_NS:
                 objection = self._too_late(received, sent_ns)
-            if not objection and self._guard is not None and (not origin or generation < self._guard.void):
-                objection = self._nobodys(received)
+            if not objection and self._guard is not None:
+                objection = self._nobodys(received, self._guard, origin, generation)
             if not objection:
                 return received
             received.refuse(objection)
@@ -334,12 +334,12 @@ class Mailbox:
         waited = (self._now_ns - sent_ns) * 1e-9
         return f"it came {waited:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
 
-    def _nobodys(self, received: Received) -> str:
+    def _nobodys(self, received: Received, guard: Cell, origin: int, generation: int) -> str:
+        if origin and (generation >= guard.void or origin == guard.spared):
+            return ""
         if not received.command.needs_person(received.text, received.values):
             return ""
-        if not received.origin.is_person:
-            return NOBODYS
-        return f"{received.origin.program or 'a program'} was told so before the last fault; {AGAIN}"
+        return f"{received.origin.program or 'somebody'} asked for it {BEFORE}" if origin else NOBODYS
 
     def reply(self, received: Received, outcome: int, text: str) -> None:
         """Answer a command, and put into the audit ring what became of it."""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shm.faults import FaultCell, Faults, create_faults
+from shm.faults import FaultCell, Faults, Watched, create_faults
 from shm.segment import SegmentError
 from tests.conftest import World
 
@@ -59,6 +59,16 @@ def test_counters_that_somebody_has_scribbled_on_go_round(page: Faults) -> None:
     page.words[page.cell("PSM1")[0]] = 2**64 - 1
     cell.fault()
     assert cell.void == page.generation() == 0
+
+
+def test_who_works_with_some_sees_their_last_fault_and_no_power_off(page: Faults) -> None:
+    watched = Watched(page, ("PSM1", "PSM2", "somebody's own"))
+    cell, alone = FaultCell(page, "PSM1"), FaultCell(page, "IO1/PSM1")
+    alone.fault()
+    cell.switched_off(77)
+    assert watched.void == 0
+    cell.fault()
+    assert watched.void == cell.void == 3
 
 
 def test_a_page_that_is_not_there_is_refused(world: World) -> None:

@@ -217,8 +217,8 @@ def test_the_page_names_what_is_carried_out_however_late() -> None:
 
 def test_the_faults_page_lies_where_the_page_says() -> None:
     schema = schema_of(faults.PAGE, {"components": 3})
-    assert (schema.offset("count"), schema.offset("void")) == (16, 16 + 8 * 3)
-    assert [row["field"] for row in table("Faults page", "field", "dtype")] == ["count", "void"]
+    assert [schema.offset(name) for name in ("count", "fault", "void")] == [16, 16 + 8 * 3, 16 + 8 * 6]
+    assert [row["field"] for row in table("Faults page", "field", "dtype")] == ["count", "fault", "void"]
 
 
 def test_names_are_as_long_as_the_page_says() -> None:

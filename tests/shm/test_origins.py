@@ -89,7 +89,7 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
     assert ran(box) == []
     (reply,) = loop.poll()
     assert (reply.outcome, reply.text) == (
-        "refused", "no person's command stands behind it; a person has to ask for it again")
+        "refused", "no person's command stands behind it; a person has to ask for it")
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
@@ -117,7 +117,20 @@ def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_wh
     loop.send("state_command", (), "enable")
     assert ran(box) == []
     (reply,) = loop.poll()
-    assert reply.text.startswith("trocar home was told so before the last fault")
+    assert reply.text.startswith("trocar home asked for it before the last fault")
+
+
+def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
+    box: Mailbox, loop: LoopClient, person: Client, cell: FaultCell
+) -> None:
+    person.send("move_jp", (0.1,) * 6)  # before
+    loop.origin = Origin(77, 0, "trocar home")
+    cell.switched_off(77)
+    loop.send("state_command", (), "enable")
+    assert ran(box) == ["state_command"]
+    cell.fault()
+    loop.send("state_command", (), "enable")
+    assert ran(box) == []
 
 
 @pytest.mark.parametrize(("name", "values", "text"), [
