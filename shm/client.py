@@ -29,7 +29,7 @@ from shm.mailbox import (
     REPLY_START,
     MailboxMap,
 )
-from shm.origins import NOBODY, Origin, new_id, program_name
+from shm.origins import NOBODY, Origin, Whose, new_id, program_name
 from shm.pulse import Pulse
 from shm.received import OUTCOMES
 
@@ -67,7 +67,8 @@ class Client:
         self._streams = [command.streams for command in rows]
         self._faults = _faults(system) if self.is_person else None
         self._program, self._streamed_ns = program_name(), -STREAM_NS
-        self.origin = self._stream = NOBODY
+        self.origin: Whose = NOBODY
+        self._stream = NOBODY
         """Of what was sent last; `_stream`: of the stream under way."""
         self._words, self._view = places.words, places.view
         try:
@@ -140,7 +141,7 @@ class Client:
             self._nap.rouse()
         return n
 
-    def _own_origin(self, streams: bool, now_ns: int) -> Origin:
+    def _own_origin(self, streams: bool, now_ns: int) -> Whose:
         """A stream is one command of a person: begun before a fault, it must not go on after it."""
         if streams:
             under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
@@ -194,10 +195,14 @@ def _faults(system: str) -> Faults | None:
 class LoopClient(Client):
     """A client for loops, which ask again for what they want: a full mailbox is no error there.
 
-    It is no person: set `origin` to that of the command it passes on.
+    It is no person: what it passes on comes from somebody else's command, see `on_behalf`.
     """
 
     is_person = False
+
+    def on_behalf(self, origin: Whose) -> None:
+        """What is sent from now on comes from this command of a person."""
+        self.origin = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its id; 0 when there was no room."""

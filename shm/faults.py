@@ -48,10 +48,13 @@ def robot_component(io: str, robot: str) -> str:
 class Cell(Protocol):
     """What an owner knows of its component's faults."""
 
-    void: int
-    """Commands of an earlier generation count for nothing."""
-    spared: int
-    """But those of this origin count: it has itself switched the component off."""
+    @property
+    def void(self) -> int:
+        """Commands of an earlier generation count for nothing."""
+
+    @property
+    def spared(self) -> int:
+        """But those of this origin count: it has itself switched the component off."""
 
 
 class OwnCell(Cell, Protocol):

@@ -47,6 +47,11 @@ class Received:
         return 0
 
     @property
+    def needs_person(self) -> bool:
+        """Whether a person's command has to stand behind it."""
+        return self.command.needs_person(self.text, self.values)
+
+    @property
     def origin(self) -> Origin:
         """The person's command it comes from."""
         number, generation, program = self._origin

@@ -36,6 +36,7 @@ from procs.arm.supervision import UNWATCHED, Generations, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
 from procs.lib.requests import Reports, Request, Sender
+from shm.faults import NoFaults, OwnCell
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,7 @@ class Surroundings:
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
     reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
+    faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
 
 
 class Arm:
@@ -89,7 +91,7 @@ class Arm:
         cartesian.set_base(base if around.setup_base is None else None)
         record.show_ratios(control.motion)
         self._started = self._clutched = False
-        self._epoch = 0
+        self._epoch = self._switched_off_by = 0
         self.prepare(self._predecessor)
         own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control, arm.base_from).table)
         self._commands = Commands(control, (*own, {"state_command": Row(self._state_command)}, *self.tables()))
@@ -236,6 +238,11 @@ class Arm:
     def _supervise(self) -> None:
         state, io, control = self.machine.state, self.io, self.control
         if state in UNWATCHED:
+            if self._epoch not in (0, io.epoch):
+                self._around.faults.fault()
+                self.machine.forget_wish("io was restarted")
+            elif not io.fresh:
+                self.machine.forget_wish("io does not answer")
             self._epoch = io.epoch
             return
         code, reason = trouble(state, io, self._epoch, control.driving, self._around.fault_text)
@@ -269,6 +276,10 @@ class Arm:
     def _enter(self, left: State) -> None:
         """A state was entered."""
         control, state = self.control, self.machine.state
+        if state is State.FAULT:
+            self._around.faults.fault()
+        elif state is State.DISABLED and left is not State.FAULT:
+            self._around.faults.switched_off(self._switched_off_by)
         control.duties.forget_bias()
         control.duties.want_no_fault(False)
         if PUBLISHED[state] != "ENABLED" or state is State.ENABLED:
@@ -293,4 +304,6 @@ class Arm:
             self.control.homed_generation = 0
             self.control.must_bias = True
             self.unhome()
-        self.machine.command(request, "" if self.io.fresh else "io does not answer")
+        self._switched_off_by = request.origin.id
+        if self.machine.command(request, "" if self.io.fresh else "io does not answer") and request.origin.id:
+            self.control.duties.on_behalf(request.origin)

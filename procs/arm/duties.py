@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from procs.arm.readings import Readings
-from procs.lib.requests import Answer, Sender
+from procs.lib.requests import Answer, Origin, Sender
 
 RETRY_NS = 100_000_000
 REFUSED_NS = 1_000_000_000
@@ -101,6 +101,10 @@ class Duties:
         self._bias_before = 0
         self._again = False
         self.bias_refusal = ""
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What io is asked for from now on comes from this command of a person."""
+        self._sender.on_behalf(origin)
 
     def order(self, name: str, values: Sequence[float], about: str = "") -> int:
         """Send a command that is no level, about the robot or something else; returns its id, 0: no room for it.

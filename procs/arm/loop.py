@@ -143,13 +143,14 @@ class Loop(runtime.Loop):
         number, first_axis = place_in(io, arm)
         self._io = LastGood(me.reads(arm.io, "state"))
         self._setpoint, self._state = me.writes("setpoint"), me.writes("state")
-        self._mailbox = me.mailbox()
+        faults = me.fault_cell()
+        self._mailbox = me.mailbox(faults)
         self.arm = TYPES[arm.type](arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
             me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
             setup_base=setup_base(me, arm),
-            reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader)))
+            reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         self._unchanged = 0

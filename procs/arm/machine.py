@@ -79,8 +79,15 @@ class Machine:
         self._desired_before = paused
         self._set(state)
 
-    def command(self, request: Request, objection: str) -> None:
-        """A state_command; `objection` is why it cannot be done although the table allows it."""
+    def forget_wish(self, reason: str) -> None:
+        """Whatever was asked for of an arm without power is not to be done any more."""
+        if self.state is State.DISABLED and self.desired is not State.DISABLED:
+            self.desired = State.DISABLED
+            self._answer_pending(reason)
+            self.publish()
+
+    def command(self, request: Request, objection: str) -> bool:
+        """A state_command; `objection` is why it cannot be done although the table allows it. Returns whether it is."""
         word = request.text.strip()
         reason = refusal(self.state, word)
         if not reason and word in (Event.ENABLE, Event.HOME):
@@ -89,7 +96,7 @@ class Machine:
             self.reports.warning("state-command", f"{self.name}: {reason}", self.name)
             request.refuse(reason)
             self.publish()
-            return
+            return False
         event = next(e for e in COMMANDS if e == word)
         self._answer_pending(f"{event} was asked for")
         request.accept()
@@ -98,6 +105,7 @@ class Machine:
         self._desire(event)
         self.fire(event)
         self.publish()
+        return True
 
     def settle(self, is_power_off: bool) -> None:
         """Answer the state_command under way when it has come to its end."""

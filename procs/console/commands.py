@@ -74,7 +74,7 @@ class Commands:
         return name
 
     def _enable(self, request: Request) -> None:
-        self._logic.enable(bool(self._one(request, "0 or 1", lambda value: value in (0.0, 1.0))))
+        self._logic.enable(bool(self._one(request, "0 or 1", lambda value: value in (0.0, 1.0))), request.origin)
 
     def _select(self, request: Request) -> None:
         teleop = self._teleop(request)

@@ -8,8 +8,10 @@ from typing import Final
 from procs.console.logic import Logic
 from procs.console.selection import Member
 from procs.lib.debounce import NAMES
+from procs.lib.requests import Origin
 from procs.runtime import Me
 from shm.client import LoopClient
+from shm.origins import NOBODY
 from shm.ring import RingReader
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
@@ -37,9 +39,12 @@ class Mailboxes:
 
     # -- what the logic asks for ---------------------------------------------------------------------------------------
 
-    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
-        """Ask a tele-operation for something; false: it could not be told."""
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
+            origin: Origin = NOBODY) -> bool:
+        """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
         client = self._teleops.get(teleop)
+        if client is not None:
+            client.on_behalf(origin)
         number = _send(client, command, values, text)
         if number and command == "state_command":
             self._under_way[teleop, number] = text
@@ -60,6 +65,10 @@ class Mailboxes:
     def status(self, text: str) -> None:
         """Something a person may like to know."""
         self._me.events.status(text, self._me.name)
+
+    def warn(self, code: str, text: str) -> None:
+        """Something a person should know."""
+        self._me.events.warning(code, text, self._me.name)
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         """A sound, at the system's volume."""

@@ -13,6 +13,8 @@ from typing import Final, Protocol
 
 from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm, tapped
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from procs.lib.requests import Origin
+from shm.origins import NOBODY
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
 DISABLED: Final = "DISABLED"
@@ -29,8 +31,9 @@ REFUSED_NS: Final = 500_000_000  # until what was refused is asked for again
 class Desk(Protocol):
     """Whom the console talks to."""
 
-    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
-        """Ask a tele-operation for something; false: it could not be told."""
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
+            origin: Origin = NOBODY) -> bool:
+        """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
 
     def free(self, teleop: str) -> None:
         """Ask another console to unselect a tele-operation of its own."""
@@ -43,6 +46,9 @@ class Desk(Protocol):
 
     def status(self, text: str) -> None:
         """Something a person may like to know."""
+
+    def warn(self, code: str, text: str) -> None:
+        """Something a person should know."""
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         """A sound."""
@@ -63,6 +69,8 @@ class Logic:
         self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
         self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
+        self.origin: Origin = NOBODY
+        """The person's command by which tele-operation is wanted."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._untold: dict[str, float] = {}  # what has become of the clutch, for who could not be told
         self._awaiting = ""  # to be selected as soon as other consoles have let go
@@ -100,9 +108,16 @@ class Logic:
             self._desk.status(f"{self.name}: its inputs are silent, the operator counts as absent")
             self.press(OPERATOR, RELEASED)
 
-    def enable(self, on: bool) -> None:
-        """Tele-operation is wanted, or not; being asked for is a sign of presence, too."""
-        self.wanted = on
+    def faults_until(self, generation: int) -> None:
+        """The last fault of an arm was this one: tele-operation that was wanted before it no longer is."""
+        if self.wanted and self.origin.generation < generation:
+            self._desk.warn("teleop-disabled", f"{self.name}: an arm had a fault, tele-operation is no longer enabled; "
+                            "teleop_enable 1 when all is well again")
+            self.enable(False)
+
+    def enable(self, on: bool, origin: Origin = NOBODY) -> None:
+        """Tele-operation is wanted, by whom, or not; being asked for is a sign of presence, too."""
+        self.wanted, self.origin = on, origin
         if on:
             self.lapsed.clear()
             self._pick_up()
@@ -197,7 +212,7 @@ class Logic:
         words = [(self.word(member), member.name) for member in self.mine]
         for word, name in sorted(words, key=lambda row: row[0] != DISABLE):
             due = word != self.asked[name] and not 0 < now_ns < self._again_ns[name]
-            if due and self._desk.ask(name, "state_command", text=word):
+            if due and self._desk.ask(name, "state_command", text=word, origin=self.origin):
                 self.asked[name] = word
 
     def step(self, now_ns: int) -> None:

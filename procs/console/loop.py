@@ -13,6 +13,7 @@ from procs.console.logic import Logic
 from procs.console.record import Record, go_on
 from procs.console.selection import members_of
 from procs.lib.document import System, TeleopPsm
+from shm.faults import Watched
 
 
 def first_scale(system: System, console: str) -> float:
@@ -37,7 +38,8 @@ class Loop(runtime.Loop):
         if row.turn_off is not None:
             me.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
         self._record, self._commands = Record(self._state.field, row, logic), Commands(logic)
-        self._mailbox = me.mailbox()
+        self._faults = Watched(me.faults(), [arm for member in logic.mine for arm in member.arms])
+        self._mailbox = me.mailbox(self._faults)
 
     def wait(self) -> bool:
         """See runtime.Loop."""
@@ -49,6 +51,7 @@ class Loop(runtime.Loop):
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         logic, inputs = self._logic, self._inputs
+        logic.faults_until(self._faults.void)
         for button, kind in inputs.poll(now_ns):
             logic.press(button, kind)
         if not inputs.valid:

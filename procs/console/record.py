@@ -8,6 +8,7 @@ from typing import Any
 from procs.console.inputs import Inputs, Reader
 from procs.console.logic import Logic
 from procs.lib.document import Console
+from shm.origins import Origin
 
 
 class Record:
@@ -17,8 +18,8 @@ class Record:
         """What never changes is filled in here."""
         self._logic = logic
         self._names = [member.name for member in logic.mine]
-        changing = ("valid", "operator_present", "clutch", "camera", "teleop_enabled", "scale", "selected", "asked",
-                    "present_inputs")
+        changing = ("valid", "operator_present", "clutch", "camera", "teleop_enabled", "origin", "generation",
+                    "program", "scale", "selected", "asked", "present_inputs")
         self._fields = {name: field(name) for name in changing}
         field("input_type")[...] = row.input_type.encode()
         field("teleop")[...] = [name.encode() for name in self._names]
@@ -29,6 +30,8 @@ class Record:
         logic, fields = self._logic, self._fields
         for name, value in (("valid", inputs.valid), ("operator_present", logic.operator), ("clutch", logic.clutch),
                             ("camera", logic.camera), ("teleop_enabled", logic.wanted), ("scale", logic.scale),
+                            ("origin", logic.origin.id), ("generation", logic.origin.generation),
+                            ("program", logic.origin.program.encode()),
                             ("present_inputs", inputs.seen)):
             fields[name][...] = value
         for place, name in enumerate(self._names):
@@ -46,6 +49,8 @@ def go_on(last: Reader, logic: Logic) -> bool:
     names = [bytes(name).decode() for name in last.field("teleop")]
     logic.selected = {name for name, on in zip(names, last.field("selected"), strict=True) if on and logic.knows(name)}
     logic.wanted = bool(last.field("teleop_enabled"))
+    logic.origin = Origin(int(last.field("origin")), int(last.field("generation")),
+                          bytes(last.field("program").item()).decode(errors="replace"))
     scale = float(last.field("scale"))
     logic.is_scaled, logic.scale = scale != logic.scale, scale
     return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, Protocol
 
 import numpy as np
@@ -17,6 +17,8 @@ from procs.io.robots import Robots
 from procs.lib import faults
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
+from procs.lib.requests import Origin
+from shm.faults import Cell
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
@@ -40,6 +42,14 @@ class Command(Protocol):
     def values(self) -> NDArray[np.float64]:
         """Its numbers."""
 
+    @property
+    def origin(self) -> Origin:
+        """The person's command that it comes from."""
+
+    @property
+    def needs_person(self) -> bool:
+        """Whether there has to be one."""
+
     def accept(self, text: str = "") -> None:
         """It is under way."""
 
@@ -62,11 +72,13 @@ class Commands:
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
                  safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
-                 instruments: Instruments) -> None:
+                 instruments: Instruments, faults: Sequence[Cell]) -> None:
+        """`faults` of every robot: what was asked of it before the last one is void."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
+        self._faults = faults
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Flags, Command]] = []  # robot, what shows that it has been done
         self._now_ns = 0
@@ -89,9 +101,17 @@ class Commands:
                 action = self._table.get(command.name)
                 if action is None:
                     raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
-                action(self._place(command), command)
+                place = self._place(command)
+                if command.name not in ABOUT:
+                    self._need_person(place, command)
+                action(place, command)
             except Refused as reason:
                 command.refuse(str(reason))
+
+    def _need_person(self, robot: int, command: Command) -> None:
+        if command.origin.generation < self._faults[robot].void and command.needs_person:
+            raise Refused(f"{command.origin.program or 'somebody'} asked for it before the last fault of "
+                          f"{self._robots.names[robot]}; a person has to ask for it again")
 
     def answer(self) -> None:
         """Answer what has finished."""

@@ -35,6 +35,7 @@ from procs.io.timing import Timing
 from procs.lib import faults
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
+from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000
@@ -46,9 +47,11 @@ class RobotIo:
 
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
-                 gains: Field | None = None, instruments: Field | None = None) -> None:
+                 gains: Field | None = None, instruments: Field | None = None,
+                 cells: Sequence[OwnCell] = ()) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
+        `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py.
         `gains` and `instruments` give the fields of these records; None: nobody looks at them.
         """
         self.io, self.record, self.reports = io, record, Reports()
@@ -75,9 +78,11 @@ class RobotIo:
         self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
         self._idle_outputs = IdleOutputs(robots, record, self._digital_outputs, self.reports)
         self._buttons = Buttons(robots, port, record, self.reports)
+        cells = cells or [NoFaults() for _ in robots.names]
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes, self._digital_outputs, self.gains, self.instruments)
-        self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes)
+                                  self._brakes, self._digital_outputs, self.gains, self.instruments, cells)
+        self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes,
+                                    cells)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns

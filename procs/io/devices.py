@@ -23,6 +23,7 @@ class Power(Protocol):
     """Power of every robot."""
 
     changed: bool  # limits that depend on power must be looked at again
+    reached: Flags  # all amplifiers of the robot have been on since it was asked for
 
     def on(self, robot: int, now_ns: int) -> None:
         """Begin to power on; asked again, nothing changes."""

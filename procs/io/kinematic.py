@@ -28,6 +28,7 @@ from procs.io.reports import Reports
 from procs.io.robots import Robots
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
+from shm.faults import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves
 
@@ -39,6 +40,7 @@ class PlayedPower:
         self._robots, self._record, self._reports = robots, record, reports
         self._follow, self._pid = follow, pid
         self.changed = False
+        self.reached = record.amps_on
 
     def on(self, robot: int, now_ns: int) -> None:
         """On at once, held at position 0."""
@@ -134,8 +136,11 @@ class KinematicIo:
     """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
 
     def __init__(self, io: Io, now_ns: Callable[[], int], record: Record, sources: Sequence[SetpointSource], *,
-                 gains: Field | None = None) -> None:
-        """`sources` in the order of `io.pids`; the robots are where a predecessor left them in `record`."""
+                 gains: Field | None = None, cells: Sequence[OwnCell] = ()) -> None:
+        """`sources` in the order of `io.pids`, `cells` of `io.robots`.
+
+        The robots are where a predecessor left them in `record`.
+        """
         self.io, self.record, self.reports = io, record, Reports()
         self._now_ns = now_ns
         self.robots = robots = Robots(io)
@@ -151,10 +156,10 @@ class KinematicIo:
         self._follow = Follow(io, robots, here, self.pid, record, self.reports, sources)
         power, bias, brakes = (PlayedPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
-        self._power = power
+        self._power, cells = power, cells or [NoFaults() for _ in robots.names]
         self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
-                                  NoGains(), NoReaders())
-        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes)
+                                  NoGains(), NoReaders(), cells)
+        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes, cells)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)

@@ -16,6 +16,7 @@ from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from procs.lib.document import Io
 from shm.events import ERROR, STATUS, WARNING
+from shm.faults import NoFaults, robot_component
 from shm.nap import Nap
 from shm.ring import RingReader
 
@@ -48,7 +49,10 @@ class Loop(runtime.Loop):
         robots = Robots(io)
         self._held = contextlib.ExitStack()
         self._port = port = self._take_port(io, robots) if io.port else None
-        self._out, self._mailbox = me.writes("state"), me.mailbox()
+        self._out, self._mailbox = me.writes("state"), me.mailbox(NoFaults())  # of each robot: see RobotIo
+        cells = [me.fault_cell(robot_component(io.name, name)) for name in robots.names]
+        for cell in cells:
+            cell.fault()  # whatever was asked for before: we begin without power
         self._consoles = [me.rouses(row.name) for row in me.document.processes
                           if row.kind == "console" and me.document.console(row.name).is_wired_to(me.name)]
         self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
@@ -56,10 +60,10 @@ class Loop(runtime.Loop):
         now_ns, record, gains = me.clock.now_ns, Record(self._out.field), self._others["gains"].field
         self._core: RobotIo | KinematicIo
         if port is None:
-            self._core = KinematicIo(io, now_ns, record, sources, gains=gains)
+            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells)
         else:
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                                 instruments=self._others["instruments"].field)
+                                 instruments=self._others["instruments"].field, cells=cells)
 
     def _take_port(self, io: Io, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""

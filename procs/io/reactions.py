@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
 from procs.io.brakes import Brakes
 from procs.io.devices import Bias, Power
 from procs.io.follow import Follow
@@ -9,15 +12,20 @@ from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots
 from procs.lib import faults
+from shm.faults import OwnCell
+
+POWERING: Final = (faults.POWER_TIMEOUT, faults.AMPLIFIER)
+"""Not faults of a robot that has power: whoever asked for it may try once more."""
 
 
 class Reactions:
     """All trips of `reports`, one after the other; what they bring about is added to them."""
 
     def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, power: Power, bias: Bias,
-                 brakes: Brakes) -> None:
+                 brakes: Brakes, cells: Sequence[OwnCell]) -> None:
+        """`cells` of every robot, which say since when commands count."""
         self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
-        self._power, self._bias, self._brakes = power, bias, brakes
+        self._power, self._bias, self._brakes, self._cells = power, bias, brakes, cells
         self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
         """Number and axis of what was told of each robot since its latch was cleared."""
 
@@ -37,6 +45,8 @@ class Reactions:
                 continue
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
+            if self._power.reached[robot] or fault not in POWERING:
+                self._cells[robot].fault()
             self._follow.enable(robot, False, now_ns)
             self._brakes.engage(robot)  # what the joint controller no longer holds
             if fault.action in (faults.POWER_OFF, faults.CUT):

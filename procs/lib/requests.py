@@ -9,8 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+class Origin(Protocol):
+    """The person's command that another comes from; see shm/origins.py."""
+
+    @property
+    def id(self) -> int:
+        """Its number, 0: of nobody."""
+
+    @property
+    def generation(self) -> int:
+        """The fault generation it was given in."""
+
+    @property
+    def program(self) -> str:
+        """The program it was given with."""
+
+
 class Request(Protocol):
     """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command that it comes from."""
 
     @property
     def name(self) -> str:
@@ -79,6 +99,9 @@ class Answer(Protocol):
 
 class Sender(Protocol):
     """The way to somebody's mailbox; see shm/client.py."""
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What is sent from now on comes from this command of a person."""
 
     def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:
         """Queue a command; returns its id, 0 when there was no room."""

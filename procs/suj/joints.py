@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
 
 from procs.lib.cart import Cart
-from procs.lib.requests import Reports, Request
+from procs.lib.requests import Origin, Reports, Request
 from procs.suj.classic import Classic
 from procs.suj.commands import Commands
 from procs.suj.frames import Frames
@@ -16,6 +16,7 @@ from procs.suj.machine import Machine, NoPower, State
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Fields, Setups
 from procs.suj.si import Si
+from shm.faults import NoFaults, OwnCell
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 
@@ -24,16 +25,19 @@ class SetupJoints:
     """Everything a process `suj` does but talk to shared memory."""
 
     def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Reports,
-                 tips: Sequence[CarriedTip | None]) -> None:
+                 tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
+                 on_behalf: Callable[[Origin], None] | None = None) -> None:
         """`field` gives the arrays of the record, which may still hold what a predecessor wrote.
 
         `source` measures where the arms are, None: nobody does; `tips` are those of the carried arms, None: none there.
+        `faults`: what was asked for before one is void; `on_behalf` is told whose commands are carried out.
         """
         self._cart, self._setups, self._source, self._tips = cart, setups, source, tips
         classic = source if isinstance(source, Classic) else None
         self._classic = classic
         self._frames = Frames(setups, field)
-        self.machine = Machine(cart.name, reports, classic or NoPower(), lambda state: None)
+        self._faults, self._on_behalf, self._asked_by = faults or NoFaults(), on_behalf, 0
+        self.machine = Machine(cart.name, reports, classic or NoPower(), self._enter)
         self._commands = Commands(cart, setups, self.machine, source, classic, self._refer)
         self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
                                                       "is_busy", "simulated", "reference_arm")}
@@ -68,7 +72,7 @@ class SetupJoints:
             self._source.step(now_ns, self.machine.state)
         if self._before:
             self._begin(now_ns)
-        self._commands.execute(requests, now_ns)
+        self._commands.execute(map(self._heard, requests), now_ns)
         self.machine.step(now_ns)
         tip = self._tips[self._reference] if self._reference >= 0 else None
         self._frames.update(self._reference, tip.name if tip is not None else "",
@@ -86,12 +90,27 @@ class SetupJoints:
         elif classic.has_io or now_ns - self._begun_ns > PATIENCE_NS:
             self._before = ""
             classic.go_on()
-            if before == State.FAULT or not classic.is_powered:
-                self.machine.begin(State.FAULT, False, now_ns)
-                reason = "there was a fault before" if before == State.FAULT else "power was lost while it was away"
-                self.machine.reason = f"the process was restarted; {reason}"
-            else:
-                self.machine.begin(State.ENABLED if classic.is_on() else State.POWERING, self._was_homed, now_ns)
+            if before != State.FAULT and classic.is_powered and classic.is_on():
+                self.machine.begin(State.ENABLED, self._was_homed, now_ns)
+                return
+            self.machine.begin(State.FAULT, False, now_ns)
+            reason = "there was a fault before" if before == State.FAULT else "power was lost while it was away"
+            if before != State.FAULT and classic.is_powered:
+                reason = "it was not all on yet, and nobody asks for the rest now"
+            self.machine.reason = f"the process was restarted; {reason}"
+
+    def _heard(self, request: Request) -> Request:
+        """Whose command the next one is."""
+        self._asked_by = request.origin.id
+        if self._asked_by and self._on_behalf is not None:
+            self._on_behalf(request.origin)
+        return request
+
+    def _enter(self, state: State) -> None:
+        if state is State.FAULT:
+            self._faults.fault()
+        elif state is State.DISABLED:
+            self._faults.switched_off(self._asked_by)
 
     def _refer(self, place: int) -> None:
         self._reference = place

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from procs import runtime
 from procs.lib.cart import CLASSIC, SI, Cart
 from procs.lib.faults import fault_of
+from procs.lib.requests import Origin
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
@@ -29,6 +30,10 @@ class IoMailbox:
     def __init__(self, client: LoopClient, me: runtime.Me) -> None:
         """`client` is our place in it."""
         self._client, self._me, self._told = client, me, ""
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What is sent from now on comes from this command of a person."""
+        self._client.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
         """Queue a command; a full mailbox is no error here, the multiplexer notices and begins anew."""
@@ -98,8 +103,10 @@ class Loop(runtime.Loop):
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)
             source = Si(cart, setups, self._link, me.events, field, clutches(me, cart))
-        self._joints = SetupJoints(cart, field, setups, source, me.events, tips(me, cart))
-        self._mailbox = me.mailbox()
+        faults = me.fault_cell()
+        self._joints = SetupJoints(cart, field, setups, source, me.events, tips(me, cart), faults,
+                                   self._orders.on_behalf if self._orders is not None else None)
+        self._mailbox = me.mailbox(faults)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs.lib.requests import Origin
 from procs.runtime import Me
 from shm.client import LoopClient
 from shm.ring import RingReader
@@ -32,9 +33,10 @@ class ArmOnRing:
             self.is_homed, self.is_busy = bool(self._fields["is_homed"]), bool(self._fields["is_busy"])
         self.refusals += [reply.text for reply in self._client.poll() if reply.outcome in ("refused", "failed")]
 
-    def ask(self, word: str) -> bool:
-        """A state_command; false: it does not take any."""
+    def ask(self, word: str, origin: Origin) -> bool:
+        """A state_command, on behalf of whoever asked for it; false: it does not take any."""
         self.refusals.clear()
+        self._client.on_behalf(origin)
         return bool(self._client.send("state_command", (), word))
 
 

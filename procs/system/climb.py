@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+from procs.lib.requests import Origin
+
 POWER_ON, HOME, POWER_OFF = "power_on", "home", "power_off"
 LIMITS_NS: Final = {"disable": 7_000_000_000, "enable": 7_000_000_000, "home": 60_000_000_000}
 SILENT_NS: Final = 7_000_000_000
@@ -24,16 +26,16 @@ class Arm(Protocol):
     is_fresh: bool
     refusals: list[str]
 
-    def ask(self, word: str) -> bool:
-        """A state_command; false: it could not be told."""
+    def ask(self, word: str, origin: Origin) -> bool:
+        """A state_command, on behalf of whoever asked for it; false: it could not be told."""
 
 
 class Step:
     """One arm on its way; `problem` says why it will not arrive."""
 
-    def __init__(self, arm: Arm, goal: str, now_ns: int) -> None:
+    def __init__(self, arm: Arm, goal: str, now_ns: int, origin: Origin) -> None:
         """Begins at once."""
-        self.arm, self.goal = arm, goal
+        self.arm, self.goal, self._origin = arm, goal, origin
         self.problem, self.is_there = "", False
         self._asked: list[str] = []
         self._deadline_ns = now_ns + SILENT_NS
@@ -53,7 +55,7 @@ class Step:
         elif arm.refusals:
             self.problem = arm.refusals[-1]
         elif arm.is_fresh and (word := self._next()) and word not in self._asked:
-            if arm.ask(word):
+            if arm.ask(word, self._origin):
                 self._asked.append(word)
                 self._deadline_ns = now_ns + LIMITS_NS[word]
         elif arm.is_fresh and arm.state == "FAULT" and "enable" in self._asked:
@@ -85,10 +87,10 @@ class Step:
 class Climb:
     """All arms on their way to one goal."""
 
-    def __init__(self, goal: str, arms: Sequence[Arm], now_ns: int) -> None:
-        """Begins at once."""
+    def __init__(self, goal: str, arms: Sequence[Arm], now_ns: int, origin: Origin) -> None:
+        """Begins at once; `origin` is the command of the person who asked for it: faults from then on end it."""
         self.goal = goal
-        self._steps = [Step(arm, goal, now_ns) for arm in arms]
+        self._steps = [Step(arm, goal, now_ns, origin) for arm in arms]
 
     def step(self, now_ns: int) -> None:
         """One cycle of all."""

@@ -70,7 +70,7 @@ class Commands:
                 console.poll()
         self._events.status(f"system: {request.name}", "system")
         request.accept()
-        self.climb, self._asked = Climb(request.name, self._arms, self._now_ns), request
+        self.climb, self._asked = Climb(request.name, self._arms, self._now_ns, request.origin), request
 
     def _end(self, problems: str) -> None:
         climb, request = self.climb, self._asked

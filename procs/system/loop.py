@@ -9,6 +9,7 @@ from procs.system.commands import Commands
 from procs.system.record import Record
 from procs.system.sound import Sound
 from shm.clock import monotonic_ns
+from shm.faults import NoFaults
 
 
 def sources(me: runtime.Me) -> list[Source]:
@@ -35,7 +36,7 @@ class Loop(runtime.Loop):
                               calibration_mode=any(io.calibration_mode for io in me.document.ios))
         if self._sound.lacks:
             me.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", me.name)
-        self._mailbox = me.mailbox()
+        self._mailbox = me.mailbox(NoFaults())  # arms themselves know what their faults make void
 
     def wait(self) -> bool:
         """See runtime.Loop."""

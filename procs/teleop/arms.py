@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.lib.poses import angle_between
-from procs.lib.requests import Answer, Sender
+from procs.lib.requests import Answer, Origin, Sender
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
@@ -204,6 +204,10 @@ class Arm:
         return found
 
     # what is asked
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What it is asked for from now on comes from this command of a person."""
+        self._sender.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
         """Ask it for something; its number, 0: its mailbox is full."""

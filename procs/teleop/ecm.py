@@ -16,6 +16,7 @@ from procs.teleop.arms import Arm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Events, Row, State, Teleop, positive
+from shm.faults import Cell
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class TeleopEcm(Teleop):
     """
 
     def __init__(self, settings: Settings, left: Arm, right: Arm, slave: Arm, operator: Operator,
-                 record: TeleopRecord, events: Events) -> None:
+                 record: TeleopRecord, events: Events, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
@@ -46,7 +47,7 @@ class TeleopEcm(Teleop):
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
         self._scale[...] = settings.scale
         field("mtm_is_haptic")[...] = True
-        super().__init__(settings.name, (left, right, slave), operator, record, events)
+        super().__init__(settings.name, (left, right, slave), operator, record, events, faults)
 
     def commands(self) -> Mapping[str, Row]:
         """See Teleop."""

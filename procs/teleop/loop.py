@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs import runtime
+from procs.lib.document import TeleopEcm as EcmRow
 from procs.lib.document import TeleopPsm as PsmRow
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.ecm import TeleopEcm
@@ -13,6 +14,7 @@ from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
+from shm.faults import Cell, Watched
 from shm.ring import RingWriter
 
 # The master's record is out so long after its stamp. Its cycles are two thirds of ours: every other time it is a third
@@ -40,8 +42,13 @@ def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
     return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
 
 
-def build(me: runtime.Me, record: RingWriter) -> Teleop:
-    """The tele-operation of this process, on `record`."""
+def arms_of(row: PsmRow | EcmRow) -> tuple[str, ...]:
+    """All arms that it works with."""
+    return (row.mtm, row.psm) if isinstance(row, PsmRow) else (row.mtml, row.mtmr, row.ecm)
+
+
+def build(me: runtime.Me, record: RingWriter, faults: Cell) -> Teleop:
+    """The tele-operation of this process, on `record`; `faults` of its arms."""
     row = me.document.teleop(me.name)
     there = row.console in {process.name for process in me.document.processes}
     operator = Operator(row.console, me.reads(row.console, "state") if there else None)
@@ -53,9 +60,9 @@ def build(me: runtime.Me, record: RingWriter) -> Teleop:
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
         return TeleopPsm(row, arm(row.mtm), arm(row.psm), operator, own, me.events, jaw_range(me, row.psm),
-                         base_frame(me, row))
+                         base_frame(me, row), faults=faults)
     own = TeleopRecord(record.field, "ECM", (row.mtml, row.mtmr), row.ecm, row.console)
-    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events)
+    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events, faults=faults)
 
 
 class Loop(runtime.Loop):
@@ -64,9 +71,11 @@ class Loop(runtime.Loop):
     def __init__(self, me: runtime.Me) -> None:
         super().__init__(me)
         self._state = me.writes("state")
-        self.teleop = build(me, self._state)
+        row = me.document.teleop(me.name)
+        faults = Watched(me.faults(), arms_of(row))
+        self.teleop = build(me, self._state, faults)
         self._master = self.teleop.arms[0]
-        self._mailbox = me.mailbox()
+        self._mailbox = me.mailbox(faults)
 
     def wait(self) -> bool:
         """See runtime.Loop."""

@@ -17,6 +17,7 @@ from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Events, Refused, Row, State, Teleop, positive, switch
+from shm.faults import Cell
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ class TeleopPsm(Teleop):
     words: Mapping[str, State] = {**Teleop.words, "align_MTM": State.ALIGNING}
 
     def __init__(self, settings: Settings, master: Arm, slave: Arm, operator: Operator, record: TeleopRecord,
-                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None) -> None:
+                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
         self.settings, self.master, self.slave, self.base = settings, master, slave, base
         self.mapping = Follow(settings.scale, rotation_locked=settings.rotation_locked,
                               translation_locked=settings.translation_locked)
@@ -59,7 +60,7 @@ class TeleopPsm(Teleop):
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
         self._poses = field("mtm_measured_cp"), field("psm_setpoint_cp")
         self._twist = field("mtm_measured_cv")
-        super().__init__(settings.name, (master, slave), operator, record, events)
+        super().__init__(settings.name, (master, slave), operator, record, events, faults)
         self._show_options()
 
     def commands(self) -> Mapping[str, Row]:

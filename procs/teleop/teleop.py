@@ -15,10 +15,12 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.requests import Request
+from procs.lib.requests import Origin, Request
 from procs.teleop.arms import Arm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
+from shm.faults import Cell
+from shm.origins import NOBODY
 
 Fields = Callable[[str], NDArray[Any]]
 
@@ -72,10 +74,16 @@ class Teleop:
 
     words: Mapping[str, State] = {"enable": State.ENABLED, "disable": State.DISABLED}
 
-    def __init__(self, name: str, arms: tuple[Arm, ...], operator: Operator, record: TeleopRecord,
-                 events: Events) -> None:
-        """DISABLED, whatever a predecessor was: following begins only when it is asked for again."""
+    def __init__(self, name: str, arms: tuple[Arm, ...], operator: Operator, record: TeleopRecord, events: Events,
+                 faults: Cell) -> None:
+        """DISABLED, whatever a predecessor was: following begins only when it is asked for again.
+
+        `faults` of its arms: what was asked for before one is void.
+        """
         self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
+        self._faults = faults
+        self.origin: Origin = NOBODY
+        """The person's command that it carries out."""
         self.state = self.desired = State.DISABLED
         self.following = self.clutched = False
         self.reason = ""
@@ -163,6 +171,8 @@ class Teleop:
 
     def _supervise(self) -> None:
         """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
+        if self.desired is not State.DISABLED and self.origin.generation < self._faults.void:
+            self.stop("fault-since", "there was a fault since it was asked for; a person has to ask for it again")
         for arm in self.arms:
             errors = arm.errors()
             if self.desired is not State.DISABLED:
@@ -308,9 +318,15 @@ class Teleop:
             raise Refused(f"state_command {word!r}: allowed are {', '.join(self.words)}")
         if word != "disable":
             self.reason = ""
+            self._work_for(request.origin)
         self.desire(self.words[word])
         if word == "disable":
             self.reason = ""
+
+    def _work_for(self, origin: Origin) -> None:
+        self.origin = origin
+        for arm in self.arms:
+            arm.on_behalf(origin)
 
     def _clutch(self, request: Request) -> None:
         """A click repeats what came last."""

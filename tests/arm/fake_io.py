@@ -17,6 +17,7 @@ from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from shm.client import Reply
 from shm.layout import schema_of
+from shm.origins import Origin
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 
 AXES = 7
@@ -137,6 +138,9 @@ class FakeIo:
         else:
             self._queue.append((number, name, tuple(values)))
         return number
+
+    def on_behalf(self, origin: Origin) -> None:
+        self.origin = origin
 
     def poll(self) -> list[Reply]:
         replies, self._replies = self._replies, []
@@ -271,6 +275,9 @@ class FakeReports:
         return [e for e in self.events if e[0] in kinds]
 
 
+PERSON = Origin(1, 0, "test")
+
+
 @dataclass
 class FakeRequest:
     """A command and what became of it."""
@@ -279,6 +286,7 @@ class FakeRequest:
     values: Any = ()
     text: str = ""
     replies: list[tuple[str, str]] = field(default_factory=list)
+    origin: Origin = PERSON
 
     def __post_init__(self) -> None:
         self.values = np.array(self.values, dtype=np.float64)

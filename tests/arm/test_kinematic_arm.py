@@ -18,7 +18,7 @@ from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.lib.document import System
 from shm.client import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
-from tests.arm.fake_io import FakeReports, FakeRequest, Record
+from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record
 
 PERIOD_NS = 2_000_000
 
@@ -48,6 +48,7 @@ class Order:
     def __init__(self, number: int, name: str, values: Any, text: str, replies: list[Reply]) -> None:
         self.id, self.name, self.text, self.values = number, name, text, np.array(values, dtype=float)
         self._replies = replies
+        self.origin, self.needs_person = PERSON, True
 
     def accept(self, text: str = "") -> None:
         self._replies.append(Reply(self.id, "accepted", text))
@@ -92,6 +93,9 @@ class Pair:
         self.number += 1
         self.orders.append(Order(self.number, name, values, text, self.replies))
         return self.number
+
+    def on_behalf(self, origin: object) -> None:
+        """The arm's process has a mailbox for that."""
 
     def poll(self) -> list[Reply]:
         replies, self.replies[:] = list(self.replies), []

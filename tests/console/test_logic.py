@@ -27,8 +27,11 @@ class FakeDesk:
         self.freed: list[str] = []
         self.beeps: list[tuple[float, float]] = []
         self.deaf: set[str] = set()
+        self.origins: list[object] = []
 
-    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "") -> bool:
+    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
+            origin: object = None) -> bool:
+        self.origins.append(origin)
         if teleop not in self.deaf:
             self.asks.append((teleop, command, tuple(values), text))
         return teleop not in self.deaf
@@ -44,6 +47,9 @@ class FakeDesk:
 
     def status(self, text: str) -> None:
         self.said.append(("status", text))
+
+    def warn(self, code: str, text: str) -> None:
+        self.said.append((code, text))
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         self.beeps.append((duration_s, frequency_hz))

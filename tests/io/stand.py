@@ -22,6 +22,7 @@ from procs.lib.document import (
     Robot,
     Tolerance,
 )
+from shm.origins import Origin
 
 PERIOD_NS = 1_000_000_000 // 1024  # 976562 ns and a half: steps are counted in the boards' own ticks
 TICKS = 48000  # 1/1024 s
@@ -201,12 +202,16 @@ class FakeSource:
         return self.stamp_ns != 0
 
 
+PERSON = Origin(1, 1 << 60, "test")
+
+
 class FakeCommand:
     """A command that remembers its answers."""
 
     def __init__(self, name: str, text: str = "PSM1", *values: float) -> None:
         self.name, self.text, self.values = name, text, np.array(values, dtype=float)
         self.answers: list[tuple[str, str]] = []
+        self.origin, self.needs_person = PERSON, True
 
     def accept(self, text: str = "") -> None:
         self.answers.append(("accepted", text))

@@ -93,10 +93,10 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
-    loop.origin = Origin(77, 0, "trocar home")
+    loop.on_behalf(Origin(77, 0, "trocar home"))
     loop.send("state_command", (), "home")
     (got,) = box.drain()
-    assert got.origin == loop.origin
+    assert got.origin == Origin(77, 0, "trocar home")
 
 
 def test_what_was_queued_at_a_fault_is_refused_and_what_comes_later_runs(
@@ -112,7 +112,7 @@ def test_what_was_queued_at_a_fault_is_refused_and_what_comes_later_runs(
 def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_when(
     box: Mailbox, loop: LoopClient, cell: FaultCell
 ) -> None:
-    loop.origin = Origin(77, 0, "trocar home")
+    loop.on_behalf(Origin(77, 0, "trocar home"))
     cell.fault()
     loop.send("state_command", (), "enable")
     assert ran(box) == []
@@ -124,7 +124,7 @@ def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
     box: Mailbox, loop: LoopClient, person: Client, cell: FaultCell
 ) -> None:
     person.send("move_jp", (0.1,) * 6)  # before
-    loop.origin = Origin(77, 0, "trocar home")
+    loop.on_behalf(Origin(77, 0, "trocar home"))
     cell.switched_off(77)
     loop.send("state_command", (), "enable")
     assert ran(box) == ["state_command"]
@@ -141,7 +141,7 @@ def test_stopping_asking_and_letting_go_need_nobody(
     box: Mailbox, loop: LoopClient, cell: FaultCell, name: str, values: tuple[float, ...], text: str
 ) -> None:
     cell.fault()
-    loop.origin = NOBODY
+    loop.on_behalf(NOBODY)
     loop.send(name, values, text)
     assert ran(box) == [name]
 
@@ -183,7 +183,7 @@ def test_another_command_of_the_same_person_does_not_renew_a_stream(
 def test_the_audit_ring_tells_who_asked_for_what_and_what_became_of_it(
     box: Mailbox, loop: LoopClient, audit: RingReader
 ) -> None:
-    loop.origin = Origin(77, 0, "trocar home")
+    loop.on_behalf(Origin(77, 0, "trocar home"))
     loop.send("state_command", (), "home")
     (got,) = box.drain()
     got.accept()

@@ -18,8 +18,10 @@ from procs.teleop.presence import Operator
 from procs.teleop.psm import TeleopPsm
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
+from shm.faults import NoFaults
 from shm.layout import schema_of
 from shm.operation import CONSOLE_STATE, TELEOP_STATE
+from shm.origins import Origin
 from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_io import FakeRequest
 
@@ -68,6 +70,7 @@ class FakeArm:
         self.name, self.ring, self.events = name, Ring(ARM_STATE), Ring(EVENTS)
         self.sent: list[tuple[str, tuple[float, ...], str]] = []
         self.answers: list[Answer] = []
+        self.origins: list[Origin] = []
         self.alive, self.obeys = True, True
         self.refuses: dict[str, str] = {}
         self.says: dict[str, str] = {}
@@ -99,6 +102,9 @@ class FakeArm:
 
     def fail(self, text: str, code: str = "") -> None:
         self.events.waiting.append({"severity": 3, "text": text.encode(), "code": code.encode()})
+
+    def on_behalf(self, origin: Origin) -> None:
+        self.origins.append(origin)
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         self.sent.append((name, tuple(float(v) for v in values), text))
@@ -177,7 +183,7 @@ class Theatre:
             self.console.set(valid=True, operator_present=True)
         self.setup = setup
         self.base = Ring(ARM_STATE) if base else Ring(SUJ_STATE, setups=setup + 1) if setup is not None else None
-        self.settings = settings
+        self.settings, self.faults = settings, NoFaults()
         self.start()
 
     def start(self) -> None:
@@ -192,7 +198,7 @@ class Theatre:
         carrier = "ECM" if self.setup is None else "SUJ"
         return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
                          self.slave.seen(), operator, record, self.reports, range_of,
-                         BaseFrame(carrier, self.base, self.setup) if self.base else None)
+                         BaseFrame(carrier, self.base, self.setup) if self.base else None, faults=self.faults)
 
     @property
     def master(self) -> FakeArm:
@@ -259,4 +265,4 @@ class EcmTheatre(Theatre):
         record = TeleopRecord(self.record.field, "ECM", ("MTML", "MTMR"), "ECM", "console")
         left, right, slave = (arm.seen() for arm in self.arms.values())
         settings = EcmSettings("MTML_MTMR_ECM", "MTML", "MTMR", "ECM", 0.001, "console", **self.settings)
-        return TeleopEcm(settings, left, right, slave, operator, record, self.reports)
+        return TeleopEcm(settings, left, right, slave, operator, record, self.reports, faults=self.faults)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from procs.system.climb import HOME, POWER_OFF, POWER_ON, Climb
+from shm.origins import Origin
 
 SECOND = 1_000_000_000
+PERSON = Origin(77, 0, "trocar home")
 
 
 class FakeArm:
@@ -18,12 +20,14 @@ class FakeArm:
         self.is_fresh = True
         self.refusals: list[str] = []
         self.words: list[str] = []
+        self.origins: list[Origin] = []
         self._left_s = 0.0
 
-    def ask(self, word: str) -> bool:
+    def ask(self, word: str, origin: Origin) -> bool:
         if (word == "home" and self.state != "ENABLED") or (word == "enable" and self.state == "FAULT"):
             self.refusals.append(f"{word} while {self.state}")
         self.words.append(word)
+        self.origins.append(origin)
         self._left_s, self.is_busy = self.takes_s, True
         return True
 
@@ -36,7 +40,7 @@ class FakeArm:
 
 
 def climbed(goal: str, *arms: FakeArm, limit_s: float = 100.0) -> tuple[Climb, float]:
-    climb, now = Climb(goal, arms, SECOND), 0.0
+    climb, now = Climb(goal, arms, SECOND, PERSON), 0.0
     while not climb.is_over and now < limit_s:
         climb.step(round((1.0 + now) * SECOND))
         for arm in arms:
@@ -50,6 +54,12 @@ def test_home_waits_for_slow_power() -> None:
     climb, now = climbed(HOME, slow, quick)
     assert climb.problems == "" and slow.words == quick.words == ["enable", "home"]
     assert 10.0 < now < 11.0 and slow.is_homed and quick.is_homed
+
+
+def test_every_step_is_on_behalf_of_the_person_who_asked_for_it() -> None:
+    arm = FakeArm("PSM1", "FAULT")
+    climbed(HOME, arm)
+    assert arm.origins == [PERSON] * 3
 
 
 def test_arms_in_fault_are_disabled_first() -> None:
@@ -79,7 +89,7 @@ def test_silent_arm_is_told_and_others_go_on() -> None:
 
 def test_refusal_is_told_as_it_is() -> None:
     arm = FakeArm("PSM1", "ENABLED")
-    arm.ask = lambda word: arm.refusals.append("PSM1: its instrument is stuck") or True  # type: ignore[method-assign]
+    arm.ask = lambda word, origin: arm.refusals.append("PSM1: its instrument is stuck") or True  # type: ignore[method-assign]
     climb, _ = climbed(HOME, arm)
     assert climb.problems == "PSM1: its instrument is stuck"
 
@@ -92,6 +102,6 @@ def test_power_off_disables_every_arm(state: str) -> None:
 
 
 def test_waiting_names_who_is_missing() -> None:
-    climb = Climb(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND)
+    climb = Climb(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND, PERSON)
     climb.step(SECOND)
     assert climb.waiting == "waiting for PSM1 (DISABLED)"

@@ -1,0 +1,116 @@
+"""After a fault nothing powers, homes or moves until a person asks for it: no pedal, no standing wish, no process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from shm import directory
+from shm.clock import monotonic_ns
+from tests.system.robot import ROOT, Robot, wait_for
+from tools.remote import Remote
+from tools.surgeon import Seat, Seen
+
+pytestmark = pytest.mark.slow
+QUIET_NS = 2_000_000_000
+PINCH, NEAR = 1.0, 0.1  # rad
+
+
+class Operator:
+    """Whoever sits at the console of the demo, with a foot on the pedal."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, name = robot, robot.name
+        self.boards, self.system = Remote(name, "boards"), Remote(name, "system")
+        self.truth, self.seat = Seen(name, "boards", "boards"), Seat(name, "console")
+        self.arms = [Seen(name, arm, "arm") for arm in ("MTMR", "PSM1")]
+        self.teleop = self.seat.teleops[0]
+
+    def press(self, on: bool) -> None:
+        self.boards.ask("press", (float(on),), "coag")
+
+    def pinch(self) -> None:
+        angle = float(self.arms[0].value("gripper_position"))
+        for closed in (angle - PINCH, angle):
+            self.boards.ask("place", (closed,), "MTMR_gripper")
+            wait_for(lambda at=closed: abs(self.arms[0].value("gripper_position") - at) < NEAR, 20, "the gripper there")
+
+    def follows(self) -> None:
+        """Shows presence until the slave follows."""
+        self.press(False)
+        wait_for(lambda: not self.seat.console.value("operator_present"), 20, "the pedal let go of")
+        self.press(True)
+        wait_for(lambda: "waiting: pinch" in self.teleop.value("reason"), 60, "presence asked for")
+        self.pinch()
+        wait_for(lambda: self.teleop.is_following, 30, f"following; {self.teleop.told}")
+
+    def states(self) -> list[str]:
+        return [str(arm.value("sub_state")) for arm in self.arms]
+
+    @property
+    def is_powered(self) -> bool:
+        return any(self.truth.value("amp_on"))
+
+    def stays_off(self) -> None:
+        """No amplifier comes on, whatever the pedal does."""
+        end = monotonic_ns() + QUIET_NS
+        for pressed in (False, True, False, True):
+            self.press(pressed)
+            quarter = monotonic_ns() + QUIET_NS // 4
+            wait_for(lambda quarter=quarter: self.is_powered or monotonic_ns() > quarter, 10, "time to pass")
+            assert not self.is_powered, f"an amplifier is on, nobody asked for it; arms are {self.states()}"
+        assert monotonic_ns() >= end
+
+    def home(self) -> None:
+        reply = self.system.settled("home", timeout=90.0)
+        assert reply.outcome == "done", reply.text
+
+    def close(self) -> None:
+        for part in (self.seat, self.boards, self.system):
+            part.__exit__()
+        for part in (*self.arms, self.truth):
+            part.ring.close()
+
+
+@pytest.fixture
+def operator(robot: Robot) -> Iterator[Operator]:
+    robot.up(ROOT / "configs" / "systems" / "demo-teleop.yaml")
+    made = Operator(robot)
+    yield made
+    made.close()
+
+
+def audit(robot: Robot, instance: str, kind: str) -> Any:
+    ring = directory.reader(robot.name, instance, "audit", kind)
+    rows = ring.since(0)
+    ring.close()
+    return rows
+
+
+def test_a_fault_under_a_pressed_pedal_leaves_the_robot_off_until_a_person_asks(operator: Operator) -> None:
+    robot = operator.robot
+    operator.home()
+    operator.seat.ask("teleop_enable", 1)
+    operator.follows()
+
+    operator.boards.ask("miss_block", (7, 40), "IO1")  # a cable bad for longer than the watchdog time
+    wait_for(lambda: not operator.is_powered, 20, "amplifiers off")
+    operator.stays_off()
+    assert not operator.seat.console.value("teleop_enabled")
+    operator.home()
+    operator.press(False)
+    operator.press(True)
+    wait_for(lambda: operator.seat.console.value("operator_present"), 20, "the operator seen")
+    assert operator.teleop.value("state") == "DISABLED"  # homed again, but nobody enabled teleoperation since
+    robot.kill("IO1")
+    wait_for(lambda: not operator.is_powered, 20, "amplifiers off")
+    operator.stays_off()
+    operator.home()
+
+    asked = {int(row["origin"]) for row in audit(robot, "system", "system") if row["command"] == b"home"}
+    rows = [row for row in audit(robot, "IO1", "io") if row["command"] == b"power_on"]
+    powered = {int(row["origin"]) for row in rows if row["outcome"] != b"refused"}
+    assert powered and powered <= asked
+    assert 0 not in asked
