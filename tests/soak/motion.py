@@ -1,0 +1,99 @@
+"""The truth about one emulated robot: what its boards recorded, turned into speeds of joints and of the tip.
+
+A speed is the mean over WINDOW records of the boards (a record a physics step): what moves less than WINDOW steps times
+a limit is no motion that a hand could feel, and the ripple of a controller's current is not its speed. Time that the
+boards were held up is left out, because their robots stand still meanwhile; restarts of the boards cut the record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.coupling import coupling
+from procs.lib.document import Arm, System
+from procs.lib.kinematics import Kinematics
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Truth = NDArray[Any]
+"""Records of the boards' state, with `epoch` (of the writer) in front of them."""
+
+WINDOW = 10  # records
+SHORTEST_LEVER_M = 0.01  # a rotary joint moves at least what it carries: an instrument's tip is some mm wide
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what had power.
+
+    A lever is how fast the tip moves for a joint's speed of 1: m/rad, at least SHORTEST_LEVER_M; 1 of a prismatic one.
+    The jaw is the last joint of an arm that has one.
+    """
+
+    robot: str
+    kind: str
+    stamp_ns: NDArray[np.int64]
+    speed: Array
+    lever: Array
+    linear: Array
+    angular: Array
+    powered: Flags
+
+
+class Robot:
+    """Where a robot lies in the boards' record, and its kinematics."""
+
+    def __init__(self, system: System, arm: Arm) -> None:
+        """`arm` has a robot and, a PSM, its one instrument."""
+        first = 0
+        for io in system.ios:
+            for robot in io.robots:
+                if robot.name == arm.robot:
+                    self.axes = slice(first, first + len(robot.actuators))
+                first += len(robot.actuators)
+        self.name, self.kind = arm.name, arm.type
+        self._coupling = coupling(self.axes.stop - self.axes.start, arm.chain, arm.tool)
+        self._chain = Kinematics(arm.chain, arm.tool)
+        self._is_prismatic = np.zeros(self._coupling.n, dtype=np.bool_)
+        self._is_prismatic[: self._chain.n] = self._chain.is_prismatic
+
+    def powered(self, truth: Truth) -> Flags:
+        """Records (k,) in which every amplifier of the robot is on."""
+        on: Flags = truth["amp_on"][:, self.axes].all(axis=1)
+        return on
+
+    def switched_on(self, truth: Truth) -> Flags:
+        """Records (k,) in which an amplifier of the robot is on that was off in the one before."""
+        on = truth["amp_on"][:, self.axes]
+        rising: Flags = on.any(axis=1)
+        rising[1:] = (on[1:] & ~on[:-1]).any(axis=1)
+        return rising
+
+    def motion(self, truth: Truth, period_s: float) -> Motion:
+        """Speeds over every WINDOW records; windows without power all the time are there, and say so."""
+        starts = np.arange(0, len(truth) - WINDOW, WINDOW)
+        ends = starts + WINDOW
+        whole = (truth["epoch"][starts] == truth["epoch"][ends]) & (
+            truth["sequence"][ends] - truth["sequence"][starts] == WINDOW)
+        starts, ends = starts[whole], ends[whole]
+        joints = truth["position"][:, self.axes] @ self._coupling.actuator_to_joint.T
+        change = joints[ends] - joints[starts]
+        span_s = WINDOW * period_s
+        on = np.concatenate(([0], np.cumsum(self.powered(truth))))
+        powered = on[ends + 1] - on[starts] == WINDOW + 1
+        lever = np.ones_like(change)
+        twist = np.zeros((len(change), 6))
+        n = self._chain.n
+        for k in range(len(change)):
+            jacobian = self._chain.body_jacobian(np.ascontiguousarray(joints[starts[k], :n]))
+            lever[k, :n] = np.linalg.norm(jacobian[:3], axis=0)
+            twist[k] = jacobian @ change[k, :n]
+        lever[:, ~self._is_prismatic] = np.maximum(lever[:, ~self._is_prismatic], SHORTEST_LEVER_M)
+        lever[:, n:] = SHORTEST_LEVER_M
+        return Motion(self.name, self.kind, truth["stamp_ns"][ends], np.abs(change) / span_s, lever,
+                      np.linalg.norm(twist[:, :3], axis=1) / span_s, np.linalg.norm(twist[:, 3:], axis=1) / span_s,
+                      powered)

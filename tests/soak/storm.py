@@ -1,0 +1,207 @@
+"""The storm: random events over a system that moves, homes, pushes and follows, judged by the boards' own truth.
+
+    python -m tests.soak.storm --seed 1 --events 300
+
+prints the seed, what happened and every violation; exit code 1 when there is one. docs/safety.md says what is promised.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import os
+import random
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from shm.clock import monotonic_ns, pause
+from tests.soak import recorder
+from tests.soak.diary import Diary
+from tests.soak.judge import Violation, powered_by_nobody, too_fast
+from tests.soak.motion import Robot
+from tests.soak.person import ROBOTS, Person
+from tests.soak.scenes import Driven, Effort, Following, Homing, Scene
+from tests.soak.system import System, wait_for
+from tests.soak.weather import Weather
+
+PATIENCE_S = 30.0
+TRIES = 3
+CLIENT_SHARE = 0.25  # of the events of a scene that has a client
+AGAIN_SHARE = 0.35  # struck again before the person did anything
+
+
+@dataclass
+class Report:
+    """What came of a storm."""
+
+    seed: int
+    events: collections.Counter[str] = field(default_factory=collections.Counter)
+    scenes: collections.Counter[str] = field(default_factory=collections.Counter)
+    records: int = 0
+    lost: int = 0
+    seconds: float = 0.0
+    starts: int = 1
+    violations: list[str] = field(default_factory=list)
+    reported: list[str] = field(default_factory=list)
+
+    def text(self) -> str:
+        """For people."""
+        rows = [f"seed {self.seed}: {self.events.total()} events in {self.seconds:.0f} s, "
+                f"{self.records} records judged, {self.lost} lost, {self.starts} starts",
+                "events: " + ", ".join(f"{name} {count}" for name, count in self.events.most_common()),
+                "scenes: " + ", ".join(f"{name} {count}" for name, count in self.scenes.items()),
+                f"not back, but reported: {len(self.reported)}", *(f"  {row}" for row in self.reported),
+                f"VIOLATIONS: {len(self.violations)}", *(f"  {row}" for row in self.violations)]
+        return "\n".join(rows)
+
+
+class Storm:
+    """One run."""
+
+    def __init__(self, seed: int, folder: Path, only: str = "") -> None:
+        """`only`: the name of a scene, empty: all in turn."""
+        self.report, self._only = Report(seed), only
+        self.diary = Diary()
+        self._chance = random.Random(seed)
+        self.system = System(f"storm{os.getpid()}", folder)
+        self._person = Person(self.system, self.diary)
+        self._weather = Weather(self.system, self._person, self.diary, self._chance)
+
+    def run(self, events: int) -> Report:
+        """So many events; the system is down and everything judged when it returns."""
+        begin = monotonic_ns()
+        try:
+            self.system.start()
+            scenes = self._scenes()
+            while self.report.events.total() < events:
+                scene = scenes[0]
+                scenes.append(scenes.pop(0))
+                left = events - self.report.events.total()
+                self._play(scene, min(left, self._chance.randint(scene.events // 2, scene.events)))
+            self._weather.clear()
+            self._wrong(self.system.stop())
+        finally:
+            self._person.stand_up()
+            self.system.clean()
+        self.report.seconds = (monotonic_ns() - begin) * 1e-9
+        self.judge()
+        self.diary.keep(self.system.folder / "diary.jsonl")
+        return self.report
+
+    def _scenes(self) -> list[Scene]:
+        own = (self.system, self._person, self.diary, self._chance)
+        scenes: list[Scene] = [Driven("moving", ("move", "joints", "pose"), *own), Following(self._person),
+                               Homing(*own[1:]), Effort("effort", ("effort", "wrench"), *own)]
+        return [scene for scene in scenes if self._only in ("", scene.name)]
+
+    def _play(self, scene: Scene, events: int) -> None:
+        self.diary.note("scene", scene.name)
+        self._weather.favourites = scene.victims
+        end = self.report.events.total() + events
+        while self.report.events.total() < end:
+            if not self._prepare(scene):
+                continue
+            self.report.scenes[scene.name] += 1
+            pause(self._chance.uniform(0.1, 1.0))
+            self._strike(scene)
+            while self._chance.random() < AGAIN_SHARE and self.system.is_up:
+                pause(self._chance.uniform(0.0, 0.5))
+                self._strike(scene)
+            pause(self._chance.uniform(0.4, 1.0))
+        scene.end()
+
+    def _strike(self, scene: Scene) -> None:
+        name, words = "client", ""
+        if self._chance.random() < CLIENT_SHARE:
+            words = scene.client_event()
+        if not words:
+            name = self._weather.choose()
+            words = self._weather.strike(name)
+        self.report.events[name] += 1
+        passed_s = (monotonic_ns() - self.diary.entries[0].stamp_ns) * 1e-9
+        print(f"{self.report.events.total():4d} {passed_s:7.1f} s {scene.name:10s} {words}", flush=True)
+        if name == "supervisor_kill":
+            self._wrong(self.system.died())
+
+    def _prepare(self, scene: Scene) -> bool:
+        """Bring all back and the scene going; False: it could not be, and was reported."""
+        said: list[str] = []
+        for _ in range(TRIES):
+            if not self.system.is_up:
+                scene.end()
+                self._begin_anew()
+            self._weather.clear()
+            wait_for(lambda: not self.system.look() or not self.system.is_up, PATIENCE_S)
+            wrong = self.system.look()
+            said = [f"{name} is {how}" for name, how in wrong.items()]
+            if not wrong:
+                problem = scene.keep()
+                if not problem:
+                    return True
+                said = [problem]
+            self.diary.note("problem", "; ".join(said))
+            print(f"     not back yet: {'; '.join(said)[:300]}", flush=True)
+        last = self.diary.before(monotonic_ns(), "event")
+        row = f"after {last.words if last else 'nothing'}: {'; '.join(said) or 'no reason told'}"
+        (self.report.reported if any(said) else self.report.violations).append(row)
+        scene.end()
+        self._wrong(self.system.stop())
+        self._begin_anew()
+        return False
+
+    def _begin_anew(self) -> None:
+        self._wrong(self.system.died())
+        self._weather.forget()
+        self.diary.lose(ROBOTS, "a new system")
+        self.diary.note("state", "up again")
+        self.system.start()
+        self.report.starts += 1
+
+    def _wrong(self, found: list[str]) -> None:
+        last = self.diary.before(monotonic_ns(), "event")
+        self.report.violations += [f"{row}; after {last.words if last else 'nothing'}" for row in found]
+
+    def judge(self) -> None:
+        """By all that was recorded."""
+        document = self.system.document
+        assert document.emulation is not None
+        robots = [Robot(document, document.arm(name)) for name in ROBOTS]
+        found: list[Violation] = []
+        for path in self.system.records:
+            truth, lost = recorder.read(path)
+            self.report.records += len(truth)
+            self.report.lost += lost
+            motions = [robot.motion(truth, document.emulation.period_s) for robot in robots]
+            for robot, motion in zip(robots, motions, strict=True):
+                found += too_fast(motion, self.diary.asks(), motions)
+                found += powered_by_nobody(robot, truth, self.diary.commands, self.diary.losses)
+        begin = self.diary.entries[0].stamp_ns
+        for each in sorted(found, key=lambda violation: violation.stamp_ns):
+            last, scene = (self.diary.before(each.stamp_ns, kind) for kind in ("event", "scene"))
+            ago = f", {(each.stamp_ns - last.stamp_ns) * 1e-9:.2f} s before" if last is not None else ""
+            self.report.violations.append(
+                f"{(each.stamp_ns - begin) * 1e-9:7.2f} s {each.robot} {each.mode} ({scene.words if scene else '-'}): "
+                f"{each.value:.4f} > {each.limit:.4f} {each.what}; event: {last.words if last else 'none'}{ago}")
+
+
+def main() -> None:
+    """By hand."""
+    parser = argparse.ArgumentParser(prog="tests.soak.storm", description=__doc__)
+    parser.add_argument("--seed", type=int, default=random.randrange(1 << 30))
+    parser.add_argument("--events", type=int, default=300)
+    parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort")
+    parser.add_argument("--folder", type=Path, help="where logs, diary and records stay; default: a temporary one")
+    chosen = parser.parse_args()
+    print(f"seed {chosen.seed}, {chosen.events} events", flush=True)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = chosen.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        report = Storm(chosen.seed, folder, chosen.scene).run(chosen.events)
+    print(report.text())
+    sys.exit(1 if report.violations else 0)
+
+
+if __name__ == "__main__":
+    main()

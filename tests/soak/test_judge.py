@@ -1,0 +1,186 @@
+"""The judge of the storm on records made by hand: it sees what is wrong, and nothing where all is well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.lib.config import load_system
+from procs.lib.document import System
+from tests.soak.diary import Diary
+from tests.soak.judge import LAG_NS, Ask, Command, Loss, powered_by_nobody, too_fast
+from tests.soak.motion import Robot
+from tools.demo import SYSTEM
+
+MS = 1_000_000
+EPOCH_NS = 5_000_000_000
+SECOND = 1000  # records
+INSERTION, YAW, ROLL = 2, 0, 3
+
+
+@pytest.fixture(scope="module")
+def document() -> System:
+    loaded = load_system(SYSTEM, boards="emulated", name="judged").system
+    assert loaded is not None
+    return loaded
+
+
+class World:
+    """A second of truth in which both robots stand with power; tests change it."""
+
+    def __init__(self, document: System) -> None:
+        self.robots = {name: Robot(document, document.arm(name)) for name in ("MTMR", "PSM1")}
+        axes = sum(len(robot.actuators) for io in document.ios for robot in io.robots)
+        self.truth: Any = np.zeros(SECOND, dtype=[
+            ("epoch", "<u8"), ("sequence", "<u8"), ("stamp_ns", "<i8"), ("position", "<f8", (axes,)),
+            ("amp_on", "?", (axes,))])
+        self.truth["epoch"] = 1
+        self.truth["sequence"] = np.arange(1, SECOND + 1)
+        self.truth["stamp_ns"] = EPOCH_NS + MS * np.arange(SECOND)
+        self.truth["amp_on"] = True
+        self.truth["position"][:, self.robots["PSM1"].axes][:, INSERTION] = 0.1
+        self.part("PSM1", INSERTION)[:] = 0.1
+
+    def part(self, robot: str, actuator: int) -> Any:
+        return self.truth["position"][:, self.robots[robot].axes.start + actuator]
+
+    def power(self, robot: str) -> Any:
+        return self.truth["amp_on"][:, self.robots[robot].axes]
+
+    def too_fast(self, robot: str, *asks: Ask) -> list[Any]:
+        motions = {name: each.motion(self.truth, 0.001) for name, each in self.robots.items()}
+        return too_fast(motions[robot], asks, list(motions.values()))
+
+    def powered_by_nobody(self, robot: str, commands: Any = (), losses: Any = ()) -> list[Any]:
+        return powered_by_nobody(self.robots[robot], self.truth, commands, losses)
+
+
+@pytest.fixture
+def world(document: System) -> World:
+    return World(document)
+
+
+def ask(robot: str, *joints: float, end_ms: int = SECOND, begin_ms: int = 0, **more: Any) -> Ask:
+    return Ask(robot, "asked", EPOCH_NS + begin_ms * MS, EPOCH_NS + end_ms * MS, joints, **more)
+
+
+def test_robots_that_stand_are_no_violation(world: World) -> None:
+    assert world.too_fast("PSM1") == world.too_fast("MTMR") == []
+
+
+def test_a_jump_that_nobody_asked_for_is_seen_and_said(world: World) -> None:
+    world.part("PSM1", INSERTION)[500:] += 0.001
+    (found,) = world.too_fast("PSM1")
+    assert (found.robot, found.mode, found.limit) == ("PSM1", "hold", pytest.approx(0.005))
+    assert found.value == pytest.approx(0.1) and abs(found.stamp_ns - EPOCH_NS - 500 * MS) <= 10 * MS
+
+
+def test_a_creep_of_five_millimetres_a_second_is_allowed_and_six_are_not(world: World) -> None:
+    world.part("PSM1", INSERTION)[:] += 0.0049e-3 * np.arange(SECOND)
+    assert world.too_fast("PSM1") == []
+    world.part("PSM1", INSERTION)[:] += 0.0011e-3 * np.arange(SECOND)
+    assert len(world.too_fast("PSM1")) == 1
+
+
+def test_a_rotary_joint_is_judged_at_the_tip(world: World) -> None:
+    reach = 0.1 - 0.0156 + 0.0091  # from the remote centre, insertion 0.1 m, Classic with its wrist straight
+    speed = 0.0045 / reach
+    world.part("PSM1", YAW)[:] = speed * 1e-3 * np.arange(SECOND)
+    assert world.too_fast("PSM1") == []
+    world.part("PSM1", YAW)[:] *= 1.3
+    (found,) = world.too_fast("PSM1")
+    assert found.value == pytest.approx(0.0045 * 1.3, rel=0.1)
+
+
+def test_motion_that_was_asked_for_may_be_a_fifth_faster(world: World) -> None:
+    asked = ask("PSM1", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0)
+    world.part("PSM1", INSERTION)[:] += 0.06e-3 * np.arange(SECOND)
+    assert world.too_fast("PSM1", asked) == []
+    world.part("PSM1", INSERTION)[:] += 0.01e-3 * np.arange(SECOND)
+    assert len(world.too_fast("PSM1", asked)) == 1
+    assert len(world.too_fast("PSM1", ask("MTMR", *(9.0,) * 7))) == 1, "it was another robot that was asked"
+
+
+def test_what_goes_on_when_the_asking_is_over_is_seen(world: World) -> None:
+    world.part("PSM1", INSERTION)[:] += 0.05e-3 * np.arange(SECOND)
+    (found,) = world.too_fast("PSM1", ask("PSM1", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, end_ms=300))
+    assert found.mode == "hold" and abs(found.stamp_ns - EPOCH_NS - 300 * MS - LAG_NS) <= 20 * MS
+
+
+def test_an_exact_limit_has_no_slack(world: World) -> None:
+    world.part("PSM1", INSERTION)[:] += 0.062e-3 * np.arange(SECOND)
+    joints = 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0
+    assert world.too_fast("PSM1", ask("PSM1", *joints)) == []
+    assert len(world.too_fast("PSM1", ask("PSM1", *joints, exact=True))) == 1
+
+
+def test_unpowered_motion_is_not_judged(world: World) -> None:
+    world.power("PSM1")[400:700] = False
+    world.part("PSM1", INSERTION)[450:650] += 0.1e-3 * np.arange(200)
+    world.part("PSM1", INSERTION)[650:] += 0.02
+    assert world.too_fast("PSM1") == []
+
+
+def test_motion_of_boards_that_begin_afresh_is_none(world: World) -> None:
+    world.part("PSM1", INSERTION)[500:] += 0.05
+    world.truth["epoch"][500:] = 2
+    assert world.too_fast("PSM1") == []
+
+
+def test_records_that_are_lost_are_no_motion(world: World) -> None:
+    world.part("PSM1", INSERTION)[500:] += 0.05
+    world.truth["sequence"][500:] += 70
+    assert world.too_fast("PSM1") == []
+
+
+def test_a_slave_may_go_as_fast_as_its_hand_and_no_lurch_more(world: World) -> None:
+    asked = ask("PSM1", leader="MTMR", scale=0.2)
+    world.part("MTMR", YAW)[:] = 0.2e-3 * np.arange(SECOND)
+    hand = world.robots["MTMR"].motion(world.truth, 0.001).linear.max()
+    assert hand > 0.05
+    world.part("PSM1", INSERTION)[:] += 0.2 * hand * 1e-3 * np.arange(SECOND)
+    assert world.too_fast("PSM1", asked) == []
+    world.part("PSM1", INSERTION)[500:600] += 0.145e-3 * np.arange(100)
+    world.part("PSM1", INSERTION)[600:] += 0.0145
+    (found,) = world.too_fast("PSM1", asked)
+    assert found.what.startswith("tip, m/s") and found.value > 0.145
+
+
+def test_a_slave_whose_wrist_spins_is_seen(world: World) -> None:
+    world.part("PSM1", ROLL)[:] = 5.9e-3 * np.arange(SECOND)
+    assert any(found.what.startswith("tip, rad/s") for found in world.too_fast("PSM1", ask("PSM1", leader="MTMR")))
+
+
+def test_an_amplifier_that_comes_on_by_itself_is_seen(world: World) -> None:
+    world.truth["amp_on"][:100] = False
+    world.power("PSM1")[300:400] = False
+    given = [Command("PSM1", EPOCH_NS + 50 * MS, "PSM1 enable"), Command("MTMR", EPOCH_NS + 50 * MS, "MTMR enable")]
+    (found,) = world.powered_by_nobody("PSM1", given)
+    assert found.stamp_ns == EPOCH_NS + 400 * MS and "PSM1 enable" in found.what
+    assert world.powered_by_nobody("MTMR", given) == []
+    again = [*given, Command("PSM1", EPOCH_NS + 350 * MS, "PSM1 enable")]
+    assert world.powered_by_nobody("PSM1", again) == []
+    assert len(world.powered_by_nobody("PSM1", [given[0], Command("MTMR", EPOCH_NS + 350 * MS, "")])) == 1
+
+
+def test_one_amplifier_alone_counts_and_so_does_a_fault_without_power(world: World) -> None:
+    given = [Command("PSM1", EPOCH_NS + 50 * MS, "PSM1 enable")]
+    world.truth["amp_on"][:100] = False
+    world.power("PSM1")[300:310, 4] = False
+    assert [found.stamp_ns for found in world.powered_by_nobody("PSM1", given)] == [EPOCH_NS + 310 * MS]
+    stop = [Loss("PSM1", EPOCH_NS + 70 * MS, "emergency stop")]
+    assert EPOCH_NS + 100 * MS in [found.stamp_ns for found in world.powered_by_nobody("PSM1", given, stop)]
+
+
+def test_the_diary_ends_what_a_fault_ends_but_not_a_hand() -> None:
+    diary = Diary()
+    diary.ask("PSM1", "move", (1.0,))
+    hand = diary.ask("PSM1", "hand", (1.0,), voidable=False)
+    diary.ask("MTMR", "move", (1.0,))
+    diary.lose(["PSM1"], "amplifier fault")
+    first, second, third = diary.asks()
+    assert first.end_ns <= diary.losses[0].stamp_ns + MS < second.end_ns == third.end_ns
+    hand.close()
+    assert diary.asks()[1].end_ns < third.end_ns
