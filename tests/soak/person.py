@@ -30,8 +30,8 @@ MASTER, SLAVE, CONSOLE, TELEOP = "MTMR", "PSM1", "console", "MTMR_PSM1"
 ROBOTS = (MASTER, SLAVE)
 SIZE_M, TURN_S, RAMP_S, BEAT_S = 0.04, 8.0, 1.0, 0.01
 FURTHEST_M = 0.015  # further behind, and a person stops pulling
+LEFT_S = 0.4  # longer than pedals are debounced: the console sees that nobody is there
 POWERING = ("enable", "home")
-UNDO = ("no_mishaps",)
 
 
 class Commands(Remote):
@@ -131,6 +131,7 @@ class Person:
         self.tell(MASTER, "hold")
         self.drawing.end()
         self.drawing = None
+        pause(LEFT_S)
 
 
 class Drawing:

@@ -154,7 +154,7 @@ class Driven:
 class Effort(Driven):
     """The same with programs that push; the master is free in a hand, if it is homed or homed now and then."""
 
-    victims = (SLAVE, MASTER)
+    victims: Sequence[str] = (SLAVE, MASTER)
 
     def keep(self) -> str:
         """See Scene."""
@@ -188,7 +188,7 @@ class Homing:
     """Both arms lose power by a command, and are homed again; that goes on while the event strikes."""
 
     name, events = "homing", 10
-    victims = (SLAVE, MASTER, "system")
+    victims: Sequence[str] = (SLAVE, MASTER, "system")
 
     def __init__(self, person: Person, diary: Diary, chance: random.Random) -> None:
         self._person, self._diary, self._chance = person, diary, chance
@@ -220,7 +220,7 @@ class Following:
     """A hand draws on the master, the slave follows."""
 
     name, events = "following", 10
-    victims = (TELEOP, CONSOLE, SLAVE, MASTER)
+    victims: Sequence[str] = (TELEOP, CONSOLE, SLAVE, MASTER)
 
     def __init__(self, person: Person) -> None:
         self._person = person

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import math
 import os
 import random
 import sys
@@ -65,17 +66,19 @@ class Storm:
         self.report, self._only = Report(seed), only
         self.diary = Diary()
         self._chance = random.Random(seed)
+        self._end_ns = math.inf
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = Person(self.system, self.diary)
         self._weather = Weather(self.system, self._person, self.diary, self._chance)
 
-    def run(self, events: int) -> Report:
-        """So many events; the system is down and everything judged when it returns."""
+    def run(self, events: int, most_s: float = math.inf) -> Report:
+        """So many events, or as many as fit; the system is down and everything judged when it returns."""
         begin = monotonic_ns()
+        self._end_ns = begin + min(most_s, 1e6) * 1e9
         try:
             self.system.start()
             scenes = self._scenes()
-            while self.report.events.total() < events:
+            while self.report.events.total() < events and monotonic_ns() < self._end_ns:
                 scene = scenes[0]
                 scenes.append(scenes.pop(0))
                 left = events - self.report.events.total()
@@ -100,7 +103,7 @@ class Storm:
         self.diary.note("scene", scene.name)
         self._weather.favourites = scene.victims
         end = self.report.events.total() + events
-        while self.report.events.total() < end:
+        while self.report.events.total() < end and monotonic_ns() < self._end_ns:
             if not self._prepare(scene):
                 continue
             self.report.scenes[scene.name] += 1
@@ -191,6 +194,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="tests.soak.storm", description=__doc__)
     parser.add_argument("--seed", type=int, default=random.randrange(1 << 30))
     parser.add_argument("--events", type=int, default=300)
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no event after so many")
     parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort")
     parser.add_argument("--folder", type=Path, help="where logs, diary and records stay; default: a temporary one")
     chosen = parser.parse_args()
@@ -198,7 +202,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = chosen.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        report = Storm(chosen.seed, folder, chosen.scene).run(chosen.events)
+        report = Storm(chosen.seed, folder, chosen.scene).run(chosen.events, chosen.seconds)
     print(report.text())
     sys.exit(1 if report.violations else 0)
 
