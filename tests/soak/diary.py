@@ -22,9 +22,9 @@ class Asking:
     voidable: bool
     end_ns: int = OPEN
 
-    def close(self) -> None:
-        """It is over; nothing where it is already."""
-        self.end_ns = min(self.end_ns, monotonic_ns())
+    def close(self, in_ns: int = 0) -> None:
+        """It is over, now or a bit later; nothing where it is already."""
+        self.end_ns = min(self.end_ns, monotonic_ns() + in_ns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.soak.motion import Motion, Robot, Truth
+from tests.soak.motion import SHORTEST_LEVER_M, Motion, Robot, Truth
 
 Array = NDArray[np.float64]
 
 MORE = 1.2
 SLACK_M_S = 0.005
-SLACK_RAD_S = 0.5  # the same at SHORTEST_LEVER_M
+SLACK_RAD_S = SLACK_M_S / SHORTEST_LEVER_M
 LAG_NS = 250_000_000
 APART_NS = 300_000_000  # what goes on with pauses shorter than this is one violation
 

@@ -23,7 +23,7 @@ Truth = NDArray[Any]
 """Records of the boards' state, with `epoch` (of the writer) in front of them."""
 
 WINDOW = 10  # records
-SHORTEST_LEVER_M = 0.01  # a rotary joint moves at least what it carries: an instrument's tip is some mm wide
+SHORTEST_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
 
 
 @dataclass(frozen=True, slots=True)

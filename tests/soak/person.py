@@ -30,6 +30,7 @@ MASTER, SLAVE, CONSOLE, TELEOP = "MTMR", "PSM1", "console", "MTMR_PSM1"
 ROBOTS = (MASTER, SLAVE)
 SIZE_M, TURN_S, RAMP_S, BEAT_S = 0.04, 8.0, 1.0, 0.01
 FURTHEST_M = 0.015  # further behind, and a person stops pulling
+RELAX_NS = 800_000_000  # what was pulled away from where it is held goes back when it is let go
 LEFT_S = 0.4  # longer than pedals are debounced: the console sees that nobody is there
 POWERING = ("enable", "home")
 
@@ -191,4 +192,4 @@ class Drawing:
         with contextlib.suppress(*TROUBLES):
             self._stack.close()
         for asking in self._askings:
-            asking.close()
+            asking.close(RELAX_NS)
