@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from procs.lib import arm_limits
 from procs.lib.arm_limits import LIMITS
 from shm.clock import pause
 from tests.soak import puppets
@@ -27,7 +28,10 @@ from tools.systems import ROOT
 RENEWED_S = 0.1
 MASTER_SHARE = 0.3
 EFFORT_MODE = 3
-EFFORT_LIMITS = {SLAVE: LIMITS["PSM"].velocity, MASTER: LIMITS["MTM"].velocity}
+# TODO: EFFORT_LIMITS of procs/lib/arm_limits, once it is there
+SPEEDS = {SLAVE: LIMITS["PSM"].velocity, MASTER: LIMITS["MTM"].velocity}
+if hasattr(arm_limits, "EFFORT_LIMITS"):
+    SPEEDS = {SLAVE: arm_limits.EFFORT_LIMITS["PSM"].speed, MASTER: arm_limits.EFFORT_LIMITS["MTM"].speed}
 
 
 class Scene(Protocol):
@@ -54,7 +58,7 @@ class Puppet:
         self.kind, self._diary = kind, diary
         limits = puppets.asked(kind)
         self._asking: Asking = diary.ask(SLAVE, kind, **limits) if limits else diary.ask(
-            SLAVE, kind, EFFORT_LIMITS[SLAVE], exact=True)
+            SLAVE, kind, SPEEDS[SLAVE], exact=True)
         words = [sys.executable, "-m", "tests.soak.puppets", kind, system.name, SLAVE, str(seed)]
         if kind == "joints":
             seen = Seen(system.name, SLAVE, "arm")
@@ -165,7 +169,7 @@ class Effort(Driven):
         if said or self._person.drawing is not None or not (is_homed or self._chance.random() < MASTER_SHARE):
             return said
         problems = self._person.bring(HOMED, (MASTER,))
-        return str(problems) if problems else self._person.take_master(EFFORT_LIMITS[MASTER])
+        return str(problems) if problems else self._person.take_master(SPEEDS[MASTER])
 
     def _master(self) -> tuple[bool, bool]:
         """In effort mode, homed."""
@@ -232,7 +236,7 @@ class Following:
             return ""
         self._person.stand_up()
         problems = self._person.bring(HOMED)
-        return str(problems) if problems else self._person.sit_down(EFFORT_LIMITS[MASTER])
+        return str(problems) if problems else self._person.sit_down(SPEEDS[MASTER])
 
     def client_event(self) -> str:
         """See Scene."""
