@@ -16,10 +16,15 @@ OPEN = 1 << 62
 
 @dataclass(slots=True)
 class Asking:
-    """Something that was asked for and goes on until `close`."""
+    """Something that was asked for and goes on until `close`.
+
+    `voidable`: it is over when the person or a fault ends it; a process that is held up ends it too, unless it is a
+    `stream`, of a program that asks again and again.
+    """
 
     ask: Ask
     voidable: bool
+    stream: bool
     end_ns: int = OPEN
 
     def close(self, in_ns: int = 0) -> None:
@@ -50,10 +55,11 @@ class Diary:
         self.entries.append(Entry(monotonic_ns(), kind, words))
 
     def ask(self, robot: str, mode: str, joints: Sequence[float] = (), *, leader: str = "", scale: float = 0.0,
-            tip: Sequence[float] = (), exact: bool = False, voidable: bool = True) -> Asking:
-        """Motion is asked for from now on. `voidable`: a process that is held up ends it."""
+            tip: Sequence[float] = (), exact: bool = False, voidable: bool = True, stream: bool = False
+            ) -> Asking:
+        """Motion is asked for from now on; see Asking."""
         ask = Ask(robot, mode, monotonic_ns(), OPEN, tuple(joints), leader, scale, tuple(tip), exact)
-        self.askings.append(asking := Asking(ask, voidable))
+        self.askings.append(asking := Asking(ask, voidable, stream))
         return asking
 
     def command(self, robots: Sequence[str], words: str) -> None:
@@ -68,10 +74,10 @@ class Diary:
         self.losses += [Loss(robot, now, words) for robot in robots]
         self.void(robots)
 
-    def void(self, robots: Sequence[str]) -> None:
-        """What was asked of these robots is dropped now."""
+    def void(self, robots: Sequence[str], *, streams: bool = True) -> None:
+        """What was asked of these robots is dropped now; without `streams` only what was asked for once."""
         for asking in self.askings:
-            if asking.voidable and asking.ask.robot in robots:
+            if asking.voidable and asking.ask.robot in robots and (streams or not asking.stream):
                 asking.close()
 
     def asks(self) -> list[Ask]:

@@ -38,14 +38,14 @@ KINDS = ("move", "joints", "pose", "effort", "wrench")
 ROWS = 3000
 
 
-def asked(kind: str) -> dict[str, Sequence[float]]:
-    """How fast a puppet asks a PSM to go; nothing for those that push."""
+def asked(kind: str) -> tuple[Sequence[float], Sequence[float]]:
+    """How fast a puppet that does not push asks the joints of a PSM, or its tip, to go."""
     top = RATIO * np.array(LIMITS["PSM"].velocity)
     if kind == "move":
-        return {"joints": top.tolist()}
+        return top.tolist(), ()
     if kind == "joints":  # the way to the first row is a move
-        return {"joints": np.maximum(top, [*SWING * 2.0 * np.pi / TURN_S, 0.0]).tolist()}
-    return {"tip": (POSE_M_S, 0.0)} if kind == "pose" else {}
+        return np.maximum(top, [*SWING * 2.0 * np.pi / TURN_S, 0.0]).tolist(), ()
+    return (), (POSE_M_S, 0.0)
 
 
 def stream_file(path: Path, first: Array) -> None:

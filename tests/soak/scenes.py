@@ -56,9 +56,9 @@ class Puppet:
 
     def __init__(self, system: System, diary: Diary, kind: str, seed: int) -> None:
         self.kind, self._diary = kind, diary
-        limits = puppets.asked(kind)
-        self._asking: Asking = diary.ask(SLAVE, kind, **limits) if limits else diary.ask(
-            SLAVE, kind, SPEEDS[SLAVE], exact=True)
+        pushes = kind in ("effort", "wrench")
+        joints, tip = (SPEEDS[SLAVE], ()) if pushes else puppets.asked(kind)
+        self._asking: Asking = diary.ask(SLAVE, kind, joints, tip=tip, exact=pushes, stream=kind != "move")
         words = [sys.executable, "-m", "tests.soak.puppets", kind, system.name, SLAVE, str(seed)]
         if kind == "joints":
             seen = Seen(system.name, SLAVE, "arm")

@@ -86,7 +86,7 @@ class Weather:
             self.diary.lose(ROBOTS, f"{who} killed")
         if who == "boards":
             self.forget()
-        self.diary.void([who])
+        self.diary.void([who], streams=False)
         self.system.signal(who, signal.SIGKILL)
         return f"kill -9 {who}"
 
@@ -101,7 +101,7 @@ class Weather:
         if length_s > {IO: HELD_UP_S, "boards": DEAD_BUS_S}.get(who, LONGEST_S + 1.0):
             self.diary.lose(ROBOTS, words)
         if length_s > HELD_UP_S:
-            self.diary.void([who])
+            self.diary.void([who], streams=False)
         self.system.signal(who, signal.SIGCONT)
         return f"{words} ({passed_s * 1e3:.0f})"
 
