@@ -139,11 +139,11 @@ def powered_by_nobody(robot: Robot, truth: Truth, commands: Iterable[Command], l
                       ) -> list[Violation]:
     """Amplifiers that came on without a person's command given after the robot last lost power or had a fault."""
     given = [command for command in commands if command.robot == robot.name]
-    stamps, all_on = truth["stamp_ns"], robot.powered(truth)
+    stamps, up = truth["stamp_ns"], robot.up(truth)
     lost = [loss.stamp_ns for loss in losses if loss.robot == robot.name]
     began = np.diff(truth["epoch"], prepend=truth["epoch"][:1]) != 0
     lost += [int(stamp) for stamp in stamps[began]]
-    lost += [int(stamp) for stamp in stamps[1:][all_on[:-1] & ~all_on[1:]]]
+    lost += [int(stamp) for stamp in stamps[1:][up[:-1] & ~up[1:]]]
     found = []
     for at in np.flatnonzero(robot.switched_on(truth)):
         on_ns = int(stamps[at])

@@ -23,6 +23,7 @@ Truth = NDArray[Any]
 """Records of the boards' state, with `epoch` (of the writer) in front of them."""
 
 WINDOW = 10  # records
+BLINK = 60  # records: io lets an amplifier be off for 50 ms before it calls that a fault
 SHORTEST_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
 
 
@@ -66,11 +67,20 @@ class Robot:
         on: Flags = truth["amp_on"][:, self.axes].all(axis=1)
         return on
 
+    def up(self, truth: Truth) -> Flags:
+        """Records (k,) in which the robot has power: as `powered`, but while one amplifier blinks and others are on."""
+        up, some = self.powered(truth), truth["amp_on"][:, self.axes].any(axis=1)
+        edges = np.flatnonzero(np.diff(up.astype(np.int8), prepend=1, append=1))
+        for begin, end in edges.reshape(-1, 2):
+            if begin > 0 and end < len(up) and end - begin <= BLINK and some[begin:end].all():
+                up[begin:end] = True
+        return up
+
     def switched_on(self, truth: Truth) -> Flags:
-        """Records (k,) in which an amplifier of the robot is on that was off in the one before."""
-        on = truth["amp_on"][:, self.axes]
+        """Records (k,) in which an amplifier of the robot is on that was off in the one before, but for blinking."""
+        on, up = truth["amp_on"][:, self.axes], self.up(truth)
         rising: Flags = on.any(axis=1)
-        rising[1:] = (on[1:] & ~on[:-1]).any(axis=1)
+        rising[1:] = (on[1:] & ~on[:-1]).any(axis=1) & ~(up[1:] & up[:-1])
         return rising
 
     def motion(self, truth: Truth, period_s: float) -> Motion:

@@ -168,8 +168,12 @@ def test_an_amplifier_that_comes_on_by_itself_is_seen(world: World) -> None:
 def test_one_amplifier_alone_counts_and_so_does_a_fault_without_power(world: World) -> None:
     given = [Command("PSM1", EPOCH_NS + 50 * MS, "PSM1 enable")]
     world.truth["amp_on"][:100] = False
-    world.power("PSM1")[300:310, 4] = False
-    assert [found.stamp_ns for found in world.powered_by_nobody("PSM1", given)] == [EPOCH_NS + 310 * MS]
+    world.power("PSM1")[300:340, 4] = False
+    assert world.powered_by_nobody("PSM1", given) == [], "io lets it blink"
+    world.power("PSM1")[300:370, 4] = False
+    assert [found.stamp_ns for found in world.powered_by_nobody("PSM1", given)] == [EPOCH_NS + 370 * MS]
+    world.power("PSM1")[600:610] = False
+    assert len(world.powered_by_nobody("PSM1", given)) == 2, "all of them at once are no blinking"
     stop = [Loss("PSM1", EPOCH_NS + 70 * MS, "emergency stop")]
     assert EPOCH_NS + 100 * MS in [found.stamp_ns for found in world.powered_by_nobody("PSM1", given, stop)]
 
