@@ -61,8 +61,8 @@ def new_id() -> int:
 def program_name() -> str:
     """What this process was called as: "trocar send", "plan.py", "python"."""
     path = Path(sys.argv[0] if sys.argv else "")
-    name = "trocar" if path.name == "__main__.py" and path.parent.name == "tools" else path.name
-    if name == "trocar":
+    name = path.parent.name if path.name == "__main__.py" else path.name  # of python -m NAME
+    if name in ("trocar", "tools"):
         verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
         return f"trocar {verb}".strip()
     return name if name not in ("", "-c", "-m") else "python"

@@ -12,6 +12,7 @@ import typer
 
 from procs.lib.paths import log_folder
 from shm.clock import pause
+from tools.asked import in_words, rows_of
 from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit
@@ -23,14 +24,20 @@ POLL_S = 0.1
 def logs(
     instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; none: all of them.")] = None,
     lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest lines of each.")] = 20,
+    commands: Annotated[bool, typer.Option("--commands", help="Instead: what was asked for, by whom, and what became "
+                                           "of it; while the system runs.")] = False,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Print the newest lines the processes wrote; also after the system went down (then with --system).
 
-    Example: trocar logs PSM1 -n 50
+    Example: trocar logs PSM1 -n 50; who powered it: trocar logs PSM1 --commands
     """
+    if commands:
+        for row in rows_of(system or chosen_system(), instance, lines):
+            emit(row) if as_json else print(in_words(row))
+        return 0
     folder = log_folder(os.environ, system or chosen_system())
     if not folder.is_dir():
         raise Problem(f"{folder}: there are no logs of this system")

@@ -49,6 +49,11 @@ class Switch:
             self._next_ns = 0
             self._wishes.changed = True
 
+    def again(self) -> None:
+        """What was refused is to be asked for without a pause."""
+        if self.refusal:
+            self._next_ns = 0
+
     @property
     def settled(self) -> bool:
         """io's record shows what is wanted."""
@@ -103,8 +108,11 @@ class Duties:
         self.bias_refusal = ""
 
     def on_behalf(self, origin: Origin) -> None:
-        """What io is asked for from now on comes from this command of a person."""
+        """What io is asked for from now on comes from this command of a person; what it refused is asked at once."""
         self._sender.on_behalf(origin)
+        for switch in self._switches:
+            switch.again()
+        self._wishes.changed = True
 
     def order(self, name: str, values: Sequence[float], about: str = "") -> int:
         """Send a command that is no level, about the robot or something else; returns its id, 0: no room for it.

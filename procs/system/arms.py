@@ -24,6 +24,8 @@ class ArmOnRing:
         self._fields = {key: ring.field(key) for key in ("state", "is_homed", "is_busy")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
         self.refusals: list[str] = []
+        """Of what was asked last."""
+        self._asked = 0
 
     def look(self, now_ns: int) -> None:
         """Take its newest record and its answers."""
@@ -31,13 +33,15 @@ class ArmOnRing:
         if self.is_fresh:
             self.state = self._fields["state"].item().decode()
             self.is_homed, self.is_busy = bool(self._fields["is_homed"]), bool(self._fields["is_busy"])
-        self.refusals += [reply.text for reply in self._client.poll() if reply.outcome in ("refused", "failed")]
+        self.refusals += [reply.text for reply in self._client.poll()
+                          if reply.id == self._asked and reply.outcome in ("refused", "failed")]
 
     def ask(self, word: str, origin: Origin) -> bool:
         """A state_command, on behalf of whoever asked for it; false: it does not take any."""
         self.refusals.clear()
         self._client.on_behalf(origin)
-        return bool(self._client.send("state_command", (), word))
+        self._asked = self._client.send("state_command", (), word)
+        return bool(self._asked)
 
 
 def arms_of(me: Me) -> Sequence[ArmOnRing]:

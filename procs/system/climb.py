@@ -39,6 +39,7 @@ class Step:
         self.problem, self.is_there = "", False
         self._asked: list[str] = []
         self._deadline_ns = now_ns + SILENT_NS
+        arm.refusals.clear()  # of what was asked for before
 
     @property
     def is_over(self) -> bool:
@@ -77,7 +78,7 @@ class Step:
             return "disable"
         if arm.state == "FAULT":
             return "" if "enable" in self._asked else "disable"
-        if arm.state == "DISABLED" and not arm.is_busy:
+        if arm.state == "DISABLED":  # also one on its way up: from now on by this order
             return "enable"
         if arm.state == "ENABLED" and self.goal == HOME:
             return "home"

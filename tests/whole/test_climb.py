@@ -56,6 +56,13 @@ def test_home_waits_for_slow_power() -> None:
     assert 10.0 < now < 11.0 and slow.is_homed and quick.is_homed
 
 
+def test_what_an_arm_refused_before_does_not_count() -> None:
+    arm = FakeArm("PSM1")
+    arm.refusals.append("enable was asked for")
+    climb, _ = climbed(HOME, arm)
+    assert climb.problems == ""
+
+
 def test_every_step_is_on_behalf_of_the_person_who_asked_for_it() -> None:
     arm = FakeArm("PSM1", "FAULT")
     climbed(HOME, arm)

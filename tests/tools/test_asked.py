@@ -1,0 +1,56 @@
+"""`trocar logs --commands`: who was asked for what, by whom, and what became of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from shm.audit import Audit
+from shm.client import Client, LoopClient
+from shm.directory import create_ring, topic_of, writer
+from shm.faults import NoFaults
+from shm.mailbox import NOBODYS, Mailbox, create_mailbox
+from shm.origins import Origin
+from tests.conftest import World
+from tools.asked import in_words, rows_of
+from tools.errors import Problem
+
+
+@pytest.fixture
+def system(world: World) -> Iterator[str]:
+    for name in ("PSM1", "ECM"):
+        create_mailbox(world.name, name, "arm")
+        create_ring(world.name, name, topic_of("arm", "audit"), {}, {"kind": "arm"})
+    yield world.name
+    world.remove()
+
+
+def asked(system: str, name: str, client: Client) -> None:
+    ring = writer(system, name, "audit", "arm")
+    owner = Mailbox(system, name, "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    client.send("state_command", (), "home")
+    for command in owner.drain():
+        command.accept()
+        command.done("HOMED")
+    for part in (client, owner, ring):
+        part.close()
+
+
+def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str) -> None:
+    loop = LoopClient(system, "PSM1")
+    loop.on_behalf(Origin(0x4D2, 3, "trocar home"))
+    asked(system, "PSM1", loop)
+    asked(system, "ECM", LoopClient(system, "ECM"))
+    told = [in_words(row).split(" ", 1)[1] for row in rows_of(system, None, 20)]
+    assert [line.partition(" by pid")[0] for line in told] == [
+        "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
+        "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
+        f"ECM: state_command home: refused ({NOBODYS}); for nobody"]
+    assert [row["process"] for row in rows_of(system, "ECM", 20)] == ["ECM"]
+
+
+def test_a_process_that_is_not_there_is_named(system: str) -> None:
+    with pytest.raises(Problem, match="PSM9: there is no such process"):
+        rows_of(system, "PSM9", 20)

@@ -1,0 +1,68 @@
+"""A whole KINEMATIC system in this process: the loops of its processes, one after the other, on a stepped clock."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+from procs import runtime
+from procs.arm import loop as arm_loop
+from procs.console import loop as console_loop
+from procs.io import loop as io_loop
+from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.supervisor import memory
+from procs.system import loop as system_loop
+from procs.teleop import loop as teleop_loop
+from shm.clock import Conductor
+
+LOOPS = {"io": io_loop.Loop, "arm": arm_loop.Loop, "teleop": teleop_loop.Loop, "console": console_loop.Loop,
+         "system": system_loop.Loop}
+STEP_NS = 5_000_000
+
+
+class Host:
+    """The system of a file of ours; a context manager. `loops` by instance."""
+
+    def __init__(self, name: str, file: str = "kinematic-teleop") -> None:
+        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=name, sets=["clock=lockstep"])
+        assert loaded.system is not None, loaded.errors
+        self.name, self.document = name, loaded.system
+        memory.create_all(loaded.system)
+        self._clock = Conductor(name)
+        self.me = {row.name: runtime.Me(row.kind, name, row.name) for row in loaded.system.processes}
+        self.loops = {name: LOOPS[me.kind](me) for name, me in self.me.items()}
+
+    def restart(self, instance: str) -> None:
+        """The loop of an instance anew, as a process that was started again begins."""
+        me = self.me[instance]
+        self.loops[instance].close()
+        me.give_back()
+        self.loops[instance] = LOOPS[me.kind](me)
+        assert me._mailbox is not None
+        me._mailbox.refuse_waiting("it was started again")
+
+    def step(self) -> None:
+        """One cycle of everybody."""
+        self._clock._now[0] = self._clock._time_ns = now_ns = self._clock.now_ns + STEP_NS
+        for name, loop in self.loops.items():
+            self.me[name].now_ns = now_ns
+            loop.cycle(now_ns, 0)
+
+    def run(self, seconds: float) -> None:
+        """So long."""
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            self.step()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 where: TracebackType | None) -> None:
+        for name, loop in self.loops.items():
+            loop.close()
+            me: Any = self.me[name]
+            me.give_back()
+            for part in (me.pulse, me.events._ring, me._supervisor, me.clock._segment):  # a process would just end
+                part.close()
+        self._clock.close()
+        memory.remove_all(self.name)
