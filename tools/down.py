@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 
 from shm.directory import systems
+from tools.ending import STOP_S, stop_system
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, progress
-from tools.supervising import STOP_S, stop_system
-from tools.systems import chosen_system, clear, is_up, left_over
+from tools.systems import chosen_system, is_up, left_over
 
 
 def down(
@@ -20,21 +20,25 @@ def down(
 ) -> int:
     """Stop a system: robots lose power in order, every process ends. Clears what dead systems left, too.
 
+    It is down when this says so: nothing of it runs, nothing of it lies in shared memory. Else exit code 1.
+
     Example: trocar down
     """
-    cleared = {name: clear(name) for name in left_over(system)}
-    stopped = None
+    cleared, stopped = {}, None
+    for name in left_over(system):
+        with progress(f"clearing {name}") as say:
+            cleared[name] = stop_system(name, say, timeout)
     if not cleared or any(is_up(name) for name in systems() if system in (None, name)):
         stopped = chosen_system(system)
         with progress(f"stopping {stopped}") as say:
-            stop_system(stopped, say, timeout)
-        if stopped in left_over(stopped):
-            cleared[stopped] = clear(stopped)
+            left = stop_system(stopped, say, timeout)
+        if left:
+            cleared[stopped] = left
     if as_json:
         emit({"stopped": stopped, "cleared": cleared})
         return 0
     for name, count in cleared.items():
-        print(f"cleared {count} segments that {name} left when it died")
+        print(f"cleared {count} segments that {name} left behind")
     if stopped:
         print(f"system {stopped} is down")
     return 0

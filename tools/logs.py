@@ -39,7 +39,8 @@ def logs(
             emit(row) if as_json else print(in_words(row))
         return 0
     folder = log_folder(os.environ, system or chosen_system())
-    if not folder.is_dir():
+    if not _is_folder(folder):
+        chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
     found = {path.stem: path for path in sorted(folder.glob("*.log")) if not path.stem.endswith(".previous")}
     if instance is not None and instance not in found:
@@ -59,6 +60,13 @@ def logs(
         for file in files.values():
             file.close()
     return 0
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # it may not even be asked about
+        return False
 
 
 def _follow(files: Mapping[str, TextIO], several: bool, as_json: bool) -> None:

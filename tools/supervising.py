@@ -1,4 +1,4 @@
-"""Starting and ending a supervisor from outside: it is a module to us, not an import."""
+"""Starting a supervisor from outside: it is a module to us, not an import."""
 
 from __future__ import annotations
 
@@ -12,19 +12,17 @@ from pathlib import Path
 from procs.lib.paths import log_folder
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
-from shm.segment import SegmentError, names_of
+from shm.segment import SegmentError
+from tools.ending import POLL_S, STOP_S, stop_system
 from tools.errors import Problem
 from tools.logs import tail
 from tools.printing import Say
-from tools.remote import Remote
-from tools.systems import ROOT, alive, clear, is_up, supervisor_of
+from tools.systems import ROOT, forbidden, is_up
 
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
 LIBC = ctypes.CDLL(None)
-POLL_S = 0.05
 START_S = 90.0
-STOP_S = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +53,14 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
 
 
+def refuse_taken(system: str) -> None:
+    """Problem when a system of this name is up, or belongs to somebody else."""
+    if why := forbidden(system):
+        raise Problem(f"{why}; --system gives another name")
+    if is_up(system):
+        raise Problem(f"system {system} is up already; trocar down stops it, --system gives another name")
+
+
 def _end_with_parent() -> None:
     """In the child, before it becomes the supervisor: the kernel sends it SIGTERM when our process ends."""
     LIBC.prctl(PR_SET_PDEATHSIG, TERMINATE, 0, 0, 0)
@@ -65,8 +71,7 @@ class Background:
 
     def __init__(self, request: Request, *, tied: bool = False) -> None:
         """Start it; returns at once. `tied`: it is told to end when we die, however that happens."""
-        if is_up(request.system):
-            raise Problem(f"system {request.system} is up already; trocar down stops it, --system gives another name")
+        refuse_taken(request.system)
         self.system = request.system
         folder = log_folder(os.environ, request.system)
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,25 +115,6 @@ class Background:
             if self.popen.poll() is None:
                 last()
         code = self.popen.wait()
-        if code < 0 and not is_up(self.system):  # it had no time to remove its memory
-            clear(self.system)
+        if code < 0 and not is_up(self.system):  # it had no time to end its processes and to remove its memory
+            stop_system(self.system, say)
         return code
-
-
-def stop_system(system: str, say: Say, timeout: float = STOP_S) -> None:
-    """Ask a supervisor to stop, wait until it and its shared memory are gone; Problem when they are not in time."""
-    supervisor = supervisor_of(system)
-    try:
-        with Remote(system, "supervisor") as remote:
-            remote.post("stop")
-    except SegmentError:
-        if is_up(system):
-            raise
-    end = monotonic_ns() + round(timeout * 1e9)
-    while names_of(system) or (supervisor is not None and alive(supervisor)):
-        if monotonic_ns() >= end:
-            raise Problem(f"system {system} is not down after {timeout:g} s; trocar status shows what holds it up")
-        if names_of(system) and not is_up(system):
-            return  # it died, or was just replaced; what is left is cleared by the caller
-        say(f"stopping {system}", None)
-        pause(POLL_S)

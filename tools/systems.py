@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from shm.clock import pause
 from shm.directory import systems
 from shm.owners import SERVICE_USER
 from shm.segment import (
     Identity,
     Segment,
     SegmentError,
-    foreign_owner,
+    held,
     names_of,
+    owner_of,
+    path_of,
     segment_name,
     start_time,
     unlink,
 )
 from tools.errors import Problem
+from tools.running import SUPERVISOR, running
 
-BEING_MADE_S = 0.5
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -38,23 +40,34 @@ def alive(identity: Identity) -> bool:
 
 
 def supervisor_of(system: str) -> Identity | None:
-    """Who supervises a system, or did; None when there is no such system."""
-    try:
-        with Segment(segment_name(system, "supervisor", "control")) as segment:
-            return segment.identity()
-    except SegmentError:
-        return None
+    """Who supervises a system: as its control page says, or where that is no help, as the kernel lists it."""
+    with contextlib.suppress(SegmentError), Segment(segment_name(system, SUPERVISOR, "control")) as segment:
+        identity = segment.identity()
+        if alive(identity) and segment.claimed():
+            return identity
+    found = [process for process in running(system) if process.instance == SUPERVISOR]
+    return Identity(found[0].pid, 0, found[0].start, SUPERVISOR) if found else None
 
 
 def is_up(system: str) -> bool:
     """Whether a living supervisor holds the system."""
-    identity = supervisor_of(system)
-    return identity is not None and alive(identity)
+    return supervisor_of(system) is not None
+
+
+def forbidden(system: str) -> str:
+    """Why we may not look at a system of somebody else, in words; empty: we may, or it is not there."""
+    ours = [segment_name(*parts) for parts in names_of(system)]
+    if any(os.access(path_of(name), os.R_OK) for name in ours):
+        return ""
+    theirs = ours or [segment_name(*parts) for parts in names_of(system, foreign=True)]
+    owner = next(filter(None, map(owner_of, theirs)), "")
+    hint = "its `group` decides who else may attach" if ours else f"{SERVICE_USER} names a user to trust"
+    return f"not permitted: system {system} belongs to {owner}; {hint}" if owner else ""
 
 
 def is_lockstep(system: str) -> bool:
     """Whether the system runs on simulated time."""
-    return (system, "supervisor", "clock") in names_of(system)
+    return (system, SUPERVISOR, "clock") in names_of(system)
 
 
 def chosen_system(name: str | None = None) -> str:
@@ -62,11 +75,13 @@ def chosen_system(name: str | None = None) -> str:
 
     A named system may be dead: what it left can still be looked at.
     """
-    known = systems()
     if name:
-        if name not in known:
-            raise Problem(f"no system {name} is up; {_there_are([s for s in known if is_up(s)])}{_of_others(name)}")
+        if why := forbidden(name):
+            raise Problem(why)
+        if name not in systems() and not is_up(name):
+            raise Problem(f"no system {name} is up; {_there_are([s for s in _permitted() if is_up(s)])}")
         return name
+    known = _permitted()
     up = [s for s in known if is_up(s)]
     if len(up) == 1:
         return up[0]
@@ -76,12 +91,16 @@ def chosen_system(name: str | None = None) -> str:
     raise Problem(f"no system is up{left}; trocar up starts one{_of_others()}")
 
 
-def _of_others(name: str | None = None) -> str:
-    """What is to be said of systems of users whose shared memory is not accepted."""
-    found = sorted({(s, foreign_owner(segment_name(s, i, what))) for s, i, what in names_of(name, foreign=True)
-                    if (i, what) == ("supervisor", "document")})
-    said = [f"{system} belongs to {user}" for system, user in found if user]
-    return f" ({', '.join(said)}; {SERVICE_USER} names a user to trust)" if said else ""
+def _permitted() -> list[str]:
+    return [system for system in systems() if not forbidden(system)]
+
+
+def _of_others() -> str:
+    """What is to be said of systems of other users."""
+    listed = (*names_of(foreign=True), *names_of())
+    found = sorted({system for system, instance, what in listed if (instance, what) == (SUPERVISOR, "document")})
+    said = [why for system in found if (why := forbidden(system))]
+    return f" ({'. '.join(said)})" if said else ""
 
 
 def _there_are(names: list[str]) -> str:
@@ -89,22 +108,10 @@ def _there_are(names: list[str]) -> str:
 
 
 def left_over(name: str | None = None) -> list[str]:
-    """Systems with segments in shared memory and nobody who supervises them (asks the kernel for the claim)."""
-    found = sorted({system for system, _, _ in names_of(name)})
-    return [system for system in found if not _held(system)]
-
-
-def _held(system: str) -> bool:
-    """A supervisor makes its memory first and claims it a moment later: what nobody ever claimed is looked at twice."""
-    try:
-        with Segment(segment_name(system, "supervisor", "control")) as segment:
-            if segment.claimed():
-                return True
-            if segment.identity().pid == 0:
-                pause(BEING_MADE_S)
-            return segment.claimed()
-    except SegmentError as error:
-        return "no such segment" not in str(error)  # another user's, or not readable: not ours to clear
+    """Systems with segments in shared memory, or processes, and nobody who supervises them (asks the kernel)."""
+    found = {system for system, _, _ in names_of(name)} | {process.system for process in running(name)}
+    return sorted(system for system in found if not forbidden(system) and not is_up(system)
+                  and not held(segment_name(system, SUPERVISOR, "control")))
 
 
 def clear(system: str) -> int:

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from tools.errors import Misuse, Problem
+from tools.errors import Misuse
 from tools.logs import tail
 from tools.options import JsonOption
 from tools.printing import emit, note, progress
-from tools.supervising import Background, Request, environment
-from tools.systems import ROOT, is_up
+from tools.supervising import Background, Request, environment, refuse_taken
+from tools.systems import ROOT
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 NAME = "trocar"
@@ -44,8 +44,7 @@ def up(
     values = (*(sets or ()), *(["calibration_mode=true"] if calibration else []))
     request = Request(file, system, boards, tuple(path or ()), values, seconds)
     if not detach:
-        if is_up(system):
-            raise Problem(f"system {system} is up already; trocar down stops it, --system gives another name")
+        refuse_taken(system)
         sys.stdout.flush()
         os.execve(sys.executable, request.command(), environment())
     with progress(f"starting {system}") as say:

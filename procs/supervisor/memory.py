@@ -134,7 +134,7 @@ def clear_left_over(name: str) -> int:
     end = monotonic_ns() + ORPHANS_NS
     while orphans := _orphans(name):
         if monotonic_ns() >= end:
-            raise SegmentError(f"processes of an earlier {name} still run: {', '.join(orphans)}; kill them first")
+            raise SegmentError(f"processes of an earlier {name} still run: {', '.join(orphans)}; trocar down ends them")
         pause(POLL_S)
     found = names_of(name)
     for system, instance, what in found:

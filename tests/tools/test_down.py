@@ -1,0 +1,106 @@
+"""`trocar down` says what is true: other users, damaged pages, who hangs and who was left over, with real systems."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from shm import directory
+from shm.segment import FOLDER, names_of, path_of, segment_name, unlink
+from tests.system.robot import DEMO, Robot
+from tests.system.test_memory import as_root, as_user
+from tools import cli
+from tools.running import running
+
+pytestmark = pytest.mark.slow
+COUNTER = itertools.count()
+FILE = DEMO.parent / "kinematic.yaml"
+
+
+@contextlib.contextmanager
+def up(place: Path) -> Iterator[Robot]:
+    """A running system without boards, and its processes."""
+    robot = Robot(f"t{os.getpid()}-d{next(COUNTER)}", place)
+    try:
+        robot.up(FILE)
+        yield robot
+    finally:  # whatever is left; the test has failed then
+        for process in running(robot.name):
+            os.kill(process.pid, signal.SIGKILL)
+        assert robot.supervisor is not None
+        robot.supervisor.wait(10)
+        for parts in names_of(robot.name):
+            unlink(segment_name(*parts))
+
+
+def is_down(robot: Robot) -> bool:
+    """Nothing runs, nothing lies in shared memory."""
+    assert robot.supervisor is not None
+    robot.supervisor.wait(10)
+    return not robot.left_over() and not list(FOLDER.glob(f"trocar~{robot.name}~*")) and not running(robot.name)
+
+
+def scribble(robot: Robot, instance: str, what: str) -> None:
+    """The header of a segment makes no sense any more; who has mapped it goes on."""
+    with path_of(segment_name(robot.name, instance, what)).open("r+b") as file:
+        file.write(b"nonsense")
+
+
+def said_to(user: str, *words: str) -> str:
+    """Exit code and messages of a verb that another user types."""
+    app = cli.build()
+
+    def verb() -> str:
+        result = CliRunner().invoke(app, list(words))
+        return f"{result.exit_code} {result.output}"
+
+    return as_user(user, verb)
+
+
+def test_another_user_is_told_whose_the_system_is(tmp_path: Path) -> None:
+    as_root()
+    with up(tmp_path) as robot:
+        for verb in ("down", "status", "list", "logs", "power-off", "up"):
+            said = said_to("nobody", verb, "--system", robot.name)
+            assert said.startswith(f"1 trocar: not permitted: system {robot.name} belongs to user root"), (verb, said)
+        assert robot.state("PSM1") == "RUNNING"
+        os.truncate(path_of(segment_name(robot.name, "supervisor", "control")), 0)  # it dies, others as well
+        said = robot.trocar("down", "--system", robot.name)
+        assert f"system {robot.name} is down" in said or "segments that" in said
+        assert is_down(robot), names_of(robot.name)
+
+
+def test_a_supervisor_that_cannot_be_asked_is_ended_by_a_signal(tmp_path: Path) -> None:
+    with up(tmp_path) as robot:
+        for what in ("control", "mailbox", "document"):
+            scribble(robot, "supervisor", what)
+        assert f"system {robot.name} is down" in robot.trocar("down", "--system", robot.name)
+        assert is_down(robot)
+
+
+def test_a_supervisor_that_hangs_is_woken_to_end(tmp_path: Path) -> None:
+    with up(tmp_path) as robot:
+        os.kill(robot.pid("supervisor"), signal.SIGSTOP)
+        too_soon = robot.trocar("down", "--timeout", "0.5", "--system", robot.name, code=1)
+        assert f"is not down after 0.5 s: supervisor (pid {robot.pid('supervisor')})" in too_soon
+        assert "segments in shared memory" in too_soon
+        assert f"system {robot.name} is down" in robot.trocar("down", "--system", robot.name)
+        assert is_down(robot)
+
+
+def test_processes_of_a_dead_supervisor_are_ended_before_their_memory_goes(tmp_path: Path) -> None:
+    with up(tmp_path) as robot:
+        os.kill(robot.pid("PSM1"), signal.SIGSTOP)
+        robot.kill("supervisor")
+        assert robot.supervisor is not None
+        robot.supervisor.wait(10)
+        assert "segments that" in robot.trocar("down", "--system", robot.name)
+        assert is_down(robot)
+        assert robot.name not in directory.systems()

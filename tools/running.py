@@ -1,0 +1,66 @@
+"""Processes of our systems as the kernel lists them: found by their command lines, whatever lies in shared memory."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from shm import owners
+from shm.segment import start_time
+
+SUPERVISOR = "supervisor"
+TERMINATE, KILL, CONTINUE = 15, 9, 18  # signals
+DOOR = re.compile(r"procs\.(\w+)\.loop")
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """One process; with its start (ticks since boot) the pid names it for good."""
+
+    system: str
+    instance: str
+    pid: int
+    start: int
+
+    def send(self, number: int) -> bool:
+        """Send it a signal; False when it is gone (nobody else who has its pid now is hit) or not ours to signal."""
+        if start_time(self.pid) != self.start:
+            return False
+        try:
+            os.kill(self.pid, number)
+        except (ProcessLookupError, PermissionError):
+            return False
+        return True
+
+    def __str__(self) -> str:
+        return f"{self.instance} (pid {self.pid})"
+
+
+def running(system: str | None = None) -> list[Running]:
+    """All processes of a system, or of all, whose users we trust; the supervisor first."""
+    trusted = owners.accepted()
+    found = [_parsed(folder, trusted) for folder in Path("/proc").iterdir() if folder.name.isdigit()]
+    rows = [row for row in found if row is not None and system in (None, row.system)]
+    return sorted(rows, key=lambda row: (row.instance != SUPERVISOR, row.start, row.pid))
+
+
+def _parsed(folder: Path, trusted: frozenset[int]) -> Running | None:
+    """One of ours, or None; a process that has ended and was not waited for has no command line."""
+    try:
+        words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+        uid = folder.stat().st_uid
+    except OSError:
+        return None
+    door = DOOR.fullmatch(_after(words, "-m"))
+    pid, system = int(folder.name), _after(words, "--system")
+    start = start_time(pid)
+    if door is None or not system or uid not in trusted or not start:
+        return None
+    instance = SUPERVISOR if door.group(1) == SUPERVISOR else _after(words, "--name")
+    return Running(system, instance, pid, start)
+
+
+def _after(words: list[str], option: str) -> str:
+    return words[words.index(option) + 1] if option in words[:-1] else ""
