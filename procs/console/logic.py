@@ -111,7 +111,7 @@ class Logic:
     def faults_until(self, generation: int) -> None:
         """The last fault of an arm was this one: tele-operation that was wanted before it no longer is."""
         if self.wanted and self.origin.generation < generation:
-            self._desk.warn("teleop-disabled", f"{self.name}: an arm had a fault, tele-operation is no longer enabled; "
+            self._desk.warn("teleop-disabled", f"{self.name}: an arm had a fault, teleoperation is no longer enabled; "
                             "teleop_enable 1 when all is well again")
             self.enable(False)
 

@@ -10,6 +10,7 @@ import pytest
 from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from procs.console.selection import ECM, PSM, Member, at_load, tapped
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from shm.origins import Origin
 
 RIGHT = Member("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
 LEFT = Member("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
@@ -269,3 +270,32 @@ def test_a_clutch_that_could_not_be_told_is_told_later(last: int) -> None:
     desk.asks.clear()
     logic.step(3)
     assert not desk.asks
+
+
+PERSON, LATER = Origin(77, 3, "trocar send"), Origin(78, 4, "trocar send")
+
+
+def test_tele_operations_run_on_behalf_of_the_person_who_enabled_them_whatever_the_pedals_do() -> None:
+    logic, desk = console((RIGHT,))
+    logic.enable(True, PERSON)
+    logic.press(OPERATOR, PRESSED)
+    logic.press(OPERATOR, RELEASED)
+    assert desk.words(RIGHT.name) == [ALIGN, ENABLE, ALIGN] and desk.origins == [PERSON] * 3
+
+
+def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_again() -> None:
+    logic, desk = console((RIGHT,))
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True, PERSON)
+    logic.faults_until(3)
+    assert logic.wanted and desk.words(RIGHT.name)[-1] == ENABLE
+    logic.faults_until(4)
+    assert not logic.wanted and desk.words(RIGHT.name)[-1] == DISABLE
+    assert [text for code, text in desk.said if code == "teleop-disabled"] == [
+        "c: an arm had a fault, teleoperation is no longer enabled; teleop_enable 1 when all is well again"]
+    logic.press(OPERATOR, RELEASED)
+    logic.press(OPERATOR, PRESSED)
+    assert desk.words(RIGHT.name)[-1] == DISABLE
+    logic.enable(True, LATER)
+    logic.faults_until(4)
+    assert logic.wanted and desk.words(RIGHT.name)[-1] == ENABLE

@@ -1,0 +1,53 @@
+"""io gives power to nobody whose command is older than the robot's last fault."""
+
+from __future__ import annotations
+
+from procs.lib import faults
+from shm.faults import NoFaults
+from shm.origins import Origin
+from tests.io.stand import FakeCommand, Stand
+
+
+class Cell(NoFaults):
+    """One robot's."""
+
+    def __init__(self) -> None:
+        self.void = 0
+
+    def fault(self) -> None:
+        self.void += 1
+
+
+def stand() -> tuple[Stand, Cell]:
+    made, cell = Stand(), Cell()
+    made.core._commands._faults = made.core._reactions._cells = [cell]
+    return made, cell
+
+
+def asked(made: Stand, name: str, generation: int, *values: float) -> str:
+    command = FakeCommand(name, "PSM1", *values)
+    command.origin = Origin(77, generation, "trocar home")
+    command.needs_person = not (name == "power_off" or values == (0.0,))
+    made.run(1, command)
+    return command.outcome
+
+
+def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
+    made, cell = stand()
+    assert asked(made, "power_on", 0) == "accepted"
+    made.run_s(1.0)
+    assert made.record.amps_on[0] and cell.void == 0
+    made.core.reports.trip(faults.POWER_LOST, 0)
+    made.run()
+    assert cell.void == 1 and not made.record.power_wanted[0]
+    assert asked(made, "power_on", 0) == "refused" and asked(made, "bias_encoders", 0, 10.0) == "refused"
+    assert asked(made, "power_off", 0) == "done" and asked(made, "pid_enable", 0, 0.0) == "done"
+    assert asked(made, "power_on", 1) == "accepted"
+
+
+def test_power_that_does_not_come_may_be_asked_for_once_more() -> None:
+    made, cell = stand()
+    asked(made, "power_on", 0)
+    made.core.reports.trip(faults.POWER_TIMEOUT, 0)
+    made.run()
+    assert cell.void == 0 and asked(made, "power_on", 0) == "accepted"

@@ -1,0 +1,37 @@
+"""A teleoperation acts for the person who enabled it, and no longer than until the next fault of its arms."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from shm.origins import Origin
+from tests.arm.fake_io import FakeRequest
+from tests.teleop.theatre import Theatre
+
+PERSON = Origin(77, 3, "trocar send")
+
+
+def followed() -> tuple[Theatre, Any]:
+    theatre = Theatre()
+    theatre.faults = faults = SimpleNamespace(void=3, spared=0)  # type: ignore[assignment]
+    theatre.start()
+    theatre.step(FakeRequest("state_command", (), "enable", origin=PERSON))
+    for _ in range(20):
+        theatre.step()
+    assert theatre.following
+    return theatre, faults
+
+
+def test_arms_are_asked_on_behalf_of_who_enabled_it() -> None:
+    theatre, _ = followed()
+    assert all(arm.origins[-1] == PERSON for arm in theatre.arms.values())
+
+
+def test_a_fault_of_an_arm_ends_it_and_it_asks_for_nothing_that_powers() -> None:
+    theatre, faults = followed()
+    theatre.forget()
+    faults.void = 4
+    theatre.run(0.5)
+    assert not theatre.following and "there was a fault since it was asked for" in theatre.text("reason")
+    assert not [sent for arm in theatre.arms.values() for sent in arm.sent if sent[0] == "state_command"]
