@@ -78,10 +78,12 @@ class Outputs:
         self._once.fill(registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF)
         self._pulses = True
 
-    def encode(self, effort: Floats) -> bool:
-        """Efforts [N·m or N] to words in the port's buffer; False when one was not finite (it went out as 0 A)."""
+    def encode(self, effort: Floats, share: float = 1.0) -> bool:
+        """A share of efforts [N·m or N] to words in the port's buffer; False: one was not finite, it is 0 A there."""
         request = self._record.current_request
         np.multiply(effort, self._robots.effort_to_current, self._of_actuators)
+        if share != 1.0:
+            np.multiply(self._of_actuators, share, self._of_actuators)
         self._of_brakes[...] = self._brakes
         np.minimum(request, self._most, out=request)
         np.maximum(request, self._least, out=request)

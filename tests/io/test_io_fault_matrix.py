@@ -174,7 +174,8 @@ def test_nothing_happens_before_its_cycle(row: Row) -> None:
     row.breaks(stand)
     stand.run(row.cycle - 1)
     assert stand.codes == [] and stand.record.pid_enabled[0] and stand.record.power_wanted[0]
-    assert brake_a(stand) == RELEASED_A and not zero_current(stand) and stand.record.fault[0] == 0
+    assert brake_a(stand) == RELEASED_A and stand.record.fault[0] == 0
+    assert zero_current(stand) == (row.code == "BAD_READS")  # what was worked out from an old sample has faded out
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)

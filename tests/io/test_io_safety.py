@@ -185,6 +185,23 @@ def test_one_bad_read_keeps_the_last_output() -> None:
     assert stand.codes == []
 
 
+def test_efforts_fade_while_samples_are_missing_and_are_whole_again_with_the_next() -> None:
+    stand = Stand()
+    stand.control()
+    stand.send(1, position=0.1)
+    stand.run(5)
+    stand.port.good = False
+    shares, before = [], stand.record.current_request.copy()
+    for _ in range(12):  # 1 ms each
+        stand.run(1)
+        shares.append(float(stand.record.current_request[0] / before[0]))
+    assert shares[:3] == [1.0] * 3 and shares[-1] == 0.0
+    assert shares == sorted(shares, reverse=True) and 0.0 < shares[6] < 1.0
+    stand.port.good = True
+    stand.run(1)
+    assert abs(stand.record.current_request[0]) > 0.5 * abs(before[0]) and stand.codes == []
+
+
 def test_bad_reads_for_the_watchdog_time_are_a_fault() -> None:
     stand = Stand()
     stand.control()
