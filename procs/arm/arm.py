@@ -7,7 +7,7 @@ own". It has no clock and no shared memory: time is the `now_ns` argument, recor
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -22,7 +22,7 @@ from procs.arm.duties import Duties
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import AXES, Joints, joints, kinematic_home
 from procs.arm.machine import Machine
-from procs.arm.motion import Mode
+from procs.arm.motion import Mode, Space
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.settings import Settings
@@ -60,6 +60,7 @@ class Surroundings:
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
     reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
+    motors: Sequence[float] = ()  # the largest efforts of its actuators, none: not known
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
 
 
@@ -79,7 +80,7 @@ class Arm:
         duties = Duties(self.io, around.sender, arm.robot, self._io_refused, has_brakes=around.has_brakes)
         self.control = control = Control(
             arm, first, self.io, duties, machine, around.reports, cartesian, record,
-            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_text)
+            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_text, around.motors)
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
         frame = arm.reference_frame or f"{arm.name}_base"
@@ -161,6 +162,13 @@ class Arm:
         """How much of its weight the arm bears now, 0 to 1."""
         return float(self.control.driving is not None)
 
+    def end_efforts(self) -> None:
+        """Who pushed is silent: hold."""
+        control = self.control
+        control.warn_of_episode("effort-timeout", f"no effort command for {control.arm.effort_timeout_s:g} s; holding")
+        control.stop(control.io.setpoint, Mode.POSITION, "nobody pushes any more")
+        control.motion.space = Space.JOINT
+
     def shape_efforts(self) -> None:
         """Change the efforts of this cycle, after those that were asked for are known."""
 
@@ -201,9 +209,13 @@ class Arm:
         self._stages[machine.state].run()
         if motion.step(now_ns):
             control.move_ended(True)
-        control.efforts.step(motion, now_ns)
+        if motion.mode is Mode.EFFORT and control.efforts.is_overdue(now_ns):
+            self.end_efforts()
+        control.step_efforts()
         if motion.mode is Mode.EFFORT:
             self.shape_efforts()
+            if machine.state in AT_HOME and not control.is_played:
+                control.guard.step(io.position, io.velocity, motion)
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())
         control.duties.step(now_ns)
         machine.settle(self._is_off())

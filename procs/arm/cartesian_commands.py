@@ -25,6 +25,8 @@ POSE: Final = 7
 TWIST: Final = 6
 QUATERNION_SLACK: Final = 0.1
 LONGEST_S: Final = 3600.0
+MOST_FORCE: Final = 1000.0  # N, ten times what the strongest joint gives
+MOST_TORQUE: Final = 100.0  # N·m
 ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
@@ -141,14 +143,12 @@ class CartesianCommands:
             raise Refused(f"{request.name}: a twist needs a pose to go with")
         force = values[POSE + TWIST : POSE + 2 * TWIST] if wrench else np.zeros(TWIST)
         if not pose:
-            self._push_body(request.name, force, absolute=wrench)
-            return ""
+            return self._push_body(request.name, force, absolute=wrench)
         velocity = self._control.cartesian.rates(values[POSE : POSE + TWIST]) if twist else None
         text = self._follow(request.name, self._pose(request.name, values), velocity)
-        control = self._control
         if wrench:
-            body = (force.reshape(2, 3) @ control.cartesian.rotation).reshape(6)
-            control.motion.feed[: control.joints.count] = control.cartesian.jacobian.T @ body
+            _check_wrench(request.name, force)
+            text = self._control.feed(force) or text
         return text
 
     def _move_cp(self, request: Request) -> None:
@@ -175,45 +175,52 @@ class CartesianCommands:
 
     # wrenches
 
-    def _push_body(self, name: str, wrench: Array, *, absolute: bool, end_ns: int = FOR_EVER) -> None:
+    def _push_body(self, name: str, wrench: Array, *, absolute: bool, lasts_ns: int = FOR_EVER) -> str:
         """`absolute`: the wrench is in axes of the reference frame."""
         control = self._control
+        _check_wrench(name, wrench)
         if absolute and not control.cartesian.base_known:
             raise Refused(f"{name}: the arm's base frame is not known")
-        control.efforts.body(wrench, absolute=absolute, end_ns=end_ns)
-        control.push(Space.CARTESIAN, control.motion.effort.copy())
+        control.push(Space.CARTESIAN).body(wrench, control.now_ns, absolute=absolute, lasts_ns=lasts_ns)
+        return control.pushed()
 
     def _body_servo_cf(self, request: Request) -> str:
-        """A seventh value is how long it lasts, in s: whoever pushes in a stream leaves no force behind."""
+        """A seventh value is how long it lasts, in s, if that is less than efforts last anyway."""
         self.enter(request.name)
-        control, values, end_ns = self._control, request.values, FOR_EVER
+        values, lasts_ns, absolute = request.values, FOR_EVER, self._control.cartesian.absolute
         if len(values) > TWIST:
             if not 0.0 < values[TWIST] <= LONGEST_S:
                 raise Refused(f"{request.name}: it may last up to {LONGEST_S:g} s, not {values[TWIST]:g}")
-            end_ns = control.now_ns + round(values[TWIST] * 1e9)
-        self._push_body(request.name, values[:TWIST], absolute=control.cartesian.absolute, end_ns=end_ns)
-        return ""
+            lasts_ns = round(values[TWIST] * 1e9)
+        return self._push_body(request.name, values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
 
     def _spatial_servo_cf(self, request: Request) -> str:
         self.enter(request.name)
+        _check_wrench(request.name, request.values)
         control = self._control
-        control.efforts.spatial(request.values)
-        control.push(Space.CARTESIAN, control.motion.effort.copy())
-        return ""
+        control.push(Space.CARTESIAN).spatial(request.values, control.now_ns)
+        return control.pushed()
 
     def _servo_ci(self, request: Request) -> str:
         self.enter(request.name)
         control = self._control
         if not control.cartesian.base_known:
             raise Refused(f"{request.name}: the arm's base frame is not known")
-        control.efforts.impede(impedance_of(request.values))
+        impedance = impedance_of(request.values)
         control.cartesian.absolute = True
-        control.push(Space.CARTESIAN, control.motion.effort.copy())
-        return ""
+        control.push(Space.CARTESIAN).impede(impedance, control.now_ns)
+        return control.pushed()
 
     def _set_absolute(self, request: Request) -> str:
         self._control.cartesian.absolute = switch(request)
         return ""
+
+
+def _check_wrench(name: str, wrench: Array) -> None:
+    """Refused where no arm can give anything like it: somebody has mistaken a unit, or an index."""
+    force, torque = float(np.abs(wrench[:3]).max()), float(np.abs(wrench[3:]).max())
+    if force > MOST_FORCE or torque > MOST_TORQUE:
+        raise Refused(f"{name}: {force:g} N and {torque:g} N·m; allowed: {MOST_FORCE:g} N and {MOST_TORQUE:g} N·m")
 
 
 def switch(request: Request) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from procs.arm.cartesian import Cartesian
 from procs.arm.duties import Duties
+from procs.arm.effort_guard import EffortGuard
+from procs.arm.effort_limits import EffortLimits
 from procs.arm.efforts import Efforts
 from procs.arm.gravity import Weight
 from procs.arm.joints import ARM_JOINTS, Joints
@@ -23,7 +25,7 @@ from procs.lib.requests import Reports, Request
 
 Array = NDArray[np.float64]
 
-CLIP_EPISODE_NS: Final = 500_000_000
+EPISODE_NS: Final = 500_000_000
 SAID_NS: Final = 2_000_000_000
 STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
 SEEN_NS: Final = 20_000_000  # who streams goals has seen by then that the tip or the base is another one
@@ -35,16 +37,36 @@ class Refused(Exception):
     """A command that will not be carried out; the text says why."""
 
 
+class Clipping:
+    """Who was told already that joints were clipped: once an episode."""
+
+    def __init__(self, size: int) -> None:
+        self._told = np.zeros(size, dtype=np.bool_)
+        self._last_ns = -SAID_NS
+
+    def is_news(self, outside: NDArray[np.bool_], now_ns: int) -> bool:
+        """These joints (size,) are clipped, and that of one of them has just begun."""
+        if now_ns - self._last_ns >= EPISODE_NS:
+            self._told[...] = False
+        self._last_ns = now_ns
+        news = bool((outside & ~self._told).any())
+        self._told |= outside
+        return news
+
+
 class Control:
     """The parts of one arm and the verbs that change its motion; `now_ns` is this cycle's time."""
 
     def __init__(self, arm: Arm, joints: Joints, io: Readings, duties: Duties, machine: Machine, reports: Reports,
                  cartesian: Cartesian, record: ArmRecord, setpoint: SetpointRecord,
-                 fault_text: Callable[[int], str]) -> None:
+                 fault_text: Callable[[int], str], motors: Sequence[float] = ()) -> None:
+        """`motors`: see `EffortLimits`."""
         self.arm, self.joints, self.io, self.duties, self.machine = arm, joints, io, duties, machine
         self.reports, self.cartesian, self.record, self.setpoint = reports, cartesian, record, setpoint
         self.fault_text = fault_text
-        self.motion, self.efforts = Motion(joints, arm.jerk_time_s), Efforts(cartesian)
+        self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)
+        self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
+        self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.gravity = Weight(arm, ARM_JOINTS[arm.type])
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""
@@ -58,8 +80,8 @@ class Control:
         self.posed_ns, self._poses_from_ns = -STREAM_NS, 0
         """When a goal of a stream of poses was last followed."""
         self._moves: dict[str, Request] = {}
-        self._clipped_ns = -SAID_NS
         self._said_ns: dict[str, int] = {}
+        self._episodes_ns: dict[str, int] = {}
         self.use(joints)
 
     def use(self, joints: Joints) -> None:
@@ -70,11 +92,14 @@ class Control:
         self.io.use(joints)
         self.motion.use(joints)
         self.gravity.use(joints.size)
+        self._effort_limits.use(joints)
+        self.efforts.use(joints.size)
+        self.guard.use(joints, self._effort_limits.most)
         for part in (self.cartesian, self.record, self.setpoint):
             part.use(joints)
         self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, Mode.NONE)
         self.goal, self._velocity = np.zeros(joints.size), np.zeros(joints.size)
-        self._clipped = np.zeros(joints.size, dtype=np.bool_)
+        self._clipped, self._efforts_clipped = Clipping(joints.size), Clipping(joints.size)
 
     def mistrust_poses(self) -> None:
         """The tip or the base is another one: goals of a stream that are on their way were worked out for the old."""
@@ -97,6 +122,13 @@ class Control:
         if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
             self._said_ns[code] = self.now_ns
             self.reports.warning(code, f"{self.arm.name}: {text}", self.arm.name)
+
+    def warn_of_episode(self, code: str, text: str) -> None:
+        """Warn of something that comes again and again once, until it has stayed away for a while."""
+        last_ns = self._episodes_ns.get(code, -NEVER_NS)
+        self._episodes_ns[code] = self.now_ns
+        if self.now_ns - last_ns >= EPISODE_NS:
+            self.warn(code, text)
 
     def error(self, code: str, text: str, every_ns: int = 0) -> None:
         """Tell an error of this arm that does not stop it; the same code again only after `every_ns`."""
@@ -128,23 +160,23 @@ class Control:
         self.goal[...] = self.motion.target
         return self.goal
 
-    def _clip(self) -> tuple[NDArray[np.bool_], str]:
-        """Bring `goal` into the limits; what was clipped is in the answer, and once an episode a warning."""
-        outside = self.joints.clip(self.goal, self.here)
+    def _clip(self) -> NDArray[np.bool_]:
+        """Bring `goal` into the limits; which joints (size,) were outside."""
+        return self.joints.clip(self.goal, self.here)
+
+    def _say_clipped(self, outside: NDArray[np.bool_]) -> str:
+        """What was clipped is in the answer, and once an episode a warning."""
         if outside is self.joints.none or not outside.any():
-            return outside, ""
-        if self.now_ns - self._clipped_ns >= CLIP_EPISODE_NS:
-            self._clipped[...] = False
-        self._clipped_ns = self.now_ns
+            return ""
         names = self.joints.named(outside)
-        if (outside & ~self._clipped).any():
-            self._clipped |= outside
+        if self._clipped.is_news(outside, self.now_ns):
             self.warn("clipped", f"clipped to the joint limits: {names}")
-        return outside, f"clipped: {names}"
+        return f"clipped: {names}"
 
     def follow(self, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal` from now on, with a velocity feed of the arm's joints (count,)."""
-        outside, text = self._clip()
+        outside = self._clip()
+        text = self._say_clipped(outside)
         if velocity is not None:
             velocity = self._feed(velocity)
             if text:
@@ -175,20 +207,54 @@ class Control:
 
     def adjust(self) -> str:
         """Follow `goal`, of which only the jaw has changed."""
-        _, text = self._clip()
+        text = self._say_clipped(self._clip())
         if self.motion.adjust(self.goal, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
         return text
 
-    def push(self, space: Space, effort: Array, which: NDArray[np.bool_] | None = None) -> None:
-        """Apply efforts (size,) instead of following positions, to joints `which`; see `efforts` for their law."""
+    def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
+        """Apply efforts instead of following positions, to joints `which`; what is returned is to be told which."""
         self.motion.space = space
-        if self.motion.push(effort, which):
+        if self.motion.mode is not Mode.EFFORT:
+            self.efforts.rest()
+            self.guard.begin()
+        if self.motion.push(which):
             self.move_ended(False, "replaced by an effort command")
+        return self.efforts
+
+    def pushed(self) -> str:
+        """What to answer to who has just said what to push with."""
+        self.efforts.step(self.now_ns)
+        return self._say_efforts_clipped()
+
+    def feed(self, wrench: Array) -> str:
+        """Add a wrench (6,), in axes of the reference frame, to what follows the position; as long as efforts last."""
+        self.motion.add(self.efforts.feed(wrench), self.efforts.timeout_at(self.now_ns, wrench))
+        return self._say_efforts_clipped()
+
+    def step_efforts(self) -> None:
+        """The efforts of this cycle into `motion`."""
+        motion = self.motion
+        if motion.mode is Mode.EFFORT:
+            self.efforts.step(self.now_ns)
+            motion.effort[...] = self.efforts.effort
+            self._say_efforts_clipped()
+        elif self.now_ns >= motion.feed_end_ns:
+            motion.end_feed()
+            self.warn_of_episode("effort-timeout", f"no new wrench for {self.arm.effort_timeout_s:g} s; none any more")
+
+    def _say_efforts_clipped(self) -> str:
+        outside = self.efforts.clipped
+        if outside is self.joints.none:
+            return ""
+        names = self.joints.named(outside)
+        if self._efforts_clipped.is_news(outside, self.now_ns):
+            self.warn("effort-clipped", f"efforts clipped to what motors and joints bear: {names}")
+        return f"clipped: {names}"
 
     def move(self, request: Request, space: Space, what: str = MOVE) -> None:
         """Move to `goal`; answers the request, now and at the end. Refused when it cannot be planned."""
-        _, text = self._clip()
+        text = self._say_clipped(self._clip())
         reason = self.motion.move(self.goal, self.io.velocity, self.now_ns)
         if reason:
             raise Refused(f"{request.name}: {reason}")

@@ -1,4 +1,7 @@
-"""What is pushed with in effort mode: joint efforts as given, or a wrench at the tip, turned into them every cycle."""
+"""What is pushed with in effort mode: joint efforts as given, or a wrench at the tip, turned into them every cycle.
+
+What is pushed with, other than nothing, ends by itself when it is not asked for again: who asked may be dead.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.cartesian import Cartesian
+from procs.arm.effort_limits import EffortLimits
 from procs.arm.impedance import Impedance
-from procs.arm.motion import Mode, Motion
 
 Array = NDArray[np.float64]
 
@@ -27,55 +30,105 @@ class Law(Enum):
 
 
 class Efforts:
-    """Works out `motion.effort` of the arm's joints; nothing else of it is changed."""
+    """`effort` (size,) is that of this cycle, within what the motors give; `clipped` the joints that asked for more."""
 
-    def __init__(self, cartesian: Cartesian) -> None:
-        """`cartesian` is that of this cycle."""
-        self._cartesian = cartesian
-        self.law = Law.JOINT
+    def __init__(self, cartesian: Cartesian, limits: EffortLimits, size: int, timeout_s: float) -> None:
+        """`cartesian` is that of this cycle; after `timeout_s` efforts end that were not asked for again, 0: never."""
+        self._cartesian, self._limits = cartesian, limits
+        self._timeout_ns = round(timeout_s * 1e9) or FOR_EVER
         self._absolute = False
         self.wrench = np.zeros(6)
         self._turned = np.zeros(6)
-        self._end_ns = FOR_EVER
         self._impedance: Impedance | None = None
+        self.use(size)
 
-    def joint(self) -> None:
-        """Efforts stay as they were given."""
+    def use(self, size: int) -> None:
+        """Joint vectors have another size."""
+        self._asked, self.effort = np.zeros((2, size))
+        self.clipped = np.zeros(size, np.bool_)
+        self.rest()
+
+    # what is asked for
+
+    def rest(self) -> None:
+        """No efforts, of the jaw neither."""
         self.law = Law.JOINT
+        self._asked[...] = 0.0
+        self._end_ns = self._timeout_at_ns = self._jaw_timeout_at_ns = FOR_EVER
 
-    def body(self, wrench: Array, *, absolute: bool, end_ns: int = FOR_EVER) -> None:
-        """A force and torque (6,) at the tip, until changed or `end_ns`; `absolute`: in axes of the reference frame."""
-        self.law, self._absolute, self.wrench[...] = Law.BODY, absolute, wrench
-        self._end_ns = end_ns
+    def joint(self, efforts: Array, now_ns: int) -> None:
+        """Joint efforts (count,)."""
+        self._ask(Law.JOINT, self.timeout_at(now_ns, efforts))
+        self._asked[: len(efforts)] = efforts
 
-    def spatial(self, wrench: Array) -> None:
-        """A force and torque (6,) at the origin of the arm's base, in its axes, until changed."""
-        self.law, self.wrench[...] = Law.SPATIAL, wrench
+    def jaw(self, effort: float, now_ns: int) -> None:
+        """The effort of the jaw, beside whatever the other joints are asked for."""
+        self._asked[-1] = effort
+        self._jaw_timeout_at_ns = self.timeout_at(now_ns, self._asked[-1:])
 
-    def impede(self, impedance: Impedance) -> None:
-        """Push as a spring and damper do, until changed."""
-        self.law, self._absolute, self._impedance = Law.IMPEDANCE, True, impedance
+    def body(self, wrench: Array, now_ns: int, *, absolute: bool, lasts_ns: int = FOR_EVER) -> None:
+        """A force and torque (6,) at the tip, for so long at most; `absolute`: in axes of the reference frame."""
+        self._ask(Law.BODY, self.timeout_at(now_ns, wrench))
+        self._absolute, self.wrench[...], self._end_ns = absolute, wrench, now_ns + lasts_ns
 
-    def step(self, motion: Motion, now_ns: int) -> None:
+    def spatial(self, wrench: Array, now_ns: int) -> None:
+        """A force and torque (6,) at the origin of the arm's base, in its axes."""
+        self._ask(Law.SPATIAL, self.timeout_at(now_ns, wrench))
+        self.wrench[...] = wrench
+
+    def impede(self, impedance: Impedance, now_ns: int) -> None:
+        """Push as a spring and damper do."""
+        self._ask(Law.IMPEDANCE, self.timeout_at(now_ns, impedance.gains))
+        self._absolute, self._impedance = True, impedance
+
+    def timeout_at(self, now_ns: int, numbers: Array) -> int:
+        """When what is asked for now has to be asked for again; all 0, which is nothing, never."""
+        return now_ns + self._timeout_ns if numbers.any() else FOR_EVER
+
+    def _ask(self, law: Law, timeout_at_ns: int) -> None:
+        self.law, self._timeout_at_ns, self._end_ns = law, timeout_at_ns, FOR_EVER
+
+    # the cycle
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Efforts, other than none, were not asked for again in time."""
+        return now_ns >= self._timeout_at_ns or now_ns >= self._jaw_timeout_at_ns
+
+    def step(self, now_ns: int) -> None:
         """The efforts of this cycle, from the measured tip."""
-        cartesian = self._cartesian
-        if self.law is Law.BODY and now_ns >= self._end_ns:
+        if now_ns >= self._end_ns:
             self.wrench[...] = 0.0
-            self._end_ns = FOR_EVER
-        if motion.mode is not Mode.EFFORT or self.law is Law.JOINT:
-            return
-        n = cartesian.jacobian.shape[1]
-        absolute = self._absolute and self.law is not Law.SPATIAL
-        if not cartesian.valid or (absolute and not cartesian.base_known):
-            motion.effort[:n] = 0.0
-            return
-        if self.law is Law.SPATIAL:
-            motion.effort[:n] = cartesian.spatial.T @ self.wrench
-            return
-        wrench = self.wrench
+            self._end_ns = self._timeout_at_ns = FOR_EVER
+        effort, cartesian = self.effort, self._cartesian
+        effort[...] = self._asked
+        if self.law is not Law.JOINT:
+            n = cartesian.jacobian.shape[1]
+            absolute = self._absolute and self.law is not Law.SPATIAL
+            if cartesian.valid and (cartesian.base_known or not absolute):
+                np.matmul(self._wrench_of(absolute), self._jacobian, out=effort[:n])  # rows: wᵀ · J = (Jᵀ · w)ᵀ
+            else:
+                effort[:n] = 0.0
+        self.clipped = self._limits.clip(effort, together=self.law is not Law.JOINT)
+
+    def feed(self, wrench: Array) -> Array:
+        """Joint efforts (size,) for a wrench (6,) in axes of the reference frame; see `clipped`. The next `step` and
+        `feed` overwrite them."""
+        cartesian, n = self._cartesian, self._cartesian.jacobian.shape[1]
+        self.effort[n:] = 0.0
+        self.effort[:n] = (wrench.reshape(2, 3) @ cartesian.rotation).reshape(6) @ cartesian.jacobian
+        self.clipped = self._limits.clip(self.effort, together=True)
+        return self.effort
+
+    @property
+    def _jacobian(self) -> Array:
+        return self._cartesian.spatial if self.law is Law.SPATIAL else self._cartesian.jacobian
+
+    def _wrench_of(self, absolute: bool) -> Array:
+        """The wrench (6,) of this cycle, at the tip in its axes or at the base."""
+        cartesian, wrench = self._cartesian, self.wrench
         if self.law is Law.IMPEDANCE and self._impedance is not None:
             wrench = self._impedance.wrench(cartesian.to_reference(cartesian.tip), cartesian.twist)
-        if absolute:
-            np.matmul(wrench.reshape(2, 3), cartesian.rotation, out=self._turned.reshape(2, 3))  # Rᵀ · w, in rows
-            wrench = self._turned
-        motion.effort[:n] = cartesian.jacobian.T @ wrench
+        if not absolute:
+            return wrench
+        np.matmul(wrench.reshape(2, 3), cartesian.rotation, out=self._turned.reshape(2, 3))  # Rᵀ · w, in rows
+        return self._turned

@@ -31,7 +31,7 @@ class Impedance:
         Gains (2, 4, 6): for positive and negative errors; P, D, bias, dead-band; x y z rx ry rz.
         """
         self._place, self._force_axes, self._orientation = place, force_axes, orientation
-        self._gains = gains
+        self.gains = gains
         self._error, self._speed, self._wrench = np.zeros(6), np.zeros(6), np.zeros(6)
 
     def wrench(self, pose: Array, twist: Array) -> Array:
@@ -40,7 +40,7 @@ class Impedance:
         error[:3] = (pose[:3, 3] - self._place) @ forces  # rows: xᵀ · R = (Rᵀ · x)ᵀ
         error[3:] = rotation_vector(torques.T @ pose[:3, :3])
         speed[:3], speed[3:] = twist[:3] @ forces, twist[3:] @ torques
-        p, d, bias, deadband = np.where(error > 0.0, self._gains[0], self._gains[1])
+        p, d, bias, deadband = np.where(error > 0.0, self.gains[0], self.gains[1])
         shrunk = np.sign(error) * np.maximum(np.abs(error) - np.abs(deadband), 0.0)
         force = p * shrunk + d * speed + bias
         self._wrench[:3], self._wrench[3:] = forces @ force[:3], torques @ force[3:]

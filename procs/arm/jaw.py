@@ -33,10 +33,9 @@ class JawCommands:
         control = self._control
         if control.motion.mode is not Mode.EFFORT:
             self._enter(request.name)
-            control.efforts.body(np.zeros(6), absolute=False)
-            control.push(Space.CARTESIAN, np.zeros(control.joints.size))
-        control.motion.effort[-1] = request.values[0]
-        return ""
+            control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
+        control.efforts.jaw(float(request.values[0]), control.now_ns)
+        return control.pushed()
 
     def _move_jp(self, request: Request) -> None:
         control = self._control

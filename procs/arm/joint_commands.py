@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from procs.arm.commands import N, Ready, Row, Table
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
@@ -46,11 +44,8 @@ class JointCommands:
 
     def _servo_jf(self, request: Request) -> str:
         control = self._control
-        effort = control.motion.effort.copy()  # zero, or that of the jaw as well
-        effort[: control.joints.count] = request.values
-        control.efforts.joint()
-        control.push(Space.JOINT, effort)
-        return ""
+        control.push(Space.JOINT).joint(request.values, control.now_ns)
+        return control.pushed()
 
     def _move_jp(self, request: Request) -> None:
         control = self._control
@@ -69,6 +64,5 @@ class JointCommands:
         return ""
 
     def _free(self, _: Request) -> str:
-        self._control.efforts.joint()
-        self._control.push(Space.JOINT, np.zeros(self._control.joints.size))
+        self._control.push(Space.JOINT).rest()
         return ""

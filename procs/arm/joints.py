@@ -10,13 +10,14 @@ seven.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_limits import KINEMATIC_HOME, LIMITS
+from procs.lib.arm_limits import EFFORT_LIMITS, KINEMATIC_HOME, LIMITS
 from procs.lib.coupling import coupling
 from procs.lib.document import Arm, Tool
 from procs.lib.endoscopes import NONE, endoscope
@@ -32,6 +33,7 @@ ARM_JOINTS: Final = {"PSM": 3, "ECM": 4, "MTM": 7}
 """Joints of the arm itself, the ones an instrument does not change."""
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
 DISC_RANGE: Final = math.radians(172.0)
+DISC_EFFORT: Final = 0.343642  # N·m, of a PSM without an instrument
 SNAKE_JOINTS: Final = 8
 SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each bending by half of it
 
@@ -40,8 +42,10 @@ SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each be
 class Joints:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
-    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1. Positions and velocities map
-    alike; efforts go with the transposed matrices the other way round, so that power is the same on both sides.
+    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed` and
+    `effort_zone` see `procs.lib.arm_limits`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
+    these say nothing. Positions and velocities map alike; efforts go with the transposed matrices the other way round,
+    so that power is the same on both sides.
     """
 
     tool: str
@@ -51,6 +55,9 @@ class Joints:
     upper: Array
     v_max: Array
     a_max: Array
+    effort_speed: Array
+    effort_zone: Array
+    rated: Array
     to_joint: Array
     to_actuator: Array
     kinematics: Kinematics | None
@@ -115,11 +122,22 @@ def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     axes = AXES[arm.type]
     if kinematics.n != axes:
         raise ValueError(f"{arm.name}: {arm.chain.source} has {kinematics.n} joints; an {arm.type} has {axes}")
-    limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain)
-    return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, np.array(limits.velocity),
-                  np.array(limits.acceleration), map_.actuator_to_joint, map_.joint_to_actuator, kinematics,
-                  inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0,
+    map_ = coupling(axes, arm.chain)
+    return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, *_rates(arm.type),
+                  _rated(kinematics.effort_max), map_.actuator_to_joint, map_.joint_to_actuator,
+                  kinematics, inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0,
                   np.zeros(axes, np.bool_))
+
+
+def _rates(arm_type: str) -> tuple[Array, Array, Array, Array]:
+    """v_max, a_max, effort_speed, effort_zone of an arm with all its axes."""
+    moves, pushes = LIMITS[arm_type], EFFORT_LIMITS[arm_type]
+    return (np.array(moves.velocity), np.array(moves.acceleration), np.array(pushes.speed), np.array(pushes.zone))
+
+
+def _rated(efforts: Iterable[float]) -> Array:
+    values = np.array([*efforts])
+    return np.where(values > 0.0, values, np.inf)
 
 
 def _bare(arm: Arm) -> Joints:
@@ -129,9 +147,9 @@ def _bare(arm: Arm) -> Joints:
         raise ValueError(f"{arm.name}: {arm.chain.source} has {len(links)} joints; a PSM has {own}")
     lower = np.array([link.lower for link in links[:own]] + [-DISC_RANGE] * (axes - own))
     upper = np.array([link.upper for link in links[:own]] + [DISC_RANGE] * (axes - own))
-    limits = LIMITS[arm.type]
-    return Joints("", BARE_NAMES, axes, lower, upper, np.array(limits.velocity), np.array(limits.acceleration),
-                  np.eye(axes), np.eye(axes), None, None, axes, np.zeros(axes, np.bool_))
+    rated = _rated((*(link.effort_max for link in links[:own]), *(DISC_EFFORT,) * (axes - own)))
+    return Joints("", BARE_NAMES, axes, lower, upper, *_rates(arm.type), rated, np.eye(axes), np.eye(axes), None, None,
+                  axes, np.zeros(axes, np.bool_))
 
 
 def _with_tool(arm: Arm, tool: Tool) -> Joints:
@@ -140,16 +158,18 @@ def _with_tool(arm: Arm, tool: Tool) -> Joints:
     expected = SNAKE_JOINTS if tool.snake else axes - 1
     if n != expected:
         raise ValueError(f"{arm.name}: with {tool.name} there are {n} joints; {expected} were expected")
-    limits, map_ = LIMITS[arm.type], coupling(axes, arm.chain, tool)
+    map_ = coupling(axes, arm.chain, tool)
     spread, gather = np.eye(axes), np.eye(axes)
-    v_max, a_max = np.array(limits.velocity), np.array(limits.acceleration)
+    rates = _rates(arm.type)
     free = paired = None
     if tool.snake:
         spread, gather = _snake(axes)
         free, paired = BENDS, spread @ gather
-        v_max, a_max = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in (v_max, a_max))
+        v_max, a_max, speed, zone = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in rates)
+        rates = (v_max, a_max, speed, zone)
+    rated = _rated((*kinematics.effort_max, tool.jaw.effort_max))
     return Joints(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
-                  np.append(kinematics.upper, tool.jaw.upper), v_max, a_max,
+                  np.append(kinematics.upper, tool.jaw.upper), *rates, rated,
                   np.matmul(spread, map_.actuator_to_joint),
                   np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
                   inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type], np.zeros(n + 1, np.bool_),

@@ -13,6 +13,7 @@ from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
 from procs.arm.detection import Reading
 from procs.arm.ecm import Ecm
+from procs.arm.effort_limits import motor_efforts
 from procs.arm.joints import AXES
 from procs.arm.mtm import Mtm
 from procs.arm.psm import Psm
@@ -149,7 +150,7 @@ class Loop(runtime.Loop):
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
             me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
-            setup_base=setup_base(me, arm),
+            setup_base=setup_base(me, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""

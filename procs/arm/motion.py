@@ -17,6 +17,7 @@ from procs.lib.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 STREAM_NS = 100_000_000  # a servo command older than this is no stream any more: its velocity is no longer fed
+FOR_EVER_NS = 1 << 62
 MOST_STEP_NS = 5_000_000  # after a pause of ours a drifting joint goes on from where it is, and does not catch up
 
 
@@ -61,7 +62,8 @@ class Motion:
         self.goal, self.velocity = self.rows
         self.effort, self.target = np.zeros(n), np.zeros(n)
         self.feed = np.zeros(n)
-        """Efforts added while positions are followed."""
+        """Efforts added while positions are followed, until `feed_end_ns`."""
+        self.feed_end_ns = FOR_EVER_NS
         self._lower, self._upper = joints.lower, joints.upper
         self.in_effort = np.zeros(n, dtype=np.bool_)
         """Joints that efforts are applied to; the others follow their goal, in EFFORT mode too."""
@@ -117,15 +119,19 @@ class Motion:
         self.target[...] = position
         return False
 
-    def push(self, effort: Array, which: NDArray[np.bool_] | None = None) -> bool:
+    def push(self, which: NDArray[np.bool_] | None = None) -> bool:
         """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay.
 
         Returns whether this ended a move.
         """
         ended = self._enter(Mode.EFFORT)
-        self.effort[...] = effort
         self.in_effort[...] = True if which is None else which
         return ended
+
+    def add(self, feed: Array, end_ns: int) -> None:
+        """Add efforts (size,) to those that follow the position."""
+        self.feed[...] = feed
+        self.feed_end_ns = end_ns
 
     def move(self, target: Array, measured_velocity: Array, now_ns: int) -> str:
         """Go to `target` and stop there, starting from what is followed now; a move that runs is bent smoothly.
@@ -217,9 +223,14 @@ class Motion:
         self.velocity[...] = 0.0
         self.effort[...] = 0.0
         self.in_effort[...] = False
-        self.feed[...] = 0.0
+        self.end_feed()
         self._drifting = False
         return ended
+
+    def end_feed(self) -> None:
+        """Nothing is added any more."""
+        self.feed[...] = 0.0
+        self.feed_end_ns = FOR_EVER_NS
 
     def _evaluate(self, now_ns: int) -> None:
         self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self.goal, self.velocity)

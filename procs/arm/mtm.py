@@ -13,7 +13,7 @@ from procs.arm.arm import Arm
 from procs.arm.commands import Table
 from procs.arm.efforts import Law
 from procs.arm.gripper import Gripper
-from procs.arm.motion import Mode
+from procs.arm.motion import Mode, Space
 from procs.arm.orientation_lock import OrientationLock
 from procs.arm.platform_spring import Platform
 from procs.arm.stages.homing import Biased, Calibrating
@@ -98,6 +98,13 @@ class Mtm(Arm):
         elif mode is Mode.POSITION:
             self._borne = max(0.0, self._borne - step)
         return self._borne
+
+    def end_efforts(self) -> None:
+        """See Arm: a hand may be on it, so it is let go of, but for its weight."""
+        control = self.control
+        control.warn_of_episode("effort-timeout", f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
+        control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
+        control.gravity.used = control.gravity.known
 
     def shape_efforts(self) -> None:
         """See Arm."""

@@ -40,6 +40,7 @@ class TeleopPsm:
     mtm_is_haptic: bool = True
     base_frame_from: str = ""
     base_frame_interface: str = ""
+    wrench_timeout_s: float = 0.1  # a master's wrench that is not given again in that time ends; 0: never
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from shm.faults import Cell
 
 Array = NDArray[np.float64]
 
+FOR_EVER_NS: Final = 1 << 62
 WRENCH_LASTS_S: Final = 0.03  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
 SAME_JAW: Final = 1e-6  # rad: it is there already
@@ -50,6 +51,7 @@ class TeleopPsm(Teleop):
         self._aligned_to = np.zeros(7)
         self._aligned_ns = self._let_go_ns = 0
         self._wrench: Array | None = None
+        self._wrench_end_ns = FOR_EVER_NS
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
         self._values = np.zeros(13)
         field = record.field
@@ -244,10 +246,20 @@ class TeleopPsm(Teleop):
             if abs(jaw - slave.jaw) > SAME_JAW:
                 slave.send("jaw/servo_jp", (jaw,))
         if self._wrench is not None and settings.mtm_is_haptic:
-            self._wrench_values[:6] = self._wrench
-            master.send("body/servo_cf", self._wrench_values)
+            self._pass_wrench(self._wrench)
         self._error_shown[...] = angle_between(master.measured, slave.setpoint)
         self.reason = slave.refusal or slave.limit or master.refusal
+
+    def _pass_wrench(self, wrench: Array) -> None:
+        """Give it to the master, as long as whoever gave it to us gives it again."""
+        if self.now_ns >= self._wrench_end_ns and wrench.any():
+            self._wrench = None
+            self.master.let_go()
+            text = f"no new wrench for {self.settings.wrench_timeout_s:g} s; none any more"
+            self.events.warning("effort-timeout", f"{self.name}: {text}", self.name)
+            return
+        self._wrench_values[:6] = wrench
+        self.master.send("body/servo_cf", self._wrench_values)
 
     def follow(self, on: bool) -> None:
         """See Teleop."""
@@ -316,6 +328,7 @@ class TeleopPsm(Teleop):
         if not self.following:
             raise Refused("following/mtm/body/servo_cf: not following")
         self._wrench = np.array(request.values)
+        self._wrench_end_ns = self.now_ns + (round(self.settings.wrench_timeout_s * 1e9) or FOR_EVER_NS)
 
     # the record
 

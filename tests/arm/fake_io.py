@@ -397,6 +397,14 @@ class Rig:
             self.state_command("home")
         self.until(lambda: self.arm.state == state)
 
+    def go(self, joints: Any) -> None:
+        """Move there, and be there."""
+        with self.hurried():
+            move = self.send("move_jp", joints)
+            self.until(lambda: move.outcomes[-1] != "accepted")
+        assert move.outcomes[-1] == "done", move.replies
+        self.run(0.02)
+
     @contextlib.contextmanager
     def hurried(self) -> Iterator[None]:
         """A way that is not what the test is about: in longer cycles, which are fewer."""

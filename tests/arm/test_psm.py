@@ -171,9 +171,9 @@ def test_a_jaw_effort_begins_cartesian_effort_control(rig: Rig) -> None:
 def test_a_jaw_effort_is_refused_in_the_cannula_and_kept_from_other_efforts() -> None:
     rig = at(Rig(fixed_arm()).homed(), (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
     assert "past the cannula" in rig.send("jaw/servo_jf", (0.05,)).replies[0][1]
-    rig.send("servo_jf", (0.0, 0.0, 1.5, 0.0, 0.0, 0.0))
+    rig.send("servo_jf", (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
     assert rig.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
-    assert rig.state["control_space"] == 1 and rig.setpoint["effort"][2] == pytest.approx(1.5)
+    assert rig.state["control_space"] == 1 and rig.setpoint["effort"][2] == pytest.approx(0.5)
 
 
 # instruments

@@ -290,6 +290,21 @@ def test_a_wrench_is_given_on_while_following_and_ends_by_itself(theatre: Theatr
     assert not theatre.master.asked("body/servo_cf")
 
 
+def test_a_wrench_that_is_not_given_again_ends(theatre: Theatre) -> None:
+    theatre.follow()
+    theatre.forget()
+    for _ in range(5):
+        theatre.send("following/mtm/body/servo_cf", 1, 2, 3, 0, 0, 0)
+        theatre.run(0.05)
+    assert {one[1] for one in theatre.master.asked("body/servo_cf")} == {(1, 2, 3, 0, 0, 0, 0.03)}
+    theatre.run(0.06)
+    assert theatre.master.asked("body/servo_cf")[-1][1] == (0,) * 6 and theatre.following
+    theatre.forget()
+    theatre.send("following/mtm/body/servo_cf", *(0,) * 6)
+    theatre.run(0.5)
+    assert len(theatre.master.asked("body/servo_cf")) > 400, "none at all lasts"
+
+
 def test_a_master_that_somebody_else_stopped_is_let_go_again(theatre: Theatre) -> None:
     theatre.follow()
     theatre.run(0.1)

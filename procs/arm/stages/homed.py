@@ -66,9 +66,7 @@ class Manual(Stage):
         """See Stage."""
         control = self.control
         control.duties.tracking.want(False)
-        control.efforts.joint()
-        own = np.arange(control.joints.size) < ARM_JOINTS[control.arm.type]
-        control.push(Space.NONE, np.zeros(control.joints.size), own)
+        control.push(Space.NONE, np.arange(control.joints.size) < ARM_JOINTS[control.arm.type]).rest()
 
     def run(self) -> None:
         """See Stage."""

@@ -62,9 +62,7 @@ class SettingRoll(Stage):
         control = self.control
         control.goal[...] = control.io.setpoint
         control.motion.hold(control.goal, Mode.NONE)
-        control.efforts.joint()
-        which = np.arange(control.joints.size) == ROLL
-        control.push(Space.NONE, np.zeros(control.joints.size), which)
+        control.push(Space.NONE, np.arange(control.joints.size) == ROLL).rest()
         self.within(SET_NS)
         self._order = 0
         self._next_ns = 0

@@ -258,7 +258,8 @@ def _assemble(
         processes=processes,
         carts=carts,
         consoles=tuple(with_period(row, options) for row in operation.consoles),
-        teleop_psms=tuple(with_period(row, options) for row in operation.teleop_psms),
+        teleop_psms=tuple(dataclasses.replace(with_period(row, options), wrench_timeout_s=options.arm.effort_timeout_s)
+                          for row in operation.teleop_psms),
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
         externals=operation.externals,
         focuses=operation.focuses,

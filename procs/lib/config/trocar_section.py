@@ -54,6 +54,12 @@ class ArmOptions(Section):
                                description="s in which moves come up to their acceleration; 0: no jerk limit")
     client_timeout_s: float = Field(default=0.0, ge=0.0, le=10.0,
                                     description="s after the last servo command of a stream, then hold; 0: never")
+    effort_timeout_s: float = Field(default=0.1, ge=0.0, le=10.0,
+                                    description="s that efforts last that are not asked for again; 0: for ever")
+    effort_speed_ratio: float = Field(default=1.0, ge=0.0, le=5.0,
+                                      description="times the usual limits of speed in effort mode; 0: none")
+    effort_zone_ratio: float = Field(default=1.0, ge=0.0, le=5.0,
+                                     description="times the usual zones of the soft walls at joint limits; 0: none")
 
 
 class TrocarSection(Section):
