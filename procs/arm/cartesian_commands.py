@@ -115,9 +115,9 @@ class CartesianCommands:
         found, why = self._reach.find(inverse, goal, own)
         own[...] = found
         if not why:
-            return control.follow(Space.CARTESIAN, velocity)
+            return control.follow(name, Space.CARTESIAN, velocity)
         control.warn("at-limit", f"{name}: at its limit: {why}", SAID_NS)
-        control.follow(Space.CARTESIAN)
+        control.follow(name, Space.CARTESIAN)
         return f"at its limit: {why}"
 
     def _servo_cp(self, request: Request) -> str:

@@ -19,6 +19,7 @@ from procs.arm.machine import Machine
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import Readings
 from procs.arm.record import ArmRecord, SetpointRecord
+from procs.arm.streams import Stream
 from procs.arm.supervision import Generations
 from procs.lib.document import Arm
 from procs.lib.requests import Reports, Request
@@ -67,6 +68,7 @@ class Control:
         self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)
         self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
+        self._stream, self._jaw_stream = Stream(), Stream()
         self.gravity = Weight(arm, ARM_JOINTS[arm.type])
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""
@@ -173,9 +175,18 @@ class Control:
             self.warn("clipped", f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
 
-    def follow(self, space: Space, velocity: Array | None = None) -> str:
-        """Follow `goal` from now on, with a velocity feed of the arm's joints (count,)."""
+    def _judge(self, stream: Stream, name: str, *, jaw: bool = False) -> None:
+        """Refused where the stream of commands `name` may not go to `goal` at once."""
+        is_streamed = self.motion.is_streamed(self.now_ns, jaw=jaw)
+        why = stream.objection(self.joints, self.goal, self.here, self.now_ns, is_streamed=is_streamed)
+        if why:
+            self.warn("stream-jump", f"{name}: {why}", SAID_NS)
+            raise Refused(f"{name}: {why}")
+
+    def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
+        """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""
         outside = self._clip()
+        self._judge(self._stream, name)
         text = self._say_clipped(outside)
         if velocity is not None:
             velocity = self._feed(velocity)
@@ -205,9 +216,11 @@ class Control:
             feed[...] = self.joints.paired @ feed
         return feed
 
-    def adjust(self) -> str:
-        """Follow `goal`, of which only the jaw has changed."""
-        text = self._say_clipped(self._clip())
+    def adjust(self, name: str) -> str:
+        """Follow `goal`, of a stream of commands `name`, of which only the jaw has changed."""
+        outside = self._clip()
+        self._judge(self._jaw_stream, name, jaw=True)
+        text = self._say_clipped(outside)
         if self.motion.adjust(self.goal, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
         return text

@@ -26,7 +26,7 @@ class JawCommands:
 
     def _servo_jp(self, request: Request) -> str:
         self._control.take_goal()[-1] = request.values[0]
-        return self._control.adjust()
+        return self._control.adjust(request.name)
 
     def _servo_jf(self, request: Request) -> str:
         """From any other mode this begins Cartesian effort control, without a wrench at the tip."""

@@ -29,7 +29,7 @@ class JointCommands:
         control, values = self._control, request.values
         n = control.joints.count
         control.take_goal()[:n] = values[:n]
-        return control.follow(Space.JOINT, values[n:] if len(values) == 2 * n else None)
+        return control.follow(request.name, Space.JOINT, values[n:] if len(values) == 2 * n else None)
 
     def _servo_jr(self, request: Request) -> str:
         control, n = self._control, self._control.joints.count
@@ -37,7 +37,7 @@ class JointCommands:
         if not control.motion.pending_since(control.now_ns):  # else on top of the goal given in this very cycle
             goal[:n] = control.io.setpoint[:n]
         goal[:n] += request.values
-        return control.follow(Space.JOINT)
+        return control.follow(request.name, Space.JOINT)
 
     def _servo_jv(self, request: Request) -> str:
         return self._control.drift(request.values)

@@ -32,6 +32,7 @@ AXES: Final = {"PSM": 7, "ECM": 4, "MTM": 7}
 ARM_JOINTS: Final = {"PSM": 3, "ECM": 4, "MTM": 7}
 """Joints of the arm itself, the ones an instrument does not change."""
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
+BARE_SLIDES: Final = (False, False, True)
 DISC_RANGE: Final = math.radians(172.0)
 DISC_EFFORT: Final = 0.343642  # N·m, of a PSM without an instrument
 SNAKE_JOINTS: Final = 8
@@ -107,6 +108,11 @@ class Joints:
     def name(self, axis: int) -> str:
         """What a person calls an axis."""
         return self.names[axis] if axis < self.count else "jaw"
+
+    def unit(self, axis: int) -> str:
+        """What its position is in: rad or m."""
+        slides = BARE_SLIDES if self.kinematics is None else self.kinematics.is_prismatic
+        return "m" if axis < len(slides) and slides[axis] else "rad"
 
     def named(self, which: NDArray[np.bool_]) -> str:
         """The names of the joints of a mask (size,)."""

@@ -49,7 +49,7 @@ class Motion:
         self.moving = False
         self.has_velocity = False
         self._start_ns = self._duration_ns = 0
-        self._served_ns = -STREAM_NS
+        self._served_ns = self._jaw_ns = -STREAM_NS
         self._drifting = False
         self._stepped_ns = 0
         self.use(joints)
@@ -84,7 +84,7 @@ class Motion:
         """Stay at `position`; returns whether this ended a move."""
         self.goal[...] = position
         self.target[...] = position
-        self._served_ns = -STREAM_NS
+        self._served_ns = self._jaw_ns = -STREAM_NS
         if mode is Mode.NONE:
             self.space = Space.NONE
         return self._enter(mode)
@@ -113,11 +113,19 @@ class Motion:
 
     def adjust(self, position: Array, now_ns: int) -> bool:
         """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
-        if self.mode is not Mode.POSITION:
-            return self.servo(position, None, now_ns)
+        ended = self._enter(Mode.POSITION) if self.mode is not Mode.POSITION else False
         self.goal[...] = position
         self.target[...] = position
-        return False
+        self._jaw_ns = now_ns
+        return ended
+
+    def is_streamed(self, now_ns: int, *, jaw: bool = False) -> bool:
+        """Goals are coming for the arm's joints, or for the jaw: the last one is what is followed, and not long ago."""
+        if self.mode is not Mode.POSITION:
+            return False
+        if jaw:
+            return now_ns - self._jaw_ns <= STREAM_NS
+        return not self._drifting and now_ns - self._served_ns <= STREAM_NS
 
     def push(self, which: NDArray[np.bool_] | None = None) -> bool:
         """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay.
@@ -217,6 +225,8 @@ class Motion:
 
     def _enter(self, mode: Mode) -> bool:
         ended = self.moving
+        if mode is not self.mode:
+            self._served_ns = self._jaw_ns = -STREAM_NS
         self.moving = False
         self.mode = mode
         self.has_velocity = False

@@ -136,13 +136,14 @@ def test_cartesian_control_needs_an_inserted_endoscope() -> None:
 
 def test_the_tip_follows_a_pose_but_not_out_of_the_cannula(rig: Rig) -> None:
     pose = rig.state["measured_cp"].copy()
-    pose[:3] += (0.01, -0.005, 0.0)
+    pose[:3] += (0.004, -0.002, 0.0)
     assert rig.send("servo_cp", pose).outcomes == ["done"]
     rig.run(0.05)
     assert rig.state["measured_cp"][:3] == pytest.approx(pose[:3], abs=1e-6) and rig.state["control_space"] == 2
-    pose[:3] *= 0.02 / np.linalg.norm(pose[:3])
-    rig.send("servo_cp", pose)
-    rig.run(0.05)
+    for depth in np.arange(np.linalg.norm(pose[:3]), 0.02, -0.005):
+        pose[:3] *= depth / np.linalg.norm(pose[:3])
+        rig.send("servo_cp", pose)
+        rig.run(0.05)
     assert rig.state["position"][2] == pytest.approx(0.04, abs=1e-9)
 
 

@@ -23,10 +23,7 @@ class Stream:
 
     def __init__(self) -> None:
         self.rig = Rig(fixed_arm()).homed()
-        with self.rig.hurried():
-            move = self.rig.send("move_jp", STRAIGHT)
-            self.rig.until(lambda: "done" in move.outcomes)
-        self.rig.run(0.02)
+        self.rig.go(STRAIGHT)
         self.rig.reports.events.clear()
         self.start = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))
         self.limits = self.rig.arm.joints.lower[:6], self.rig.arm.joints.upper[:6]
@@ -65,8 +62,7 @@ def made() -> Stream:
 @pytest.fixture
 def stream(made: Stream) -> Stream:
     """Where it began, nothing told yet."""
-    made.rig.run(0.2)
-    made.rig.send("servo_jp", STRAIGHT)
+    made.rig.go(STRAIGHT)
     made.rig.run(2.2)
     made.rig.reports.events.clear()
     made.largest[:] = 0.0

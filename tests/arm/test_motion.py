@@ -200,6 +200,8 @@ def test_move_increments_add_to_the_goal_of_the_running_move(rig: Rig) -> None:
 
 @pytest.mark.parametrize("name", ("servo_jp", "move_jp"))
 def test_goals_beyond_the_limits_are_clipped_and_told(rig: Rig, name: str) -> None:
+    rig.go((1.5, 0.0, 0.23, 0.0, 0.0, 0.0))
+    rig.reports.events.clear()
     request = rig.send(name, (9.0, 0.0, 0.5, 0.0, 0.0, 0.0))
     assert request.replies[0][1] == "clipped: yaw, insertion"
     rig.run(4.0)
@@ -218,6 +220,7 @@ def test_clipping_warns_once_an_episode(rig: Rig) -> None:
 
 
 def test_a_clipped_joint_gets_no_velocity(rig: Rig) -> None:
+    rig.go((1.5, 0.0, 0.12, 0.0, 0.0, 0.0))
     rig.send("servo_jp", (9.0, 0.0, 0.12, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0))
     assert tuple(rig.setpoint["velocity"][:2]) == (0.0, 0.5)
 

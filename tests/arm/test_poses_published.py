@@ -15,8 +15,7 @@ QUARTER = (0.1, 0.2, 0.3, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 @pytest.fixture
 def rig() -> Rig:
     made = Rig().homed()
-    made.send("servo_jp", BENT)
-    made.run(0.1)
+    made.go(BENT)
     return made
 
 

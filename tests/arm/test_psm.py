@@ -64,6 +64,7 @@ def test_the_wrist_stays_out_of_the_cannula(rig: Rig, depth: float) -> None:
 
 
 def test_a_goal_that_is_deep_enough_is_reached(rig: Rig) -> None:
+    rig.go((0.0, 0.0, 0.07, 0.0, 0.0, 0.0))
     rig.send("servo_cp", tip_at(rig, 0.06))
     rig.run(0.01)
     assert rig.io.setpoint[2] == pytest.approx(0.0665, abs=1e-6)
