@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 from shm.doorbell import Futex
 from shm.layout import schema_of
@@ -35,6 +36,8 @@ POLL_NS = 100_000_000
 
 # Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools); in ns.
 monotonic_ns = time.monotonic_ns
+# The same, and it goes on while the computer is suspended; only for how long something took.
+boottime_ns: Callable[[], int] = partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME)
 # Sleep in real time, in seconds; for tools and the supervisor.
 pause = time.sleep
 

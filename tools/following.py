@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.clock import monotonic_ns, pause
+from shm.clock import boottime_ns, monotonic_ns, pause
 from tools.errors import Problem
 from tools.printing import plain
 from tools.remote import Remote
@@ -112,16 +113,27 @@ class Follower:
         self._remote.post("hold")
 
 
-def beats(rate_hz: float, count: int | None, skipped: list[int]) -> Iterator[int]:
-    """Numbers of the periods as they begin, up to `count`, on absolute deadlines; late ones add to `skipped[0]`."""
+class HeldUp(Problem):
+    """This program was held up for so long that it must not go on as if no time had passed."""
+
+
+def beats(rate_hz: float, count: int | None, skipped: list[int], longest_s: float = math.inf) -> Iterator[int]:
+    """Numbers of the periods as they begin, up to `count`, on absolute deadlines; late ones add to `skipped[0]`.
+
+    HeldUp where one begins more than `longest_s` later than it should after the last one.
+    """
     period_ns = 1e9 / rate_hz
     start = monotonic_ns() + round(period_ns)
-    number = 0
+    number, begun_ns = 0, boottime_ns()
     while count is None or number < count:
         deadline = start + round(number * period_ns)
         left = deadline - monotonic_ns()
         if left > 0:
             pause(left * 1e-9)
+        last_ns, begun_ns = begun_ns, boottime_ns()
+        held_s = (begun_ns - last_ns - period_ns) * 1e-9
+        if held_s > longest_s:
+            raise HeldUp(f"held up for {held_s:.1f} s")
         late = int((monotonic_ns() - deadline) // period_ns)
         if count is not None:
             late = min(late, count - number)

@@ -9,7 +9,7 @@ import typer
 
 from procs.lib.document import Tool
 from tools.errors import Misuse, Problem
-from tools.following import Follower, beats
+from tools.following import Follower, HeldUp, beats
 from tools.options import JsonOption, SystemOption
 from tools.printing import Say, emit, note, progress, table
 from tools.remote import Remote
@@ -19,6 +19,7 @@ from tools.watch import Watch, arm_names, tool_on
 
 APPROACH_S = 60.0
 SHOWN_EVERY = 20
+LONGEST_GAP_S = 0.1  # from there on the arm, too, takes what comes next for another stream
 
 
 def stream(
@@ -30,6 +31,8 @@ def stream(
     system: SystemOption = None,
 ) -> int:
     """Move to the file's first row, then follow its rows at a steady rate; prints the tracking error of each joint.
+
+    Held up for more than 0.1 s, it ends: the arm holds.
 
     Example: trocar stream PSM1 recorded.csv --rate 200 --for 10
     """
@@ -83,16 +86,18 @@ def _approach(remote: Remote, rows: Setpoints, say: Say) -> None:
 
 
 def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, say: Say) -> int:
-    """Send the rows; returns how many were skipped because their time had passed."""
+    """Send the rows; returns how many were skipped because their time had passed. Problem after too long a gap."""
     skipped = [0]
     try:
-        for k in beats(rate, count, skipped):
+        for k in beats(rate, count, skipped, LONGEST_GAP_S):
             follower.collect()
             follower.send(rows.position[k], rows.velocity[k] if rows.velocity is not None else None,
                           float(rows.jaw[k]) if rows.jaw is not None else None)
             if k % SHOWN_EVERY == 0:
                 say(f"row {k} of {count}", k / count)
         follower.collect()
+    except HeldUp as held:
+        raise Problem(f"this program was {held}: the stream has ended and the arm holds") from None
     finally:
         follower.hold()
     return skipped[0]

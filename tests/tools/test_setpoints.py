@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from tests.tools.robot import Played, robot
+from tools import following
 from tools.errors import Problem
-from tools.following import Follower, beats
+from tools.following import Follower, HeldUp, beats
 from tools.printing import plain
 from tools.remote import Remote
 from tools.setpoints import clipped, read_setpoints
@@ -74,6 +75,26 @@ def test_late_periods_are_skipped_and_counted() -> None:
     numbers = list(beats(1e6, 5000, skipped))
     assert len(numbers) + skipped[0] == 5000
     assert numbers == sorted(set(numbers))
+
+
+def test_a_stream_that_was_held_up_does_not_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_ns = 0
+
+    def wait(seconds: float) -> None:
+        nonlocal now_ns
+        now_ns += round(seconds * 1e9)
+
+    for name in ("monotonic_ns", "boottime_ns"):
+        monkeypatch.setattr(following, name, lambda: now_ns)
+    monkeypatch.setattr(following, "pause", wait)
+    skipped = [0]
+    numbers = beats(100.0, None, skipped, 0.1)
+    assert [next(numbers) for _ in range(50)] == list(range(50))
+    wait(0.09)
+    assert next(numbers) == 58 and skipped == [8], "late, not held up"
+    wait(1.5)
+    with pytest.raises(HeldUp, match=r"held up for 1\.5 s"):
+        next(numbers)
 
 
 def test_json_knows_no_nan() -> None:
