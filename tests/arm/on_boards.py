@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from procs.arm.arm import Surroundings
+from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import TYPES, gripper_in, place_in
 from procs.lib.document import System
 from shm.client import Reply
@@ -47,13 +48,16 @@ class OnBoards:
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
             self.setpoint.field, self.reports, lambda code: f"fault number {code}",
-            gripper=gripper_in(io, self.document)))
+            gripper=gripper_in(io, self.document), motors=motor_efforts(robot)))
 
     def send(self, name: str, values: Any, text: str) -> int:
         """The arm asks io."""
         self.count += 1
         self.orders.append(Order(self.count, name, values, text, self.replies))
         return self.count
+
+    def on_behalf(self, origin: object) -> None:
+        """The arm's process has a mailbox for that."""
 
     def poll(self) -> list[Reply]:
         """io answers."""
