@@ -12,13 +12,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import ctypes
 import gc
 import logging
 import os
-import platform
 import signal
-import struct
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -26,26 +23,22 @@ from types import FrameType
 from typing import Protocol, TypeVar
 
 from procs.lib.document import Process, System, from_json
-from procs.manifest import proc
+from procs.manifest import late_s, proc
 from procs.pacing import Pacing
+from procs.pauses import Pauses, duration
+from procs.realtime import realtime
 from shm import directory
 from shm.audit import Audit
 from shm.client import LoopClient
 from shm.clock import LockstepClock, WallClock, monotonic_ns
 from shm.events import Events
 from shm.faults import Cell, FaultCell, Faults
-from shm.mailbox import Mailbox
+from shm.mailbox import DIED, Mailbox
 from shm.nap import Nap
 from shm.pulse import Pulse
 from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError
 
-PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
-MCL_CURRENT, MCL_FUTURE = 1, 2
-SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
-SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
-SCHED_DEADLINE = 6
-SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
 SUPERVISOR_CHECK_NS = 100_000_000
 LOCKSTEP_SERVE_NS = 200_000
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
@@ -83,6 +76,7 @@ class Me:
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
         period_ns = round(self.row.period_s * 1e9)
+        self.pulse.field("pauses")[...] = 0
         self._bell, self._nap = self.pulse.bell(), self.pulse.nap()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
         self._supervisor = Pulse(system, "supervisor")
@@ -91,6 +85,11 @@ class Me:
         self._stop = ""
         self._held = contextlib.ExitStack()
         self._mailbox: Mailbox | None = None
+        self._late_s = late_s(self.row) if proc(kind).pause_ends else 0.0
+        self._pauses = Pauses(0 if self.clock.simulated else round(self._late_s * 1e9))
+        self.held_up_ns = 0
+        """How long it was held up, when that was too long: the loop is to be made anew."""
+        self._begun = f"{name} has just started; ask again", DIED
         self.now_ns = self.clock.now_ns()
 
     # what a loop takes, until `give_back`
@@ -110,7 +109,8 @@ class Me:
         `guard`: what may power or move needs a person's command, given after the last fault of this cell.
         """
         audit = Audit(self.writes("audit"), self.clock.now_ns)
-        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind, guard=guard, audit=audit))
+        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind, guard=guard, audit=audit,
+                                           died=self._begun[1]))
         return self._mailbox
 
     def faults(self) -> Faults:
@@ -122,8 +122,8 @@ class Me:
         return FaultCell(self._hold(Faults(self.system, write=True)), component or self.name)
 
     def commands(self, instance: str) -> LoopClient:
-        """A place in the mailbox of another instance."""
-        return self._hold(LoopClient(self.system, instance))
+        """A place in the mailbox of another instance; what a cycle sends after a pause in its middle is not sent."""
+        return self._hold(LoopClient(self.system, instance, self._pauses.is_over))
 
     def rouses(self, instance: str) -> Nap:
         """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""
@@ -137,6 +137,10 @@ class Me:
         """Close all that the loop has taken."""
         self._mailbox = None
         self._held.close()
+
+    def is_over(self) -> bool:
+        """We were held up in the middle of this cycle: what it does is about the past."""
+        return self._pauses.is_over()
 
     @property
     def stop_reason(self) -> str:
@@ -155,13 +159,23 @@ class Me:
     def ready(self) -> None:
         """Set-up has succeeded; whoever waits at the barrier goes on."""
         if self._mailbox is not None:  # nobody acts on what a predecessor was told
-            self._mailbox.refuse_waiting(f"{self.name} has just started; ask again")
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+            self._mailbox.refuse_waiting(self._begun[0])
         self.now_ns = self.clock.now_ns()
         self._pacing.begin(self.now_ns, self.clock.simulated)
+        self._pauses.begin()
         self.pulse.show("RUNNING")
+
+    def begin_anew(self) -> None:
+        """After a pause, before the loop is made anew: as if the process had been killed and started again."""
+        held_up = f"{self.name} was held up for {duration(self.held_up_ns)}"
+        self._begun = held_up, held_up
+        self.pulse.show("STARTING")
+        self.pulse.field("pauses")[...] += 1
+        self.events.warning("held-up", held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
+        self.log.warning("%s", held_up)
+        self.held_up_ns = 0
+        self._pauses.end()
+        gc.collect()  # what is left of the old loop; all that is older is frozen
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
         """Keep our cycle `lead_ns` behind the stamps of the process whose data we use."""
@@ -203,6 +217,7 @@ class Me:
                 serve(left)
         self.now_ns = self.clock.now_ns()
         self._pacing.begin_work(self.now_ns)
+        self.held_up_ns = self._pauses.next(periods * self._pacing.period_ns)
         return not self._stopped()
 
     def _wait_for_news(self, deadline: int, news: Callable[[], bool]) -> None:
@@ -259,12 +274,28 @@ class Loop(ABC):
 
 def run(kind: str, make: Callable[[Me], Loop]) -> None:
     """The life of one process."""
-    with process(kind) as me, contextlib.ExitStack() as held:
+    with process(kind) as me:
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        live(me, make)
+
+
+def live(me: Me, make: Callable[[Me], Loop]) -> None:
+    """Run a loop to the end of the process; after each pause a new one, as if the process had been started again."""
+    _run_one(me, make)
+    while not me.stop_reason:
+        me.begin_anew()
+        _run_one(me, make)
+
+
+def _run_one(me: Me, make: Callable[[Me], Loop]) -> None:
+    with contextlib.ExitStack() as held:
         held.callback(me.give_back)
         loop = make(me)
         held.callback(loop.close)
         me.ready()
-        while loop.wait():
+        while loop.wait() and not me.held_up_ns:
             loop.cycle(me.now_ns, me.wall_ns)
 
 
@@ -309,44 +340,3 @@ def _signals(me: Me) -> None:
 
     signal.signal(signal.SIGTERM, asked)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -> str:
-    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words; children get none of it.
-
-    `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
-    together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
-    had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
-    the cores: no priority there.
-    """
-    libc = ctypes.CDLL(None, use_errno=True)
-    libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
-    libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    notes = []
-    if row.priority > 0 and clock == "wall" and reserved and row.cpu is None and _reserve(libc, row.period_s, reserved):
-        notes.append("deadline")
-    elif row.priority > 0 and clock == "wall":
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
-            notes.append(f"FIFO {row.priority}")
-        except OSError as error:
-            notes.append(f"no FIFO ({error.strerror})")
-    if locked:
-        notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else "not locked")
-    if row.cpu is not None:
-        try:
-            os.sched_setaffinity(0, {row.cpu})
-            notes.append(f"cpu {row.cpu}")
-        except OSError:
-            notes.append(f"no cpu {row.cpu}")
-    return ", ".join(notes)[:31] or "other"
-
-
-def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
-    """SCHED_DEADLINE for a share of each period, and of what nobody reserved; False: it may not be had."""
-    if not SCHED_SETATTR:
-        return False
-    period_ns = round(period_s * 1e9)
-    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns,
-                             period_ns)
-    return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -200,12 +201,19 @@ class LoopClient(Client):
 
     is_person = False
 
+    def __init__(self, system: str, instance: str, is_over: Callable[[], bool] = bool) -> None:
+        """`is_over`: our cycle began so long ago that nothing of it may be sent any more."""
+        super().__init__(system, instance)
+        self._is_over = is_over
+
     def on_behalf(self, origin: Whose) -> None:
         """What is sent from now on comes from this command of a person."""
         self.origin = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its id; 0 when there was no room."""
+        """Queue a command, returns its id; 0 when there was no room, or the time for it is over."""
+        if self._is_over():
+            return 0
         try:
             return super().send(name, values, text)
         except MailboxFull:

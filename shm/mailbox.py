@@ -168,11 +168,11 @@ class Mailbox:
     """The owner's end. `resets` counts places that were out of step and have been put right."""
 
     def __init__(self, system: str, instance: str, kind: str, *, guard: Cell | None = None,
-                 audit: Audit | None = None) -> None:
+                 audit: Audit | None = None, died: str = DIED) -> None:
         """Claim the mailbox of `instance`.
 
         `guard`: refuse what needs a person's command and has none since the last fault of this cell. `audit`: where it
-        is written what became of each command.
+        is written what became of each command. `died` answers what was under way (V2).
         """
         places = MailboxMap(system, instance)
         self._segment = segment = places.segment
@@ -196,9 +196,9 @@ class Mailbox:
         self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
         self._last = self.resets = self._now_ns = 0
         for place in range(CLIENTS):
-            self._recover(place)
+            self._recover(place, died)
 
-    def _recover(self, place: int) -> None:
+    def _recover(self, place: int, died: str) -> None:
         """Go on where a predecessor stopped, wherever that was."""
         words, taken, answered = self._words, self._taken[place], self._last_answer(place)
         if words[self._replies[place][(answered + 1) % REPLIES_DEPTH] >> 3] == answered + 1:  # V1
@@ -206,7 +206,7 @@ class Mailbox:
         self._answered[place] = words[self._answered_at[place]] = answered
         if 0 <= words[self._sent[place]] - taken <= COMMANDS_DEPTH:
             for number in self._unfinished(place, taken):
-                self.answer(place, number, FAILED, DIED)  # V2
+                self.answer(place, number, FAILED, died)  # V2
         else:
             self._put_right(place)
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from procs import runtime
 from procs.lib.document import Process
+from procs.realtime import realtime
 
 DEADLINE = 6
 FIFO_ASKED = Process(name="io", kind="io", period_s=1 / 1500, priority=1)
@@ -18,7 +18,7 @@ FIFO_ASKED = Process(name="io", kind="io", period_s=1 / 1500, priority=1)
 def asked(clock: str, reserved: float) -> tuple[str, int]:
     """What a process says it got, and what the kernel says."""
     def child(send: Callable[[tuple[str, int]], None]) -> None:
-        notes = runtime.realtime(FIFO_ASKED, clock, locked=False, reserved=reserved)
+        notes = realtime(FIFO_ASKED, clock, locked=False, reserved=reserved)
         send((notes, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
 
     receiver, sender = multiprocessing.Pipe(duplex=False)

@@ -55,14 +55,14 @@ class RobotIo:
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
-                 cells: Sequence[OwnCell] = ()) -> None:
+                 cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
-        `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py.
-        `gains` and `instruments` give the fields of these records; None: nobody looks at them.
+        `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
+        up in the middle of this cycle. `gains` and `instruments` give the fields of these records; None: nobody looks.
         """
         self.io, self.record, self.reports = io, record, Reports()
-        self._port, self._now_ns = port, now_ns
+        self._port, self._now_ns, self._is_over = port, now_ns, is_over
         self.robots = robots = Robots(io)
         if robots.board_ids != tuple(port.board_ids):
             raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
@@ -130,7 +130,11 @@ class RobotIo:
                 self._control(now_ns)
             self._setup_brakes.step()
             self._idle_outputs.step()
-            finite = self._outputs.encode(self.pid.effort, 1.0 if good else share_of(now_ns - self._good_ns))
+            share = 1.0 if good else share_of(now_ns - self._good_ns)
+            if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
+                share = 0.0
+                self._outputs.all_off()
+            finite = self._outputs.encode(self.pid.effort, share)
             self._port.write_all()
             self._outputs.written()
             if not finite:

@@ -63,7 +63,7 @@ class Loop(runtime.Loop):
             self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells)
         else:
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                                 instruments=self._others["instruments"].field, cells=cells)
+                                 instruments=self._others["instruments"].field, cells=cells, is_over=me.is_over)
 
     def _take_port(self, io: Io, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""

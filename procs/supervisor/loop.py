@@ -20,7 +20,7 @@ from procs.lib.config import load_system
 from procs.lib.document import Process, System
 from procs.lib.paths import log_folder
 from procs.manifest import hung_s, late_s, proc
-from procs.runtime import realtime
+from procs.realtime import realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.judge import HUNG, LATE, Judge, Member

@@ -243,8 +243,9 @@ class Stand:
         self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs),
                                      sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
-        self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, np.full(axes, preset))
-        self.arms_alive = True
+        self.arms_alive, self.held_up = True, False
+        self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, np.full(axes, preset),
+                            is_over=lambda: self.held_up)
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:
         for _ in range(cycles):

@@ -1,9 +1,10 @@
 import dataclasses
 
+import numpy as np
 import pytest
 
 from procs.io import commands
-from procs.lib import registers
+from procs.lib import blocks, registers
 from tests.io.stand import Stand, actuator, robot, with_actuators
 
 
@@ -269,3 +270,16 @@ def test_power_asked_for_again_and_again_is_refused_in_the_end() -> None:
     stand.ask("power_off")
     stand.run(1)
     assert {c.outcome for c in asked[:-1]} == {"failed"}
+
+
+def test_an_io_held_up_in_the_middle_of_a_cycle_switches_everything_off_with_that_very_write() -> None:
+    stand = Stand()
+    stand.control()
+    stand.send(1, position=np.full(8, 0.1))
+    stand.run(5)
+    assert (stand.currents != 0x8000).any() and stand.port.live[0, blocks.STATUS] & registers.STATUS_POWER
+    stand.held_up = True
+    stand.run(1)
+    assert (stand.currents == 0x8000).all()
+    power = registers.STATUS_POWER | registers.STATUS_RELAY | 0xF << registers.STATUS_AMP_ON_SHIFT
+    assert not (stand.port.live[:, blocks.STATUS] & power).any()

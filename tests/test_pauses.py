@@ -1,0 +1,216 @@
+"""A process that was held up behaves as if it had been killed and started again; on a clock of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from procs import runtime
+from procs.arm import loop as arm
+from procs.console import loop as console
+from procs.io import loop as io
+from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.pauses import Pauses, duration
+from procs.runtime import Me
+from procs.supervisor.memory import create_all, remove_all
+from procs.system import loop as system
+from procs.teleop import loop as teleop
+from shm import directory
+from shm.client import Client, Reply
+from shm.clock import monotonic_ns
+from shm.pulse import Pulse
+from tests.conftest import World
+
+MS = 1_000_000
+LIMIT = 30 * MS
+
+
+class Clock:
+    """CLOCK_BOOTTIME as the test wants it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 7_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.mark.parametrize(("late_ns", "told_ns"), [(0, 0), (-MS, 0), (LIMIT, 0), (LIMIT + 1, LIMIT + 1)])
+def test_only_what_is_later_than_planned_by_more_than_the_limit_is_a_pause(
+    clock: Clock, late_ns: int, told_ns: int
+) -> None:
+    pauses = Pauses(LIMIT, clock)
+    pauses.begin()
+    clock.now_ns += 10 * MS + late_ns
+    assert pauses.next(10 * MS) == told_ns
+
+
+def test_small_delays_do_not_add_up(clock: Clock) -> None:
+    pauses = Pauses(LIMIT, clock)
+    pauses.begin()
+    for _ in range(100):
+        clock.now_ns += LIMIT
+        assert pauses.next(MS) == 0
+
+
+def test_a_pause_in_the_middle_of_a_cycle_makes_all_of_it_too_old_until_there_is_a_new_beginning(clock: Clock) -> None:
+    pauses = Pauses(LIMIT, clock)
+    pauses.begin()
+    clock.now_ns += LIMIT
+    assert not pauses.is_over()
+    clock.now_ns += 1
+    assert pauses.is_over()
+    assert pauses.next(0) == LIMIT + 1 and pauses.is_over()
+    pauses.end()
+    assert not pauses.is_over()
+    clock.now_ns += 1000 * MS
+    pauses.begin()
+    assert pauses.next(0) == 0 and not pauses.is_over()
+
+
+def test_nothing_is_late_before_the_first_cycle_and_without_a_limit(clock: Clock) -> None:
+    pauses = Pauses(LIMIT, clock)
+    assert not pauses.is_over() and pauses.next(MS) == 0
+    never = Pauses(0, clock)
+    never.begin()
+    clock.now_ns += 10**15
+    assert not never.is_over() and never.next(MS) == 0
+
+
+@pytest.mark.parametrize(("held_up_ms", "words"), [(35, "0.035 s"), (1_540, "1.5 s"), (93_000, "93.0 s")])
+def test_a_duration_is_told_in_two_digits_or_tenths(held_up_ms: int, words: str) -> None:
+    assert duration(held_up_ms * MS) == words
+
+
+# a process, with its loop, in the memory of a system whose other processes do not run
+
+
+@pytest.fixture
+def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Iterator[Callable[[str, str], Me]]:
+    """A maker of processes by system file and name; their pauses are those of `clock`."""
+    monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
+    opened: list[Me] = []
+
+    def make(file: str, name: str) -> Me:
+        if not opened:
+            loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name)
+            assert loaded.system is not None, loaded.errors
+            create_all(loaded.system)
+            pulse = Pulse(world.name, "supervisor", write=True)
+            pulse.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
+            pulse.close()
+            opened.append(Me(loaded.system.process(name).kind, world.name, name))
+        return opened[0]
+
+    yield make
+    for me in opened:
+        me.close()
+    remove_all(world.name)
+
+
+class Played(runtime.Loop):
+    """Accepts what it is asked for. In its first life the clock jumps in the middle of the second cycle."""
+
+    lives = 0
+
+    def __init__(self, me: Me, clock: Clock, client: Client, sent: list[int]) -> None:
+        """`client` asks for two moves: one before the jump, one during it; `sent` is what we send to io meanwhile."""
+        super().__init__(me)
+        Played.lives += 1
+        self.life, self.cycles, self.clock, self.client, self.sent = Played.lives, 0, clock, client, sent
+        self.state, self.mailbox, self.io = me.writes("state"), me.mailbox(), me.commands("io")
+
+    def ask_io(self) -> None:
+        self.sent.append(self.io.send("power_on", (), "PSM1"))
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        self.cycles += 1
+        for command in self.mailbox.drain(wall_ns):
+            command.accept()
+        if self.life == 1 and self.cycles == 1:
+            self.client.send("move_jp", (0.1,) * 6)
+        elif self.life == 1:
+            self.ask_io()
+            self.clock.now_ns += 1_500 * MS
+            self.ask_io()
+            self.client.send("move_jp", (0.2,) * 6)
+        elif self.cycles == 3:
+            self.me.stop("enough")
+
+    def close(self) -> None:
+        self.ask_io()
+
+
+def test_a_held_up_process_drops_everything_and_begins_anew(
+    memory: Callable[[str, str], Me], clock: Clock, world: World
+) -> None:
+    me = memory("kinematic.yaml", "PSM1")
+    Played.lives = 0
+    client, sent = Client(world.name, "PSM1"), list[int]()
+    state, events = directory.reader(world.name, "PSM1", "state"), directory.reader(world.name, "PSM1", "events")
+    runtime.live(me, lambda me: Played(me, clock, client, sent))
+    assert (Played.lives, state.epoch, me.pulse.get("pauses"), me.stop_reason) == (2, 2, 1, "enough")
+    assert [bool(number) for number in sent] == [True, False, False, True], "nothing of the old cycle is sent"
+    held_up = "PSM1 was held up for 1.5 s"
+    assert client.poll() == [Reply(1, "accepted", ""), Reply(1, "failed", held_up), Reply(2, "refused", held_up)]
+    (row,) = [row for row in events.last(10) if row["code"] == b"held-up"]
+    assert (row["text"].decode(), float(row["limit"])) == (held_up, 0.03)
+    assert row["value"] == pytest.approx(1.5, abs=0.01)
+    for part in (client, state, events):
+        part.close()
+
+
+KINDS: dict[str, Callable[[Me], runtime.Loop]] = {
+    "PSM1": arm.Loop, "MTMR": arm.Loop, "MTMR_PSM1": teleop.Loop, "console": console.Loop, "system": system.Loop,
+    "io": io.Loop,
+}
+TURNS = 17  # of all six: a hundred
+
+
+def belongings() -> tuple[int, int]:
+    """How many files are open and how many segments mapped."""
+    maps = [line for line in Path("/proc/self/maps").read_text().splitlines() if "trocar~" in line]
+    return len(list(Path("/proc/self/fd").iterdir())), len(maps)
+
+
+class OneCycle(runtime.Loop):
+    """A loop that is held up after its first cycle."""
+
+    def __init__(self, me: Me, make: Callable[[Me], runtime.Loop], clock: Clock, left: Iterator[int]) -> None:
+        super().__init__(me)
+        self.loop, self.clock, self.left = make(me), clock, left
+
+    def wait(self) -> bool:
+        return self.loop.wait()
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        self.loop.cycle(now_ns, wall_ns)
+        self.clock.now_ns += 200 * MS
+        if next(self.left, None) is None:
+            self.me.stop("enough")
+
+    def close(self) -> None:
+        self.loop.close()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_pauses_leak_no_file_no_memory_and_no_place_in_a_mailbox(
+    memory: Callable[[str, str], Me], clock: Clock, name: str
+) -> None:
+    me, found = memory("kinematic-teleop.yaml", name), []
+    left = iter(range(TURNS))
+
+    def make(me: Me) -> runtime.Loop:
+        found.append(belongings())
+        return OneCycle(me, KINDS[name], clock, left)
+
+    runtime.live(me, make)
+    assert len(found) == TURNS + 1 and me.pulse.get("pauses") == TURNS
+    assert len(set(found[1:])) == 1, found
