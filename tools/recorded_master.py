@@ -29,6 +29,7 @@ def play(master: trocar.Provider, recording: Recording, pace: float, times: int,
     """Show the recording at the master's rate; False: the system ended before it did."""
     begin_ns, end_s = master.now_ns, recording.seconds / pace * times
     while master.tick():
+        begin_ns += round(master.held_up_s * 1e9)  # it goes on where it was
         passed_s = (master.now_ns - begin_ns) * 1e-9
         moment = recording.at(*place_in(recording, min(passed_s, end_s - 1e-9), pace))
         down = moment.pressed.union(held if passed_s >= RELEASED_S else ())

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from procs.lib.document import System, from_json
 from procs.lib.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
+from procs.manifest import late_s
 from procs.pacing import Pacing
+from procs.pauses import Pauses, duration
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -54,6 +56,9 @@ class Provider:
         if name not in places:
             raise unknown("place for a program of yours", name, places)
         self._place, self._lost_ns = places[name], round(document.supervisor_lost_s * 1e9)
+        self._period_ns = round(1e9 / rate)
+        self._late_s = late_s(document.process(name))
+        self._pauses = Pauses(round(self._late_s * 1e9))
         self._handlers = _checked(name, rate, commands or {})
         with contextlib.ExitStack() as stack:
             self._pulse = Pulse(system, name, write=True)
@@ -61,8 +66,8 @@ class Provider:
             self._pulse.segment.claim(name)
             self._supervisor = Pulse(system, "supervisor")
             stack.callback(self._supervisor.close)
-            self._ring = directory.writer(system, name, "state", KIND)
-            stack.callback(self._ring.close)
+            self._take_ring()
+            stack.callback(lambda: self._ring.close())
             events = directory.writer(system, name, "events", KIND)
             stack.callback(events.close)
             self._mailbox = Mailbox(system, name, KIND)
@@ -75,11 +80,15 @@ class Provider:
             self._open = stack.pop_all()
         self._events = Events(events, monotonic_ns)
         self._untold: list[tuple[str, str, float]] = []  # what became of buttons since the last record
-        self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
-        self._begin(program or _program(), rate)
+        self._begin(program or _program())
 
-    def _begin(self, program: str, rate: float) -> None:
+    def _take_ring(self) -> None:
+        """Claim the ring for records; each claim shows as a new life."""
+        self._ring = directory.writer(self.system, self.name, "state", KIND)
+        self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
+
+    def _begin(self, program: str) -> None:
         for cells in self._fields.values():
             cells[...] = np.zeros((), cells.dtype)
         self._set(program=program.encode()[:40], reference_frame=self._place.reference_frame.encode()[:24],
@@ -88,10 +97,13 @@ class Provider:
         self.set_state("ENABLED", homed=True)
         self._mailbox.refuse_waiting(f"{self.name} has just begun; ask again")
         self._pulse.field("pid")[...] = os.getpid()
+        self._pulse.field("pauses")[...] = 0
         self._pulse.show("RUNNING")
         self.now_ns = now = monotonic_ns()
         """When this cycle began, monotonic."""
-        self._pacing = Pacing(self._pulse, round(1e9 / rate), 0)
+        self.held_up_s = 0.0
+        """How long the program was held up before the last `tick` or `write`, s; 0: not for too long, see there."""
+        self._pacing = Pacing(self._pulse, self._period_ns, 0)
         self._pacing.begin(now, simulated=False)
         self._events.status(f"{self.name} is now {program} (pid {os.getpid()})", self.name)
 
@@ -104,6 +116,7 @@ class Provider:
         `pose`: 4×4 or x y z qx qy qz qw in its own base (m); None: not known now. `twist`: linear (m/s), angular
         (rad/s), in axes of the base. `gripper` (rad) of a master. Of a slave: `setpoint`, the pose it goes to (without
         it: where it is), `jaw` (rad) and `joints`, set-points. ValueError when they are none; then nothing is shown.
+        After a pause since the last `write` or `tick` the pose is taken for unknown, see `held_up_s`.
         """
         values: dict[str, Any] = {"reference_valid": pose is not None}
         if pose is not None:
@@ -116,8 +129,11 @@ class Provider:
             values |= {"has_jaw": True, "jaw_setpoint_position": _finite(numbers(jaw))[0]}
         if joints is not None:
             values["setpoint_position"] = _padded(_finite(numbers(joints)), len(self._fields["setpoint_position"]))
+        self._look_for_pause()
         self.serve()
         self._set(**values)
+        if self.held_up_s:  # where the tip was before that
+            self._set(reference_valid=False)
         now = monotonic_ns()
         self._pulse.field("heartbeat_ns")[...] = now
         self._ring.publish(max(now, self._ring.stamp_ns + 1))
@@ -227,7 +243,21 @@ class Provider:
             pause(left * 1e-9)
         self.now_ns = monotonic_ns()
         self._pacing.begin_work(self.now_ns)
+        self._look_for_pause()
         return self.alive()
+
+    def _look_for_pause(self) -> None:
+        """Whoever was held up begins anew, as if it had been killed: nothing from before counts."""
+        held_up_ns = self._pauses.next(self._period_ns)
+        self.held_up_s = held_up_ns * 1e-9
+        if held_up_ns:
+            words = f"{self.name} was held up or silent for {duration(held_up_ns)}"
+            self._ring.close()
+            self._take_ring()
+            self._mailbox.refuse_waiting(words)
+            self._pulse.field("pauses")[...] += 1
+            self._events.warning("held-up", words, self.name, value=self.held_up_s, limit=self._late_s)
+            self._pauses.begin()
 
     def alive(self) -> bool:
         """Whether the system is there."""

@@ -12,6 +12,7 @@ import pytest
 
 import trocar
 from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.pauses import Pauses
 from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
 from shm.client import Client, Reply
@@ -19,6 +20,7 @@ from shm.clock import monotonic_ns
 from shm.pulse import Pulse
 from shm.ring import RingReader
 from tests.conftest import World
+from tools.client import provider
 from tools.errors import Problem, Refused
 from tools.processes import lives
 
@@ -256,3 +258,51 @@ def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
             place.client.send("servo_cp", (number, 0, 0, 0, 0, 0, 1))
         master.write(np.eye(4))
     assert got == list(range(30))
+
+
+class Clock:
+    """CLOCK_BOOTTIME as the test wants it."""
+
+    now_ns = 5_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(provider, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
+    return made
+
+
+def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], clock: Clock) -> None:
+    place = made()
+    with trocar.provide("MTMR", place.name) as master:
+        clock.now_ns += 3_000_000_000  # before the first record nothing is late
+        master.write(np.eye(4))
+        clock.now_ns += 35_000_000  # 30 ms and a period
+        master.write(np.eye(4))
+        assert place.ring.epoch == 1 and not master.held_up_s and place.value("reference_valid")
+        place.said()
+        place.client.send("state_command", (), "enable")
+        clock.now_ns += 1_505_000_000
+        master.write(QUARTER)
+        assert place.ring.epoch == 2 and master.held_up_s == pytest.approx(1.5)
+        words = "MTMR was held up or silent for 1.5 s"
+        assert [reply.text for reply in place.client.poll()] == [words] and ("warning", "MTMR", words) in place.said()
+        assert not place.value("reference_valid"), "that pose may be from before the pause"
+        master.write(QUARTER)
+        assert place.ring.epoch == 2 and not master.held_up_s and place.value("reference_valid")
+        assert place.value("measured_cp")[0] == 0.1
+
+
+def test_a_pause_between_two_ticks_is_told_to_the_program(made: Callable[..., Place], clock: Clock) -> None:
+    place = made()
+    with trocar.provide("MTMR", place.name, rate=1000) as master:
+        assert master.tick()
+        master.write(np.eye(4))
+        clock.now_ns += 501_000_000
+        assert master.tick() and master.held_up_s == pytest.approx(0.5)
+        master.write(np.eye(4))
+        assert place.ring.epoch == 2 and not master.held_up_s and place.value("reference_valid")
