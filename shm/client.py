@@ -204,7 +204,7 @@ class LoopClient(Client):
     def __init__(self, system: str, instance: str, is_over: Callable[[], bool] = bool) -> None:
         """`is_over`: our cycle began so long ago that nothing of it may be sent any more."""
         super().__init__(system, instance)
-        self._is_over = is_over
+        self._is_over, self._predecessors = is_over, self._count
 
     def on_behalf(self, origin: Whose) -> None:
         """What is sent from now on comes from this command of a person."""
@@ -218,3 +218,8 @@ class LoopClient(Client):
             return super().send(name, values, text)
         except MailboxFull:
             return 0
+
+    def poll(self) -> list[Reply]:
+        """Replies to what we sent; those to a predecessor in this place, us before a pause, are nobody's."""
+        found = super().poll()
+        return [reply for reply in found if reply.id > self._predecessors] if found else found

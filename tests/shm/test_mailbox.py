@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shm import mailbox as m
-from shm.client import Client, MailboxFull
+from shm.client import Client, LoopClient, MailboxFull
 from shm.commands import COMMANDS, Command
 from shm.mailbox import Mailbox, create_mailbox
 from shm.received import DONE
@@ -260,6 +260,21 @@ def test_commands_wait_for_a_restarted_owner(system: str, client: Client) -> Non
     for got in second.drain():
         got.done()
     assert [r.id for r in client.poll()] == [1, 2, 3]  # each exactly once
+    second.close()
+
+
+def test_a_loop_hears_no_answers_to_a_predecessor_in_its_place(system: str, box: Mailbox) -> None:
+    first = LoopClient(system, "IO1")
+    first.send("power_on")
+    (begun,) = box.drain()
+    begun.accept()
+    first.close()
+    second = LoopClient(system, "IO1")
+    number = second.send("power_off")
+    begun.fail("power_off was asked for")
+    (ended,) = box.drain()
+    ended.done()
+    assert [(reply.id, reply.outcome) for reply in second.poll()] == [(number, "done")]
     second.close()
 
 
