@@ -79,11 +79,11 @@ class Puppet:
         return f"{self.kind} ended with {self.popen.returncode}: {self._said.read_text()[-300:].strip()}"
 
     def kill(self) -> None:
-        """kill -9. A move that is under way may be finished; everything else is over."""
+        """kill -9. A move that is under way may be finished, efforts last a moment; everything else is over."""
         self.popen.kill()
         self.popen.wait()
         if self.kind != "move":
-            self._asking.close()
+            self._asking.close(round(RENEWED_S * 1e9) if self.kind in ("effort", "wrench") else 0)
 
     def hold_up(self, length_s: float) -> None:
         """SIGSTOP, and SIGCONT later. Efforts and poses that are not renewed are over soon."""
