@@ -61,15 +61,15 @@ class Report:
 class Storm:
     """One run."""
 
-    def __init__(self, seed: int, folder: Path, only: str = "") -> None:
-        """`only`: the name of a scene, empty: all in turn."""
+    def __init__(self, seed: int, folder: Path, only: str = "", event: str = "") -> None:
+        """`only` this scene, empty: all in turn; of the events only this one, empty: all."""
         self.report, self._only = Report(seed), only
         self.diary = Diary()
         self._chance = random.Random(seed)
-        self._end_ns = math.inf
+        self._weather = Weather(self.system, self._person, self.diary, self._chance)
+        self._weather.only, self._end_ns = event, math.inf
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = Person(self.system, self.diary)
-        self._weather = Weather(self.system, self._person, self.diary, self._chance)
 
     def run(self, events: int, most_s: float = math.inf) -> Report:
         """So many events, or as many as fit; the system is down and everything judged when it returns."""
@@ -117,7 +117,7 @@ class Storm:
 
     def _strike(self, scene: Scene) -> None:
         name, words = "client", ""
-        if self._chance.random() < CLIENT_SHARE:
+        if not self._weather.only and self._chance.random() < CLIENT_SHARE:
             words = scene.client_event()
         if not words:
             name = self._weather.choose()
@@ -196,13 +196,14 @@ def main() -> None:
     parser.add_argument("--events", type=int, default=300)
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no event after so many")
     parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort")
+    parser.add_argument("--event", default="", help="one kind of event only, e.g. pause, packet_loss")
     parser.add_argument("--folder", type=Path, help="where logs, diary and records stay; default: a temporary one")
     chosen = parser.parse_args()
     print(f"seed {chosen.seed}, {chosen.events} events", flush=True)
     with tempfile.TemporaryDirectory() as temporary:
         folder = chosen.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        report = Storm(chosen.seed, folder, chosen.scene).run(chosen.events, chosen.seconds)
+        report = Storm(chosen.seed, folder, chosen.scene, chosen.event).run(chosen.events, chosen.seconds)
     print(report.text())
     sys.exit(1 if report.violations else 0)
 

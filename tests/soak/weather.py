@@ -31,6 +31,7 @@ class Weather:
 
     def __post_init__(self) -> None:
         self.favourites: Sequence[str] = ()  # processes that are hit more often than others
+        self.only = ""  # the one kind of event there is; empty: all
         self._undo: list[tuple[str, Sequence[float], str]] = []
         self.table: dict[str, tuple[float, Callable[[], str]]] = {
             "kill": (14, lambda: self._kill(self._anybody())),
@@ -54,7 +55,7 @@ class Weather:
 
     def choose(self) -> str:
         """Name of the next event."""
-        names = list(self.table)
+        names = [name for name in self.table if self.only in ("", name)]
         return self.chance.choices(names, [self.table[name][0] for name in names])[0]
 
     def strike(self, name: str) -> str:
