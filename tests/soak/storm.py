@@ -66,10 +66,11 @@ class Storm:
         self.report, self._only = Report(seed), only
         self.diary = Diary()
         self._chance = random.Random(seed)
-        self._weather = Weather(self.system, self._person, self.diary, self._chance)
-        self._weather.only, self._end_ns = event, math.inf
+        self._end_ns = math.inf
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = Person(self.system, self.diary)
+        self._weather = Weather(self.system, self._person, self.diary, self._chance)
+        self._weather.only = event
 
     def run(self, events: int, most_s: float = math.inf) -> Report:
         """So many events, or as many as fit; the system is down and everything judged when it returns."""
