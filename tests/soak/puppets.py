@@ -3,7 +3,8 @@
     python -m tests.soak.puppets KIND SYSTEM ARM SEED
 
 `move` sends moves one after the other, `pose` streams poses of the tip, `effort` joint efforts, `wrench` a force at the
-tip. A program that is refused, or was held up itself, ends. `joints`, a stream of joint positions, is `trocar stream`.
+tip. A program prints a line when it begins; one that is refused, or was held up itself, ends. `joints`, a stream of
+joint positions, is `trocar stream`.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ def main() -> None:
     kind, system, name, seed = sys.argv[1:5]
     with Remote(system, name) as arm:
         try:
+            print("begins", flush=True)
             PLAYS[kind](arm, Seen(system, name, "arm"), random.Random(seed))
         except Problem as problem:
             sys.exit(f"{kind}: {problem}")

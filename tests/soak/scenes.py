@@ -20,12 +20,13 @@ from shm.clock import pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
 from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, Person
-from tests.soak.system import System
+from tests.soak.system import System, wait_for
 from tools.arms import HOMED
 from tools.surgeon import Seen
 from tools.systems import ROOT
 
 RENEWED_S = 0.1
+STARTING_S = 5.0
 MASTER_SHARE = 0.3
 EFFORT_MODE = 3
 # TODO: EFFORT_LIMITS of procs/lib/arm_limits, once it is there
@@ -69,6 +70,8 @@ class Puppet:
         self._said = system.folder / "puppet.txt"
         with self._said.open("w") as said:
             self.popen = subprocess.Popen(words, cwd=ROOT, stdout=said, stderr=said)
+        if kind != "joints":
+            wait_for(lambda: self._said.read_text() or self.popen.poll() is not None, STARTING_S)
 
     @property
     def ended(self) -> str:
