@@ -23,13 +23,15 @@ Truth = NDArray[Any]
 """Records of the boards' state, with `epoch` (of the writer) in front of them."""
 
 WINDOW = 10  # records
+GOING = 40  # records: when io or the bus is gone, the last currents flow until the boards' watchdog cuts them
 BLINK = 60  # records: io lets an amplifier be off for 50 ms before it calls that a fault
 SHORTEST_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what had power.
+    """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what counts as powered:
+    had power all the time, and was not about to lose it (GOING).
 
     A lever is how fast the tip moves for a joint's speed of 1: m/rad, at least SHORTEST_LEVER_M; 1 of a prismatic one.
     The jaw is the last joint of an arm that has one.
@@ -94,7 +96,8 @@ class Robot:
         change = joints[ends] - joints[starts]
         span_s = WINDOW * period_s
         on = np.concatenate(([0], np.cumsum(self.powered(truth))))
-        powered = on[ends + 1] - on[starts] == WINDOW + 1
+        afterwards = np.minimum(ends + 1 + GOING, len(truth))
+        powered = on[afterwards] - on[starts] == afterwards - starts
         lever = np.ones_like(change)
         twist = np.zeros((len(change), 6))
         n = self._chain.n

@@ -14,8 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from procs.lib import arm_limits
-from procs.lib.arm_limits import LIMITS
+from procs.lib.arm_limits import EFFORT_LIMITS
 from shm.clock import pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
@@ -29,10 +28,7 @@ RENEWED_S = 0.1
 STARTING_S = 5.0
 MASTER_SHARE = 0.3
 EFFORT_MODE = 3
-# TODO: EFFORT_LIMITS of procs/lib/arm_limits, once it is there
-SPEEDS = {SLAVE: LIMITS["PSM"].velocity, MASTER: LIMITS["MTM"].velocity}
-if hasattr(arm_limits, "EFFORT_LIMITS"):
-    SPEEDS = {SLAVE: arm_limits.EFFORT_LIMITS["PSM"].speed, MASTER: arm_limits.EFFORT_LIMITS["MTM"].speed}
+SPEEDS = {SLAVE: EFFORT_LIMITS["PSM"].speed, MASTER: EFFORT_LIMITS["MTM"].speed}
 
 
 class Scene(Protocol):

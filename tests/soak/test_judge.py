@@ -123,6 +123,14 @@ def test_unpowered_motion_is_not_judged(world: World) -> None:
     assert world.too_fast("PSM1") == []
 
 
+def test_motion_is_judged_until_power_is_about_to_go(world: World) -> None:
+    world.power("PSM1")[500:] = False
+    world.part("PSM1", INSERTION)[470:] += 0.001
+    assert world.too_fast("PSM1") == []
+    world.part("PSM1", INSERTION)[440:] += 0.001
+    assert len(world.too_fast("PSM1")) == 1
+
+
 def test_motion_of_boards_that_begin_afresh_is_none(world: World) -> None:
     world.part("PSM1", INSERTION)[500:] += 0.05
     world.truth["epoch"][500:] = 2
