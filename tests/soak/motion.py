@@ -30,7 +30,7 @@ SHORTEST_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its sur
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what counts as powered:
+    """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what is `powered`:
     had power all the time, and was not about to lose it (GOING).
 
     A lever is how fast the tip moves for a joint's speed of 1: m/rad, at least SHORTEST_LEVER_M; 1 of a prismatic one.

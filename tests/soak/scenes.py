@@ -200,7 +200,6 @@ class Homing:
     def keep(self) -> str:
         """See Scene."""
         self.end()
-        self._person.disable()
         self._askings = self._person.homing()
         refused = self._person.everything("home")
         if refused:
@@ -213,7 +212,8 @@ class Homing:
         return ""
 
     def end(self) -> None:
-        """See Scene."""
+        """See Scene; what homes still, goes on until it is told not to."""
+        self._person.disable()
         for asking in self._askings:
             asking.close()
         self._askings = []
