@@ -122,8 +122,12 @@ class Me:
         return FaultCell(self._hold(Faults(self.system, write=True)), component or self.name)
 
     def commands(self, instance: str) -> LoopClient:
-        """A place in the mailbox of another instance; what a cycle sends after a pause in its middle is not sent."""
-        return self._hold(LoopClient(self.system, instance, self._pauses.is_over))
+        """A handle for the mailbox of another instance; all of ours share one place there.
+
+        What a cycle sends after a pause in its middle is not sent.
+        """
+        called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
+        return self._hold(LoopClient(self.system, instance, called, self._pauses.is_over))
 
     def rouses(self, instance: str) -> Nap:
         """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""

@@ -1,225 +1,289 @@
-"""The sending end of a mailbox: one place in an owner's segment. The protocol stands in shm/mailbox.py."""
+"""Handles for commands to one owner. All handles of a process at one mailbox share one place in it (shm/place.py).
+
+What goes through a Client are commands of a person, see shm/origins.py; a LoopClient passes on what somebody asked for.
+
+The place is taken with the first command and given back with the last handle. A stop for which there is no room, in the
+mailbox or in our own queue, goes through the place that is kept free for stops. Each handle gets the replies to its own
+commands. Handles may be used by several threads, and by what interrupts them: a stop sent by a signal's handler goes
+out, whatever it has interrupted. In a forked child they end in an error: the place is the parent's.
+"""
 
 from __future__ import annotations
 
-import struct
+import contextlib
+import os
+import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.commands import COMMANDS, WAKING
-from shm.doorbell import Places
+from shm.commands import COMMANDS
 from shm.faults import Faults
 from shm.header import SegmentError
-from shm.mailbox import (
-    CLIENTS,
-    COMMAND_START,
-    COMMANDS_DEPTH,
-    COMMANDS_OF,
-    CURSOR_BYTES,
-    CURSORS,
-    LAST_NUMBER,
-    MAX_TEXT,
-    MAX_VALUES,
-    REPLIES_DEPTH,
-    REPLY_BODY,
-    REPLY_START,
-    MailboxMap,
-)
 from shm.origins import NOBODY, Origin, Whose, new_id, program_name
-from shm.pulse import Pulse
-from shm.received import OUTCOMES
+from shm.place import STOP_TRIES, MailboxFull, Place, Reply, StopPlace
+from shm.segment import path_of, segment_name
 
-SEQUENCES = (tuple, list)
-STREAM_NS = 100_000_000  # a stream that pauses so long has ended
-FAR = 1 << 40  # commands; twenty years at 1500 Hz
+__all__ = ["Client", "LoopClient", "MailboxFull", "Reply"]
 
-
-class MailboxFull(Exception):
-    """The owner has not taken our last commands; nothing was queued."""
+KEPT: Final = 1000  # commands of which nobody has heard the end
+STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """What became of a command: outcome is accepted, refused, done or failed."""
+class Desk:
+    """What the handles of this process at one mailbox share."""
 
-    id: int
-    outcome: str
-    text: str
+    def __init__(self, system: str, instance: str, program: str) -> None:
+        """Attach; SegmentError when there is no such mailbox."""
+        self._address = system, instance, program
+        self.instance = instance
+        self.place = Place(system, instance, program)
+        self.file = self.place.file
+        self._rows = {row.name: row for row in COMMANDS.get(self.place.kind, ())}
+        self.streams = {row.name for row in self._rows.values() if row.streams}
+        self._faults: Faults | None = None
+        self._knows_faults = False
+        self._stops: StopPlace | None = None
+        self._senders: dict[int, Client] = {}
+        self.has_place = self._is_stopping = self.is_sending = False
+        self.handles, self._pid, self._is_copy = 0, os.getpid(), False
+        self.lock, self._stop_lock = threading.RLock(), threading.RLock()
+
+    def take_place(self) -> None:
+        """Take the place; SegmentError names who has all."""
+        if self._is_copy:
+            raise SegmentError(f"{self.instance}: this was opened by the process that forked us (pid {self._pid}); "
+                               "open it here once more")
+        self.place.claim()
+        self.has_place = True
+
+    def generation(self) -> int:
+        """How many faults the system has had; 0 where there is no page of them."""
+        if not self._knows_faults:
+            self._knows_faults = True
+            with contextlib.suppress(SegmentError):
+                self._faults = Faults(self._address[0])
+        return self._faults.generation() if self._faults is not None else 0
+
+    def send(self, handle: Client, name: str, values: Any, text: str, origin: Whose) -> int:
+        """Through our own place; MailboxFull or SegmentError when there is no room."""
+        if not self.has_place:
+            self.take_place()
+        number = self.place.send(name, values, text, origin)
+        self._senders[number] = handle
+        if len(self._senders) > KEPT:
+            self._forget_oldest()
+        return number
+
+    def stop(self, handle: Client, name: str, values: Any, text: str, tries: int) -> int:
+        """Through the place for stops; 0 when it is no stop. MailboxFull or SegmentError when there is no room either.
+        """
+        row, numbers = self._rows.get(name), np.asarray(values, dtype=np.float64).reshape(-1)
+        if self._is_copy or row is None or not row.is_stop(text, numbers):
+            return 0
+        with self._stop_lock:
+            if self._is_stopping:
+                raise MailboxFull(f"{self.instance}: another stop is just being sent")
+            self._is_stopping = True
+            try:
+                if self._stops is None:
+                    self._stops = StopPlace(*self._address)
+                number = self._stops.stop(name, numbers, text, tries, handle.origin)
+                self._senders[number] = handle
+                return number
+            finally:
+                self._is_stopping = False
+
+    def _forget_oldest(self) -> None:
+        with contextlib.suppress(KeyError):  # what interrupts us hands out replies as well
+            del self._senders[next(iter(self._senders))]
+
+    def hand_out(self) -> None:
+        """Give the replies that came to whom they are for; others are for the last one in our place."""
+        replies = self.place.poll() if self.has_place else []
+        if self._stops is not None:
+            with self._stop_lock:
+                replies += [] if self._is_stopping else self._stops.answers()
+        for reply in replies:
+            under_way = reply.outcome == "accepted"
+            sender = self._senders.get(reply.id) if under_way else self._senders.pop(reply.id, None)
+            if sender is not None:
+                sender.inbox.append(reply)
+
+    def forked(self) -> None:
+        """We are in a child of the process whose place it is."""
+        self._is_copy = True
+        self.lock, self._stop_lock = threading.RLock(), threading.RLock()  # whoever had them is not here
+        self.close()
+
+    def close(self) -> None:
+        """Unmap, and free the place."""
+        self.has_place = False
+        self.place.close()
+        for part in (self._stops, self._faults):
+            if part is not None:
+                part.close()
+        self._stops = self._faults = None
+
+
+class Desks:
+    """Those of this process, by the file of the mailbox: one made anew under the same name is another."""
+
+    def __init__(self) -> None:
+        self._desks: dict[tuple[int, int], Desk] = {}
+        self._lock = threading.RLock()
+
+    def open(self, system: str, instance: str, called: str) -> Desk:
+        """The desk for one more handle; SegmentError when there is no such mailbox."""
+        with self._lock:
+            desk = self._desks.get(_file(system, instance))
+            if desk is None:
+                desk = Desk(system, instance, called)
+                self._desks[desk.file] = desk
+            desk.handles += 1
+            return desk
+
+    def leave(self, desk: Desk) -> None:
+        """A handle is closed; with the last one the place is free."""
+        with self._lock:
+            desk.handles -= 1
+            if not desk.handles and self._desks.get(desk.file) is desk:
+                del self._desks[desk.file]
+                desk.close()
+
+    def forked(self) -> None:
+        """We are in a child."""
+        self._lock = threading.RLock()
+        for desk in self._desks.values():
+            desk.forked()
+        self._desks.clear()
+
+
+def _file(system: str, instance: str) -> tuple[int, int]:
+    try:
+        status = path_of(segment_name(system, instance, "mailbox")).lstat()
+    except OSError:
+        return 0, 0
+    return status.st_dev, status.st_ino
+
+
+DESKS: Final = Desks()
+os.register_at_fork(after_in_child=DESKS.forked)
 
 
 class Client:
-    """The sending end: one place in an owner's mailbox. What it sends are commands of a person, see shm/origins.py."""
+    """One handle. Its place is taken with the first command."""
 
-    is_person = True
-
-    def __init__(self, system: str, instance: str) -> None:
-        """Claim a free place; SegmentError when the instance has no mailbox or all places are taken."""
-        places = self._map = MailboxMap(system, instance)
-        segment = places.segment
+    def __init__(self, system: str, instance: str, called: str = "") -> None:
+        """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's."""
         self.instance = instance
-        self.kind = str(segment.header.info.get("kind", ""))
-        rows = COMMANDS.get(self.kind, ())
-        self._codes = {command.name: code for code, command in enumerate(rows)}
-        self._streams = [command.streams for command in rows]
-        self._faults = _faults(system) if self.is_person else None
-        self._program, self._streamed_ns = program_name(), -STREAM_NS
         self.origin: Whose = NOBODY
-        self._stream = NOBODY
-        """Of what was sent last; `_stream`: of the stream under way."""
-        self._words, self._view = places.words, places.view
-        try:
-            locks = Places(segment, places.first + CURSOR_BYTES * CURSORS.index("place"), CLIENTS)
-            try:
-                place = locks.claim(self._fit)
-            except SegmentError:  # then one that is full
-                place = locks.claim(partial(self._fit, room=0))
-        except BaseException:
-            segment.close()
-            raise
-        self._sent, self._taken = places.cursor("sent", place), places.cursor("taken", place)
-        self._answered = places.cursor("answered", place)
-        self._queue, self._replies = places.commands(place), places.replies(place)
-        self._count: int = self._words[self._sent]
-        self._known: int = self._words[self._taken]
-        self._seen: int = self._words[self._answered]
-        self._pulse = Pulse(system, instance, write=True) if self.kind in WAKING else None
-        self._nap = self._pulse.nap() if self._pulse is not None else None
-        self.lost = 0
-
-    def _fit(self, place: int, room: int = 1) -> bool:
-        """Whether a place's cursors make sense and it has room; one out of step is left for the owner to put right."""
-        words, at = self._words, self._map.cursor("sent", place)
-        sent, taken = words[at], words[self._map.cursor("taken", place)]
-        answered = words[self._map.cursor("answered", place)]
-        newest = words[self._map.replies(place)[answered % REPLIES_DEPTH] >> 3]
-        waiting = sent - taken
-        if 0 <= waiting <= COMMANDS_DEPTH and sent < LAST_NUMBER and (newest == answered or not answered):
-            return bool(waiting + room <= COMMANDS_DEPTH)
-        # further out of step, wherever the owner's own copy stands: it looks where a cursor moves
-        words[at] = sent + 2 * COMMANDS_DEPTH if FAR <= sent < LAST_NUMBER - 2 * COMMANDS_DEPTH else FAR
-        return False
+        """Of what was sent last."""
+        self._stream, self._streamed_ns = NOBODY, -STREAM_NS
+        self.inbox: list[Reply] = []
+        """Replies that another handle has fetched for this one."""
+        self._desk = DESKS.open(system, instance, called or program_name())
+        self._program, self._closed = program_name(), False
 
     @property
     def commands(self) -> list[dict[str, Any]]:
         """The owner's command table, as its mailbox describes it."""
-        listed = self._map.segment.header.info.get("commands")
-        return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
+        return self._desk.place.commands
+
+    @property
+    def lost(self) -> int:
+        """Replies to any of our handles that were overwritten before they were read."""
+        return self._desk.place.lost
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
+        """Queue a command, returns its number, not 0; KeyError: no such command.
 
-        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8.
+        `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8. Unless it is a stop:
+        MailboxFull when the owner does not keep up, SegmentError when others have all places.
         """
-        code = self._codes.get(name)
-        if code is None:
-            raise KeyError(f"{self.kind} has no command {name}; it has: {', '.join(self._codes)}")
-        numbers = values if values.__class__ in SEQUENCES else np.asarray(values, dtype=np.float64).reshape(-1)
-        count = len(numbers)
-        if count > MAX_VALUES:
-            raise ValueError(f"{name}: {count} values; allowed are {MAX_VALUES}")
-        encoded = text.encode() if text else b""
-        if len(encoded) > MAX_TEXT:
-            raise ValueError(f"{name}: the text has {len(encoded)} bytes; allowed are {MAX_TEXT}")
-        n = self._count + 1
-        if n - self._known > COMMANDS_DEPTH:  # M1; the cell is on the owner's core: looked at when it matters
-            self._known = self._words[self._taken]
-            if n - self._known > COMMANDS_DEPTH:
-                raise MailboxFull(f"{self.instance} has not taken the last {COMMANDS_DEPTH} commands")
-        at, now_ns = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, monotonic_ns()
-        origin = self._own_origin(self._streams[code], now_ns) if self.is_person else self.origin
-        whose, by = (origin.id, origin.generation), origin.program.encode()
+        desk = self._desk
         try:
-            COMMANDS_OF[count].pack_into(self._view, at, now_ns, n, *whose, code, count, by, encoded, *numbers)  # M2
-        except struct.error:
-            raise ValueError(f"{name}: {values!r} are not numbers") from None
-        self._count = self._words[self._sent] = n  # M3
-        if self._nap is not None:
-            self._nap.rouse()
-        return n
+            with desk.lock:
+                origin = self._own_origin(name in desk.streams)
+                if desk.is_sending:
+                    raise MailboxFull(f"{self.instance}: another command is just being sent")
+                desk.is_sending = True
+                try:
+                    return desk.send(self, name, values, text, origin)
+                finally:
+                    desk.is_sending = False
+        except (MailboxFull, SegmentError):
+            if number := desk.stop(self, name, values, text, STOP_TRIES):
+                return number
+            raise
 
-    def _own_origin(self, streams: bool, now_ns: int) -> Whose:
+    def _own_origin(self, streams: bool) -> Whose:
         """A stream is one command of a person: begun before a fault, it must not go on after it."""
         if streams:
+            now_ns = monotonic_ns()
             under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
             if under_way:
                 return self._stream
-        generation = self._faults.generation() if self._faults is not None else 0
-        self.origin = origin = Origin(new_id(), generation, self._program)
+        self.origin = origin = Origin(new_id(), self._desk.generation(), self._program)
         if streams:
             self._stream = origin
         return origin
 
     def poll(self) -> list[Reply]:
-        """Replies that came since the last call, in order; what was overwritten is counted in `lost`."""
-        head: int = self._words[self._answered]  # B1
-        if head == self._seen:
-            return []
-        if head < self._seen:  # no owner goes backwards; begin anew from here
-            self._seen = head
-            return []
-        begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)
-        self.lost += begin - self._seen - 1
-        self._seen = head
-        found = []
-        for n in range(begin, head + 1):
-            at = self._replies[n % REPLIES_DEPTH]
-            number, outcome, raw = REPLY_BODY.unpack_from(self._view, at + REPLY_START)  # B2
-            if self._words[at >> 3] == n:  # B3
-                text = raw.rstrip(b"\0").decode(errors="replace")
-                found.append(Reply(number, OUTCOMES.get(outcome, "unknown"), text))
-            else:
-                self.lost += 1
+        """Replies to our commands that came since the last call, in order."""
+        with self._desk.lock:
+            self._desk.hand_out()
+            found, self.inbox = self.inbox, []
         return found
 
     def close(self) -> None:
-        """Free the place."""
-        if self._pulse is not None:
-            self._pulse.close()
-        if self._faults is not None:
-            self._faults.close()
-        self._map.segment.close()
-
-
-def _faults(system: str) -> Faults | None:
-    """The fault page; without one commands are of generation 0: they count until there is a fault."""
-    try:
-        return Faults(system)
-    except SegmentError:
-        return None
+        """With the last handle the place is free."""
+        if not self._closed:
+            self._closed = True
+            DESKS.leave(self._desk)
 
 
 class LoopClient(Client):
-    """A client for loops, which ask again for what they want: a full mailbox is no error there.
+    """A handle for loops, of one thread: they ask again for what they want, a full mailbox is no error there.
 
-    It is no person: what it passes on comes from somebody else's command, see `on_behalf`.
+    It is no person's: what it passes on comes from somebody else's command, see `on_behalf`.
     """
 
-    is_person = False
+    def __init__(self, system: str, instance: str, called: str = "", is_over: Callable[[], bool] = bool) -> None:
+        """SegmentError when the instance has no mailbox, or others have all its places.
 
-    def __init__(self, system: str, instance: str, is_over: Callable[[], bool] = bool) -> None:
-        """`is_over`: our cycle began so long ago that nothing of it may be sent any more."""
-        super().__init__(system, instance)
-        self._is_over, self._predecessors = is_over, self._count
+        `is_over`: our cycle began so long ago that nothing of it may be sent any more.
+        """
+        super().__init__(system, instance, called)
+        self._is_over = is_over
+        try:
+            if not self._desk.has_place:
+                self._desk.take_place()
+        except BaseException:
+            self.close()
+            raise
 
     def on_behalf(self, origin: Whose) -> None:
         """What is sent from now on comes from this command of a person."""
         self.origin = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
-        """Queue a command, returns its id; 0 when there was no room, or the time for it is over."""
+        """Queue a command, returns its number; 0 when there was no room, or the time for it is over."""
         if self._is_over():
             return 0
+        desk = self._desk
         try:
-            return super().send(name, values, text)
+            return desk.send(self, name, values, text, self.origin)
         except MailboxFull:
-            return 0
+            try:
+                return desk.stop(self, name, values, text, 1)
+            except (MailboxFull, SegmentError):
+                return 0
 
     def poll(self) -> list[Reply]:
-        """Replies to what we sent; those to a predecessor in this place, us before a pause, are nobody's."""
-        found = super().poll()
-        return [reply for reply in found if reply.id > self._predecessors] if found else found
+        """Replies to our commands that came since the last call, in order."""
+        self._desk.hand_out()
+        found, self.inbox = self.inbox, []
+        return found

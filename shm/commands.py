@@ -22,9 +22,12 @@ class Command:
     """One command: name (CRTK where there is one), its numbers, its text, one sentence.
 
     `moves` marks commands after which the robot may move or change power. Such a command is refused when it comes late
-    and when no person's command stands behind it (shm/origins.py), unless it only ends something: its text is among
-    `stops` ("*": with any text), or its values are all 0 and `zero` is "stops". With "frees" zeros let go of something
-    that a person brought up: that must not come late, but nobody needs to have asked for it.
+    and when no person's command stands behind it (shm/origins.py), unless it only ends something or is a `level`, which
+    holds until the next one says otherwise.
+
+    It stops something when its text is among `stops` ("*": any text), or its values are all 0 and `zero` is "stops".
+    For stops there is always room in a mailbox; what was asked before one is not done after it. With "frees" zeros let
+    go of something that a person brought up: that must not come late, but nobody needs to have asked for it.
     """
 
     name: str
@@ -34,15 +37,23 @@ class Command:
     moves: bool = True
     stops: tuple[str, ...] = ()
     zero: Literal["", "stops", "frees"] = ""
+    level: bool = False
+
+    def is_stop(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
+        """Whether it stops something and starts nothing."""
+        return "*" in self.stops or text in self.stops or (self.zero == "stops" and not any(values))
 
     def only_ends(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
         """Whether it moves nothing, or only ends something: it is carried out however long it has waited."""
-        return (not self.moves or "*" in self.stops or text in self.stops
-                or (self.zero == "stops" and not any(values)))
+        return not self.moves or self.level or self.is_stop(text, values)
 
     def needs_person(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
         """Whether a person's command has to stand behind it."""
         return not (self.only_ends(text, values) or (self.zero == "frees" and not any(values)))
+
+    def about(self, text: str) -> str:
+        """The part of the instance that it is about, the first word of its text; empty: all of it."""
+        return "" if not self.text or text in self.stops else text.partition(" ")[0]
 
     @property
     def streams(self) -> bool:
@@ -142,7 +153,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("lock_rotation", "on", "", "the slave's orientation stays as it is"),
         Command("lock_translation", "on", "", "the slave's position stays as it is"),
         Command("set_align_MTM", "on", "", "turn the master as the slave is before following"),
-        Command("clutch", "0 released, 1 pressed, 2 clicked", "", "the console's clutch", stops=("*",)),
+        Command("clutch", "0 released, 1 pressed, 2 clicked", "", "the console's clutch", level=True),
         Command("following/mtm/body/servo_cf", "fx fy fz tx ty tz", "",
                 "push the master so while following, for arm.effort_timeout_s"),
     ),
@@ -157,8 +168,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
     ),
     "focus": (
         Command("lock", "on", "", "stop, and let nothing move the lens; 0: let it", moves=False),
-        Command("focus_in", "on", "", "move the lens in, for 10 s at most; 0: stop", moves=False),
-        Command("focus_out", "on", "", "move the lens out, for 10 s at most; 0: stop", moves=False),
+        Command("focus_in", "on", "", "move the lens in, for 10 s at most; 0: stop", moves=False, zero="stops"),
+        Command("focus_out", "on", "", "move the lens out, for 10 s at most; 0: stop", moves=False,
+                zero="stops"),
     ),
     "system": (
         Command("power_off", "", "", "stop tele-operation of all consoles and disable all arms", stops=("*",)),
@@ -204,7 +216,7 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("no_mishaps", "", "", "let no reply or datagram go astray any more", moves=False),
     ),
     "supervisor": (
-        Command("stop", "", "", "stop the system"),
+        Command("stop", "", "", "stop the system", stops=("*",)),
         Command("restart", "", "instance", "stop an instance and start it again"),
     ),
 }

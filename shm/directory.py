@@ -77,7 +77,7 @@ def _expected(segment: Segment, kind: str | None, topic: str) -> Schema | None:
     dims = segment.header.info.get("dims", {})
     try:
         return schema_of(topic_of(kind, topic), dims)
-    except (LayoutError, TypeError, ValueError) as error:  # its header may say anything
+    except (LayoutError, TypeError, ValueError, OverflowError) as error:  # its header may say anything
         raise SegmentError(f"{segment.name}: its sizes {str(dims)[:64]!r} are not readable: {error}") from None
 
 

@@ -87,6 +87,14 @@ class Futex:
         return int(SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0))
 
 
+class AllTaken(SegmentError):
+    """No place is free and fit; `places` are those that somebody has."""
+
+    def __init__(self, text: str, places: list[int]) -> None:
+        super().__init__(text)
+        self.places = places
+
+
 class Places:
     """Places of a segment, each with a lock byte in the file: the kernel frees the place of a process that dies."""
 
@@ -95,15 +103,25 @@ class Places:
         self._segment, self._first, self._count = segment, first, count
 
     def claim(self, fit: Callable[[int], bool] = lambda place: True) -> int:
-        """Take a place that is free and `fit`; SegmentError when there is none. Given back at close."""
+        """Take a place that is free and `fit`; AllTaken when there is none. Given back at close."""
+        taken = []
         for place in range(self._count):
-            if _lock(self._segment.fd, self._first + place):
-                give_back = partial(_unlock, self._segment.fd, self._first + place)
-                if fit(place):
-                    self._segment.at_close(give_back)
-                    return place
-                give_back()
-        raise SegmentError(f"{self._segment.name}: all {self._count} places are taken")
+            if not self.take(place):
+                taken.append(place)
+            elif fit(place):
+                self._segment.at_close(partial(self.give_back, place), unlocks=True)
+                return place
+            else:
+                self.give_back(place)
+        raise AllTaken(f"{self._segment.name}: all {self._count} places are taken", taken)
+
+    def take(self, place: int) -> bool:
+        """Take a place, if nobody has it, until `give_back`. Not for two threads: both would get it."""
+        return _lock(self._segment.fd, self._first + place)
+
+    def give_back(self, place: int) -> None:
+        """Let somebody else have a place."""
+        _unlock(self._segment.fd, self._first + place)
 
     def while_free(self, place: int, act: Callable[[], object]) -> bool:
         """Call `act` if nobody has the place, and let nobody take it meanwhile; returns whether it was called.

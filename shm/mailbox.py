@@ -1,8 +1,8 @@
 """The mailbox: commands to one owner from up to 16 clients; each client has a queue and a reply ring of its own.
 
-One segment. Each place has: a command queue (single producer, single consumer), a reply ring, and three cursors:
-`sent` is written by the client, `taken` and `answered` by the owner. Client and owner go by private copies of their own
-cursors; the cells only tell the other side.
+One segment (shm/mailbox_map.py). Each place has: a command queue (single producer, single consumer), a reply ring, and
+three cursors: `sent` is written by the client, `taken` and `answered` by the owner. Client and owner go by private
+copies of their own cursors; the cells only tell the other side.
 
 Submit (client):  M1  sent − taken < depth            else MailboxFull, nothing was queued
                   M2  write the slot of sent + 1
@@ -13,8 +13,19 @@ Drain (owner):    N1  sent ≠ taken?
                   N4  run it, answer
 Answer (owner):   A1  slot.sequence := 0   A2 write the slot   A3 slot.sequence := n   A4 answered := n
 Poll (client):    B1  answered > seen?     B2 copy the slot    B3 slot.sequence = n?   else it was overwritten: `lost`
+Stop (anybody):   L1  lock the place for stops
+                  L2  count := sent, known := taken, seen := answered; write down who we are
+                  M1 to M3, then
+                  L3  unlock it; the answer is polled without the lock
 
 N3 comes before N4: a command runs at most once, also when the owner dies in between.
+
+Stops. One place more than there are for clients is nobody's. Whoever has none of the others, or a full queue, stores a
+stop there; the lock lasts as long as that takes, so that nobody waits for the answer of another, or for ever. The
+owner looks there first and refuses whatever is no stop (shm/commands.py says what is one). Stopping ends what was asked
+before: a command that may move the robot is refused when it was sent before a stop, by whomever, that the owner has
+taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A stop of one thing
+among several (a robot of io, a set-up arm) is about that only.
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
@@ -22,8 +33,9 @@ Recovery. An owner that begins:
       so is every command that was accepted and, as far as the replies kept tell, has had no other answer since
   V3  `refuse_waiting`: what was queued for its predecessor is refused; a move or a power-on asked of the dead must not
       happen whenever somebody comes back
-A client claims a place with a lock that the kernel frees when it dies. Its successor goes on from the cursors; commands
-past M3 are still run, what the dead one left of M2 is overwritten.
+A client claims a place with a lock that the kernel frees when it dies, and writes down who it is, for those who find
+all places taken. Its successor goes on from the cursors; commands past M3 are still run, what the dead one left of M2
+is overwritten. The same goes for who dies in the place for stops.
 
 Late. A command that may move the robot and has waited longer than LATE_NS is refused: its owner was held up, and who
 sent it does not expect it any more. What only stops something is carried out however late.
@@ -39,7 +51,8 @@ place right; it takes one that is full only when there is no other (one that onl
 owner).
 
 Memory order: stores M2 → M3, N3 → A1 … A4 and loads N1 → N2, B1 → B2 → B3 in program order (shm/order.py). N3 is stored
-after the loads of N2: a store is never overtaken by, nor overtakes, an earlier load on x86-64.
+after the loads of N2: a store is never overtaken by, nor overtakes, an earlier load on x86-64. L1 and L3 are calls of
+the kernel, which are full fences.
 
 Nothing here is looked up by name while commands travel: a slot is one `struct` call into the map on
 the way in, one copy of the bytes on the way out, with the numbers as a view on it.
@@ -47,121 +60,52 @@ the way in, one copy of the bytes on the way out, with the numbers as a view on 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from shm.audit import Audit
+from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.faults import Cell
-from shm.header import SegmentError
-from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
-from shm.origins import PROGRAM_BYTES
+from shm.layout import cut_text
+from shm.mailbox_map import (
+    COMMAND_HEAD,
+    COMMAND_START,
+    COMMANDS_DEPTH,
+    COMMANDS_OF,
+    CURSORS,
+    MAX_VALUES,
+    PLACES,
+    REPLIES_DEPTH,
+    REPLY_BODY,
+    REPLY_START,
+    REPLY_TEXT,
+    RESERVED,
+    VALUES_IN_RAW,
+    Holder,
+    MailboxMap,
+)
 from shm.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received
-from shm.ring import attach
-from shm.segment import Make, Segment, create, segment_name
-from shm.topics import COMMAND, REPLY
 
-CLIENTS = 16
 PER_CYCLE = 8
-COMMANDS_DEPTH = COMMAND.depth
-REPLIES_DEPTH = REPLY.depth
-COMMAND_SCHEMA = schema_of(COMMAND)
-REPLY_SCHEMA = schema_of(REPLY)
 LATE_NS = 1_000_000_000
+MOST_STOPS = 64  # about different things that are remembered apart
 NOBODYS = "no person's command stands behind it; a person has to ask for it"
 BEFORE = "before the last fault or power-off; a person has to ask for it again"
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
 
-# What the rows of the topic table come to; tests compare these with the schemas.
-MAX_VALUES, MAX_TEXT = 64, 64
-COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, program, text, gap, values
-COMMANDS_OF = tuple(struct.Struct(f"<qQQQHH{PROGRAM_BYTES}s{MAX_TEXT}s4x{n}d")  # by number of values
-                    for n in range(MAX_VALUES + 1))
-COMMAND_HEAD = struct.Struct("<qQQQHH")
-PROGRAM_IN_RAW = COMMAND_HEAD.size
-TEXT_IN_RAW = PROGRAM_IN_RAW + PROGRAM_BYTES
-VALUES_IN_RAW = COMMANDS_OF[0].size
 SHORT = 8  # values that come with the first copy
 FLOAT, NDARRAY = np.dtype(np.float64), np.ndarray
 NO_VALUES = np.frombuffer(b"", np.float64)
 SHAPES = tuple((n,) for n in range(MAX_VALUES + 1))
-REPLY_BODY = struct.Struct("<QB200s")  # id, outcome, text
-REPLY_START = REPLY_SCHEMA.offset("id")
-REPLY_TEXT = 199
-
-# The segment's one "slot": cursors (arrays over the places, each cell with one writer), then the queues.
-CURSORS = ("sent", "taken", "answered", "place")  # the bytes of "place" are never written: clients lock them
-CURSOR_BYTES = LINE * 2
-QUEUES_AT = CURSOR_BYTES * len(CURSORS)
-PLACE_BYTES = COMMANDS_DEPTH * COMMAND_SCHEMA.stride + REPLIES_DEPTH * REPLY_SCHEMA.stride
-WHOLE = schema_from_json(
-    b'{"topic":"mailbox","fields":[{"name":"cursors","dtype":"(4,16)<u8"},{"name":"queues","dtype":"(%d,)u1"}]}'
-    % (CLIENTS * PLACE_BYTES)
-)
+NEVER = -(1 << 63)
 LAST_NUMBER = 1 << 62  # no honest cursor gets there
-CURSOR_BITS = tuple((2**64 - 1) << 64 * place for place in range(CLIENTS))
-NOBODY = bytes(8 * CLIENTS)
+CURSOR_BITS = tuple((2**64 - 1) << 64 * place for place in range(PLACES))
+NOBODY = bytes(8 * PLACES)
 NOTHING: Iterator[Received] = iter(())
 
 
-def create_mailbox(system: str, instance: str, kind: str, make: Make = create) -> int:
-    """Make the mailbox of an instance of `kind`; returns its size."""
-    commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves}
-                for c in COMMANDS.get(kind, ())]
-    info = {"kind": kind, "commands": commands}
-    return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
-
-
-class MailboxMap:
-    """Where the cursors and slots of all places lie: cursors as indices of words, slots as byte offsets."""
-
-    def __init__(self, system: str, instance: str) -> None:
-        self.segment = Segment(segment_name(system, instance, "mailbox"), write=True)
-        try:
-            attach(self.segment, "mailbox", WHOLE)
-        except BaseException:
-            self.segment.close()
-            raise
-        try:
-            self._compare(self.segment.header.info)
-        except BaseException:
-            self.segment.close()
-            raise
-        self.first = self.segment.header.first + 16  # behind the slot's own sequence and stamp
-        self.words = self.segment.words()
-        self.view = self.segment.view
-
-    def _compare(self, info: dict[str, Any]) -> None:
-        """A command travels as its place in the table: refuse another table than ours."""
-        kind, rows = info.get("kind"), info.get("commands")
-        listed = rows if isinstance(rows, list) else []
-        theirs = [row.get("name") if isinstance(row, dict) else None for row in listed]
-        if not isinstance(kind, str) or theirs != [c.name for c in COMMANDS.get(kind, ())]:
-            raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
-                               "same version")
-
-    def cursor(self, which: str, place: int) -> int:
-        """Index of a cursor in `words`."""
-        return (self.first + CURSORS.index(which) * CURSOR_BYTES) // 8 + place
-
-    def cursors(self, which: str) -> list[int]:
-        """Indices of a cursor of all places."""
-        return [self.cursor(which, place) for place in range(CLIENTS)]
-
-    def commands(self, place: int) -> list[int]:
-        """Offsets of the command slots of a place."""
-        return self._slots(COMMAND_SCHEMA, place, 0, COMMANDS_DEPTH)
-
-    def replies(self, place: int) -> list[int]:
-        """Offsets of the reply slots of a place."""
-        return self._slots(REPLY_SCHEMA, place, COMMANDS_DEPTH * COMMAND_SCHEMA.stride, REPLIES_DEPTH)
-
-    def _slots(self, schema: Schema, place: int, offset: int, depth: int) -> list[int]:
-        start = self.first + QUEUES_AT + place * PLACE_BYTES + offset
-        return [start + i * schema.stride for i in range(depth)]
 
 
 class Mailbox:
@@ -182,20 +126,25 @@ class Mailbox:
             segment.close()
             raise
         self._guard, self._audit = guard, audit
-        self._table = COMMANDS.get(kind, ())
+        self._map, self._table = places, COMMANDS.get(kind, ())
+        never_stops = [not row.stops and row.zero != "stops" for row in self._table]
+        self._is_plain = [never_stops if place != RESERVED else [False] * len(self._table) for place in range(PLACES)]
+        self._stops: dict[str, tuple[int, Holder, str]] = {}  # about what; when it was sent, by whom, for which person
+        self._stopped_ns = NEVER  # the newest of them
+        self._stops_taken = NOBODY[-8:]  # of the place for stops
         self._view, self._words = places.view, places.words
         self._sent_bytes = segment.keep(places.view[places.first : places.first + len(NOBODY)])
         self._sent, self._taken_at, self._answered_at = (places.cursors(c) for c in CURSORS[:3])
         self._taken = [self._words[i] for i in self._taken_at]
         self._answered = [self._words[i] for i in self._answered_at]
-        self._slots = [places.commands(p) for p in range(CLIENTS)]
+        self._slots = [places.commands(p) for p in range(PLACES)]
         short = COMMANDS_OF[SHORT].size
         self._heads = [[segment.keep(places.view[at + COMMAND_START : at + COMMAND_START + short]) for at in slots]
                        for slots in self._slots]
-        self._replies = [places.replies(p) for p in range(CLIENTS)]
+        self._replies = [places.replies(p) for p in range(PLACES)]
         self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
         self._last = self.resets = self._now_ns = 0
-        for place in range(CLIENTS):
+        for place in range(PLACES):
             self._recover(place, died)
 
     def _recover(self, place: int, died: str) -> None:
@@ -253,10 +202,13 @@ class Mailbox:
                 command.refuse(reason)
 
     def _drain(self, sent: bytes) -> Iterator[Received]:
-        """Serve all whose cursors have moved, the one that came last first.
+        """Serve all whose cursors have moved: first the place for stops, then the one that came last.
 
         A place stays in the backlog until nothing waits in it, also when the caller leaves the loop early.
         """
+        if not sent.endswith(self._stops_taken):
+            yield from self._serve(RESERVED)
+            self._stops_taken = self._taken[RESERVED].to_bytes(8, "little")
         first, words = self._last, self._words
         n = self._taken[first] + 1
         if words[self._sent[first]] == n:  # one command, as usual
@@ -309,13 +261,12 @@ class Mailbox:
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
         if number == n and code < len(self._table) and count <= MAX_VALUES:
             values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
-            received = Received(self, place, n, sent_ns, self._table[code], raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT],
-                                values, (origin, generation, raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
-            objection = ""
-            if self._now_ns - sent_ns > LATE_NS:
-                objection = self._too_late(received, sent_ns)
-            if not objection and self._guard is not None:
-                objection = self._nobodys(received, self._guard, origin, generation)
+            received = Received(self, place, n, self._table[code], raw, values)
+            guard = self._guard
+            if (self._is_plain[place][code] and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
+                    and (guard is None or (origin and generation >= guard.void))):
+                return received
+            objection = self._stopped(received) or self._too_late(received) or self._nobodys(received)
             if not objection:
                 return received
             received.refuse(objection)
@@ -328,18 +279,48 @@ class Mailbox:
         self.answer(place, n, REFUSED, wrong)
         return None
 
-    def _too_late(self, received: Received, sent_ns: int) -> str:
-        if received.command.only_ends(received.text, received.values):
+    def _stopped(self, received: Received) -> str:
+        """Why nothing comes of a command because of a stop; empty: it is one, or none concerns it."""
+        command, text, values = received.command, received.text, received.values
+        if command.is_stop(text, values):
+            self._note_stop(command.about(text), min(received.sent_ns, monotonic_ns()), received)
             return ""
-        waited = (self._now_ns - sent_ns) * 1e-9
-        return f"it came {waited:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
+        if received.place == RESERVED:
+            return f"{command.name}: this place is for what stops something"
+        if command.only_ends(text, values):
+            return ""
+        for about in ("", command.about(text)):
+            stop = self._stops.get(about)
+            if stop is not None and received.sent_ns < stop[0]:
+                return f"stopped by {stop[1].said(stop[2])}"
+        return ""
 
-    def _nobodys(self, received: Received, guard: Cell, origin: int, generation: int) -> str:
-        if origin and (generation >= guard.void or origin == guard.spared):
+    def _note_stop(self, about: str, sent_ns: int, received: Received) -> None:
+        """What was asked before it is refused from now on, see above."""
+        if len(self._stops) >= MOST_STOPS:  # not all of these are things: from now on it is about all there is
+            self._stops, about, sent_ns = {}, "", max(sent_ns, self._stopped_ns)
+        known = self._stops.get(about)
+        if known is None or known[0] < sent_ns:
+            self._stops[about] = sent_ns, self.holder(received.place), received.origin.program
+            self._stopped_ns = max(self._stopped_ns, sent_ns)
+
+    def holder(self, place: int) -> Holder:
+        """Who has a place, by its own word."""
+        return self._map.holder(place)
+
+    def _too_late(self, received: Received) -> str:
+        waited = self._now_ns - received.sent_ns
+        if waited <= LATE_NS or received.command.only_ends(received.text, received.values):
+            return ""
+        return f"it came {waited * 1e-9:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
+
+    def _nobodys(self, received: Received) -> str:
+        origin, guard = received.origin, self._guard
+        if guard is None or (origin.id and (origin.generation >= guard.void or origin.id == guard.spared)):
             return ""
         if not received.command.needs_person(received.text, received.values):
             return ""
-        return f"{received.origin.program or 'somebody'} asked for it {BEFORE}" if origin else NOBODYS
+        return f"{origin.program or 'somebody'} asked for it {BEFORE}" if origin.id else NOBODYS
 
     def reply(self, received: Received, outcome: int, text: str) -> None:
         """Answer a command, and put into the audit ring what became of it."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shm.commands import Command
 from shm.header import readable
+from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW, Holder
 from shm.origins import Origin
 
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
@@ -21,19 +22,22 @@ class Box(Protocol):
     def reply(self, received: Received, outcome: int, text: str) -> None:
         """Answer a command."""
 
+    def holder(self, place: int) -> Holder:
+        """Who has a place, by its own word."""
+
 
 class Received:
     """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_origin", "_text", "command", "id", "place", "sent_ns", "values")
+    __slots__ = ("_box", "_raw", "command", "id", "place", "values")
 
-    def __init__(self, box: Box, place: int, number: int, sent_ns: int, command: Command, text: bytes,
-                 values: NDArray[np.float64], origin: tuple[int, int, bytes]) -> None:
+    def __init__(self, box: Box, place: int, number: int, command: Command, raw: bytes, values: NDArray[np.float64]
+                 ) -> None:
         """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
 
-        `sent_ns`: real monotonic time; `origin`: number, generation and program of the person's command.
+        `raw` is its slot, but for the sequence.
         """
-        self._box, self.place, self.sent_ns, self._text, self._origin = box, place, sent_ns, text, origin
+        self._box, self.place, self._raw = box, place, raw
         self.id, self.command, self.values = number, command, values
 
     @property
@@ -42,9 +46,14 @@ class Received:
         return self.command.name
 
     @property
+    def sent_ns(self) -> int:
+        """Real monotonic time when the client sent it."""
+        return int(COMMAND_HEAD.unpack_from(self._raw)[0])
+
+    @property
     def pid(self) -> int:
         """The process that sent it, by its own word; 0: not known."""
-        return 0
+        return self._box.holder(self.place).pid
 
     @property
     def needs_person(self) -> bool:
@@ -54,13 +63,13 @@ class Received:
     @property
     def origin(self) -> Origin:
         """The person's command it comes from."""
-        number, generation, program = self._origin
-        return Origin(number, generation, readable(program))
+        _, _, number, generation, _, _ = COMMAND_HEAD.unpack_from(self._raw)
+        return Origin(number, generation, readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
 
     @property
     def text(self) -> str:
         """Its text argument."""
-        return self._text.rstrip(b"\0").decode(errors="replace")
+        return self._raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT].rstrip(b"\0").decode(errors="replace")
 
     def accept(self, text: str = "") -> None:
         """It is under way; `done` or `fail` follows when it takes time."""

@@ -22,6 +22,7 @@ import stat
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -255,9 +256,9 @@ class Segment:
         self._at_close: list[Callable[[], object]] = [self.view.release]
         self._closed = self._claimed = False
 
-    def at_close(self, callback: Callable[[], object]) -> None:
-        """Call this first when the segment is closed."""
-        self._at_close.insert(0, callback)
+    def at_close(self, callback: Callable[[], object], *, unlocks: bool = False) -> None:
+        """Call this first when the segment is closed; what `unlocks` in this process only, see `close`."""
+        self._at_close.insert(0, partial(_if_in, os.getpid(), callback) if unlocks else callback)
 
     def keep(self, part: memoryview) -> memoryview:
         """Release `part`, a view taken from this segment, at close."""
@@ -286,7 +287,8 @@ class Segment:
             first = self.identity()
             raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
         self._claimed = True
-        self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN))  # a map still in use holds a copy of our descriptor
+        # a map still in use holds a copy of our descriptor
+        self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN), unlocks=True)
         epoch = self.identity().epoch + 1 & 0xFFFFFFFF  # whatever was written there before
         identity = Identity(os.getpid(), epoch, start_time(os.getpid()), name)
         packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:64])
@@ -316,7 +318,10 @@ class Segment:
         return f"{last.name} (pid {last.pid})" if last.epoch and not self.claimed() else ""
 
     def close(self) -> None:
-        """Unmap and close; every view taken from it must be out of use."""
+        """Unmap and close; every view taken from it must be out of use.
+
+        A forked child that closes its copy leaves its parent's claim and places alone.
+        """
         if self._closed:
             return
         self._closed = True
@@ -333,6 +338,12 @@ class Segment:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _if_in(pid: int, callback: Callable[[], object]) -> None:
+    """Locks belong to the open file, which a forked child has as well."""
+    if os.getpid() == pid:
+        callback()
 
 
 def start_time(pid: int) -> int:

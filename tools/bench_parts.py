@@ -11,10 +11,11 @@ import sys
 from collections.abc import Callable, Iterator
 from time import monotonic_ns
 
-from shm.client import Client
+from shm.client import LoopClient
 from shm.clock import pause
 from shm.directory import create_ring
-from shm.mailbox import Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
 from shm.pulse import Pulse, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, names_of, segment_name, unlink
@@ -222,7 +223,7 @@ def owner(system: str) -> Turn:
 
 def client(system: str) -> Turn:
     """Send commands with the time of sending, each when the one before has been answered."""
-    sender = Client(system, "owner")
+    sender = LoopClient(system, "owner")
     values = [0.0] * 7
 
     def turn(seconds: float) -> dict[str, list[int]]:

@@ -250,6 +250,6 @@ def _settings() -> dict[str, Any]:
         "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
                             f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "
                             f"means of {BATCH} calls",
-        "mailbox": "from just before send to the command in the polling owner's hands, its 7 numbers read",
+        "mailbox": "from just before a loop sends to the command in the polling owner's hands, its 7 numbers read",
         "wakeup": "from just before the ring to the process running that slept",
     }

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from procs.lib.gains import BY_KEY, GAINS
-from shm.mailbox import MAX_TEXT
+from shm.mailbox_map import MAX_TEXT
 from tools.errors import Misuse, Problem
 from tools.gains import ALL, Present, present
 from tools.options import JsonOption, SystemOption

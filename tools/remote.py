@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from shm.client import Client, Reply
+from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns, pause
+from shm.segment import SegmentError
 from tools.errors import Problem, Refused
 
 POLL_S = 0.001
@@ -15,10 +16,10 @@ ENDINGS = ("refused", "done", "failed")
 
 
 class Remote:
-    """A place in the mailbox of one component; a context manager."""
+    """A way to the mailbox of one component; a context manager. All of a process share one place there."""
 
     def __init__(self, system: str, instance: str) -> None:
-        """Claim the place; SegmentError when there is no such component or all places are taken."""
+        """Attach; SegmentError when there is no such component."""
         self.instance = instance
         self._client = Client(system, instance)
         self._inbox: dict[int, list[Reply]] = {}
@@ -29,7 +30,10 @@ class Remote:
         return self._client.commands
 
     def post(self, command: str, values: Sequence[float] | Any = (), text: str = "") -> int:
-        """Queue a command without waiting for an answer; returns its number. MailboxFull when it is not taken."""
+        """Queue a command without waiting for an answer; returns its number.
+
+        MailboxFull when the component does not take it, SegmentError when others have all places; both say who.
+        """
         return self._client.send(command, values, text)
 
     def replies(self) -> list[Reply]:
@@ -52,11 +56,11 @@ class Remote:
 
     def answered(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
-        return self._reply_to(self.post(command, values, text), command, timeout, ())
+        return self._reply_to(self._posted(command, values, text), command, timeout, ())
 
     def settled(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 60.0) -> Reply:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
-        return self._reply_to(self.post(command, values, text), command, timeout, ENDINGS)
+        return self._reply_to(self._posted(command, values, text), command, timeout, ENDINGS)
 
     def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
@@ -64,6 +68,12 @@ class Remote:
         if reply.outcome not in ("accepted", "done"):
             raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
         return reply
+
+    def _posted(self, command: str, values: Sequence[float] | Any, text: str) -> int:
+        try:
+            return self.post(command, values, text)
+        except (SegmentError, MailboxFull) as error:
+            raise Problem(str(error)) from None
 
     def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
         end = monotonic_ns() + round(timeout * 1e9)
@@ -83,7 +93,7 @@ class Remote:
         raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s; is it running? (trocar status)")
 
     def close(self) -> None:
-        """Free the place."""
+        """Detach; the last one of a process frees its place."""
         self._client.close()
 
     def __enter__(self) -> Remote:

@@ -15,7 +15,7 @@ from shm import directory
 from shm.clock import create_clock, monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.faults import create_faults, robot_component
-from shm.mailbox import create_mailbox
+from shm.mailbox_map import create_mailbox
 from shm.owners import SERVICE_USER
 from shm.pulse import create_control
 from shm.segment import (

@@ -187,6 +187,7 @@ VICTIMS: dict[str, Callable[[str, Notes], Victim]] = {
     "writer of 4 kB": lambda system, notes: victims.WriterVictim(system, notes, slots=3, size=4096),
     "reader": victims.ReaderVictim,
     "client": senders.ClientVictim,
+    "who stops": senders.StopVictim,
     "owner": senders.OwnerVictim,
 }
 

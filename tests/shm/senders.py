@@ -10,12 +10,13 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shm.client import Client, MailboxFull, Reply
-from shm.mailbox import CLIENTS, COMMANDS_DEPTH, Mailbox, Received, create_mailbox
+from shm.mailbox import Mailbox, Received
+from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, create_mailbox
+from shm.place import MailboxFull, Place, Reply, StopPlace, take_place
 from shm.segment import Segment, segment_name
 from tests.shm.witness import Notes, Violation, holds
 
-COMMAND = "bias_encoders"
+COMMAND, STOP = "bias_encoders", "servo_zero"
 SIZES = 13  # longest command: more values than come with the owner's first copy
 UNDER_WAY = COMMANDS_DEPTH - 1  # of each client: all their answers fit in the reply ring
 EVERY = 25  # deaths from one look at all places to the next
@@ -27,25 +28,25 @@ def values(sender: int, count: int) -> list[float]:
     return [sender, count, *(sender * 31 + count * 7 + j for j in range(count % SIZES))]
 
 
-def judged(got: Received) -> tuple[int, int]:
+def judged(got: Received, name: str = COMMAND) -> tuple[int, int]:
     """(sender, count) of a command; Violation when it is not whole."""
     numbers = got.values.tolist()
     if len(numbers) < 2:
         raise Violation(f"command {got.id} is torn: {numbers}")
     sender, count = int(numbers[0]), int(numbers[1])
-    if got.name != COMMAND or numbers != values(sender, count) or got.text != f"{sender}:{count}":
+    if got.name != name or numbers != values(sender, count) or got.text != f"{sender}:{count}":
         raise Violation(f"command {got.id} is torn: {got.name} {numbers} {got.text!r}")
     return sender, count
 
 
-def send(client: Client, sender: int, count: int) -> int:
+def send(client: Place, sender: int, count: int) -> int:
     """The command `count` of `sender`; its id."""
     return client.send(COMMAND, values(sender, count), f"{sender}:{count}")
 
 
 def claim_all(system: str, taken: int) -> None:
     """All places but those taken can be had at once; else SegmentError."""
-    clients = [Client(system, "io") for _ in range(CLIENTS - taken)]
+    clients = [take_place(system, "io") for _ in range(CLIENTS - taken)]
     for client in clients:
         client.close()
 
@@ -59,13 +60,13 @@ class ClientVictim:
     def __init__(self, system: str, notes: Notes) -> None:
         create_mailbox(system, "io", "io")
         self._system, self._notes = system, notes.words
-        self._box, self._neighbour = Mailbox(system, "io", "io"), Client(system, "io")
+        self._box, self._neighbour = Mailbox(system, "io", "io"), take_place(system, "io")
         self._life = self._ran = self._id = self._own_sent = self._own_ran = 0
         self.figures = {"sent": 0, "ran": 0, "died_unrecorded": 0, "answers_seen": 0, "neighbour_ran": 0}
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Send and poll for ever; the answers come in the order sent, each once."""
-        client, notes, sent, answered = Client(self._system, "io"), self._notes, 0, 0
+        client, notes, sent, answered = take_place(self._system, "io"), self._notes, 0, 0
         ready()
         while True:
             if sent - answered < UNDER_WAY + 8:  # more than fit: MailboxFull is part of it
@@ -130,6 +131,81 @@ class ClientVictim:
         self._box.close()
 
 
+class StopVictim:
+    """Who stops dies in the place for stops; its owner, and another who stops, live on in the parent."""
+
+    SENT, ANSWERED = range(Notes.FREE, Notes.FREE + 2)
+    NEIGHBOUR = 0
+
+    def __init__(self, system: str, notes: Notes) -> None:
+        create_mailbox(system, "io", "io")
+        self._system, self._notes = system, notes.words
+        self._box, self._neighbour = Mailbox(system, "io", "io"), StopPlace(system, "io", "neighbour")
+        self._life = self._ran = self._id = self._own_sent = self._own_ran = self._own_answered = 0
+        self.figures = {"sent": 0, "ran": 0, "died_unrecorded": 0, "answers_seen": 0, "neighbour_ran": 0}
+
+    def live(self, life: int, ready: Callable[[], None]) -> None:
+        """Stop for ever, some at a time; the answers come in the order sent, each once."""
+        stops, notes, sent, answered = StopPlace(self._system, "io", f"life {life}"), self._notes, 0, 0
+        ready()
+        while True:
+            if sent - answered < 4:
+                try:
+                    stops.stop(STOP, values(life, sent + 1), f"{life}:{sent + 1}")
+                    notes[self.SENT] = sent = sent + 1
+                except MailboxFull:
+                    pass
+            for reply in stops.answers():
+                answered += 1
+                holds(reply.text == f"{life}:{answered}", f"answer {answered} is {reply}")
+            notes[self.ANSWERED] = answered
+
+    def serve(self) -> None:
+        """Run what came in; the neighbour stops something as well, and is never kept out."""
+        for got in self._box.drain():
+            sender, count = judged(got, STOP)
+            holds(got.id == self._id + 1, f"stop {sender}:{count} has id {got.id} after {self._id}")
+            self._id = got.id
+            if sender == self.NEIGHBOUR:
+                self._own_ran += 1
+                holds(count == self._own_ran, f"the neighbour's stop {count} ran as its {self._own_ran}th")
+            else:
+                self._run(sender, count)
+            got.done(got.text)
+        for reply in self._neighbour.answers():
+            self._own_answered += 1
+            holds(reply.text == f"{self.NEIGHBOUR}:{self._own_answered}", f"the neighbour was told {reply}")
+        if self._own_sent == self._own_answered:
+            self._own_sent += 1
+            text = f"{self.NEIGHBOUR}:{self._own_sent}"
+            self._neighbour.stop(STOP, values(self.NEIGHBOUR, self._own_sent), text)
+
+    def _run(self, sender: int, count: int) -> None:
+        if sender != self._life:
+            self._life, self._ran = sender, 0
+        self._ran += 1
+        holds(count == self._ran, f"stop {count} of life {sender} ran as its {self._ran}th")
+        self.figures["ran"] += 1
+
+    def inspect(self, life: int, pid: int) -> None:
+        """Every stop whose sending returned ran once, at most one more had been stored; the place is free."""
+        for _ in range(2 + (COMMANDS_DEPTH + 2) // 8):
+            self.serve()
+        sent, ran = self._notes[self.SENT], self._ran if self._life == life else 0
+        holds(ran in (sent, sent + 1), f"{sent} stops were sent, {ran} ran")
+        holds(not self._box.resets, "the owner found cursors out of step")
+        self.figures["sent"] += sent
+        self.figures["died_unrecorded"] += ran - sent
+        self.figures["answers_seen"] += self._notes[self.ANSWERED]
+        self.figures["neighbour_ran"] = self._own_ran
+
+    def finish(self) -> None:
+        """Something has run."""
+        holds(self.figures["ran"] and self._own_ran, "nothing has run")
+        self._neighbour.close()
+        self._box.close()
+
+
 @dataclass(slots=True)
 class Pending:
     """A command without its last answer."""
@@ -144,7 +220,7 @@ class Account:
 
     SPAN = 1 << 14  # commands of which the runs are known
 
-    def __init__(self, client: Client, sender: int, runs: memoryview) -> None:
+    def __init__(self, client: Place, sender: int, runs: memoryview) -> None:
         self.client, self._sender, self._runs = client, sender, runs
         self._pending: deque[Pending] = deque()
         self._sent = 0
@@ -210,7 +286,7 @@ class OwnerVictim:
         self._system, self._notes, self._epoch = system, notes.words, 0
         self._segment = Segment(segment_name(system, "io", "mailbox"))
         self._runs = memoryview(mmap.mmap(-1, 2 * Account.SPAN))
-        self._clients = [Client(system, "io") for _ in range(2)]
+        self._clients = [take_place(system, "io") for _ in range(2)]
         halves = (self._runs[: Account.SPAN], self._runs[Account.SPAN :])
         self._accounts = [Account(client, i, halves[i]) for i, client in enumerate(self._clients)]
 

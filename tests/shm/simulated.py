@@ -1,6 +1,6 @@
 """The real modules of shm/ on simulated memory: stand-ins for a segment and for what the kernel and C do to it.
 
-`Real` reads the source of ring, mailbox, client, doorbell and order, changes it where asked (a seeded mutant, a smaller
+`Real` reads the source of ring, mailbox, place, doorbell and order, changes it where asked (a seeded mutant, a smaller
 depth; a change that matches nothing is an error) and runs it with the stand-ins in place of Segment, struct, ctypes and
 locks. Every access to shared memory ends in a method of the Actor that runs; one that did not would fail, because no
 stand-in is a buffer. Two changes are always made, to ring.py: a slot is loaded into bytes before it is copied, and each
@@ -12,11 +12,13 @@ from __future__ import annotations
 import importlib
 import re
 import struct
+import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
+from unittest.mock import patch
 
 from shm.commands import COMMANDS
 from shm.layout import Schema, schema_of
@@ -27,18 +29,21 @@ from tests.shm.process import PLAIN, REAL, Actor, Address
 FIRST = 4096
 FLAGS_AT, COUNTERS_AT, DATA_AT = FIRST, FIRST + 64, FIRST + 128
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "doorbell", "mailbox", "client", "nap")
+MODULES = ("order", "ring", "doorbell", "mailbox_map", "received", "mailbox", "place", "nap")
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
-    ("mailbox", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
-    ("mailbox", "REPLIES_DEPTH = REPLY.depth", "REPLIES_DEPTH = 2"),
-    ("mailbox", "CLIENTS = 16", "CLIENTS = 1"),
-    ("mailbox", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
+    ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
+    ("mailbox_map", "REPLIES_DEPTH = REPLY.depth", "REPLIES_DEPTH = 2"),
+    ("mailbox_map", "CLIENTS = 16", "CLIENTS = 1"),
+    ("mailbox_map", '"<I60s"', '"<I4s"'),
+    ("mailbox_map", "cut_text(program, 60)", "cut_text(program, 4)"),
+    ("place", "STOP_TRIES, STOP_PAUSE_S = 200, 0.001", "STOP_TRIES, STOP_PAUSE_S = 2, 0.0"),
+    ("mailbox_map", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
     ("mailbox", "SHORT = 8", "SHORT = 1"),
-    ("mailbox", "<qQQQHH", "<qQBBBB"),
-    ("mailbox", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
-    ("mailbox", '"<QB200s"', '"<QB7s"'),
-    ("mailbox", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
+    ("mailbox_map", "<qQQQHH", "<qQBBBB"),
+    ("mailbox_map", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
+    ("mailbox_map", '"<QB200s"', '"<QB7s"'),
+    ("mailbox_map", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
     ("doorbell", "PLACES = 16", "PLACES = 1"),
     ("doorbell", "UNHEARD = 16", "UNHEARD = 2"),
     ("doorbell", "UNHURRIED = 1024", "UNHURRIED = 1"),
@@ -48,8 +53,9 @@ Change = tuple[str, str, str]  # module, old text, new text
 
 def private(thing: Any) -> tuple[Any, ...]:
     """The private state of one of our objects, but for views, places and the record, which no method looks at."""
-    return tuple((name, tuple(value) if isinstance(value, list) else value) for name, value in vars(thing).items()
-                 if isinstance(value, PLAIN) or (isinstance(value, list) and all(isinstance(v, int) for v in value)))
+    return tuple((name, tuple(sorted(value)) if isinstance(value, set) else tuple(value) if isinstance(value, list)
+                  else value) for name, value in vars(thing).items() if isinstance(value, (*PLAIN, set))
+                 or (isinstance(value, list) and all(isinstance(v, int) for v in value)))
 
 
 class Part:
@@ -143,7 +149,7 @@ class Segment:
     def keep(self, part: Part) -> Part:
         return part
 
-    def at_close(self, callback: object) -> None:
+    def at_close(self, callback: object, *, unlocks: bool = False) -> None:
         pass
 
     def close(self) -> None:
@@ -155,7 +161,7 @@ class Struct:
 
     def __init__(self, real: struct.Struct) -> None:
         self._real, self.size = real, real.size
-        self.pack = real.pack
+        self.pack, self.unpack = real.pack, real.unpack
 
     def pack_into(self, view: Whole, at: int, *values: Any) -> None:
         data = self._real.pack(*values)
@@ -222,8 +228,9 @@ class Real:
         self.me: Any = None
         for module, _, _ in changes:
             assert module in MODULES
-        read = (self._read(m, changes) for m in MODULES)
-        self.order, self.ring, self.doorbell, self.mailbox, self.client, self._naps = read
+        with patch.dict(sys.modules):
+            read = (self._read(m, changes) for m in MODULES)
+            self.order, self.ring, self.doorbell, self._map, _, self.mailbox, self.place, self._naps = read
         self._join()
 
     def on(self, me: Actor) -> Real:
@@ -246,19 +253,22 @@ class Real:
                 text = text.replace(old, new)
         module = ModuleType(f"shm.{name}")
         exec(_compiled(text, f"{REAL}{path.name}"), module.__dict__)
+        if name in ("mailbox_map", "received"):  # what follows from its numbers has to follow from these
+            sys.modules[module.__name__] = module
         return module
 
     def _join(self) -> None:
         """Put the stand-ins in their places."""
-        mailbox, client, doorbell, kernel = self.mailbox, self.client, self.doorbell, Kernel(self)
-        mailbox.Segment = lambda name, write: Segment(self, "mail", "mailbox", mailbox.WHOLE, 1)
+        places, mailbox, place, doorbell, kernel = self._map, self.mailbox, self.place, self.doorbell, Kernel(self)
+        places.Segment = lambda name, write: Segment(self, "mail", "mailbox", places.WHOLE, 1)
+        places.HOLDER = Struct(places.HOLDER)
         mailbox.COMMANDS_OF = tuple(map(Struct, mailbox.COMMANDS_OF))
         mailbox.COMMAND_HEAD, mailbox.REPLY_BODY = Struct(mailbox.COMMAND_HEAD), Struct(mailbox.REPLY_BODY)
-        for name in vars(client):
+        for name in vars(place):
             if name in vars(mailbox) and not name.startswith("__"):
-                setattr(client, name, getattr(mailbox, name))
-        client.Places, client.monotonic_ns = doorbell.Places, lambda: 7
-        client.new_id, client.program_name = lambda: 1, lambda: ""
+                setattr(place, name, getattr(mailbox, name))
+        place.Places, place.AllTaken, place.pause = doorbell.Places, doorbell.AllTaken, lambda seconds: None
+        place.monotonic_ns = mailbox.monotonic_ns = lambda: 7
         doorbell.ctypes = doorbell.os = kernel
         doorbell.SYSCALL, doorbell._lock, doorbell._unlock = kernel.futex, kernel.lock, kernel.unlock
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
@@ -278,8 +288,12 @@ class Real:
         return self.mailbox.Mailbox("s", "IO1", "io")
 
     def sender(self) -> Any:
-        """A Client."""
-        return self.client.Client("s", "IO1")
+        """A Place, taken."""
+        return self.place.take_place("s", "IO1")
+
+    def stopper(self) -> Any:
+        """A StopPlace."""
+        return self.place.StopPlace("s", "IO1")
 
     def bell(self) -> Any:
         """A Bell."""

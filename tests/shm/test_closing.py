@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from shm import directory
-from shm.client import Client
 from shm.clock import Conductor, LockstepClock
-from shm.mailbox import Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
+from shm.place import take_place
 from shm.pulse import Pulse, create_control
 from shm.segment import Segment
 from shm.topics import SETPOINT
@@ -33,7 +34,7 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "ring writer": lambda system: (directory.writer(system, "PSM1", "setpoint", "arm"),),
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
     "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
-    "client": lambda system: (Client(system, "PSM1"),),
+    "place": lambda system: (take_place(system, "PSM1"),),
     "waiter": with_page(Pulse.waiter),
     "bell": with_page(Pulse.bell),
     "turn": with_page(Pulse.turn),

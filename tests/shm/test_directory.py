@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from shm import directory
-from shm.mailbox import create_mailbox
+from shm.mailbox_map import create_mailbox
 from shm.pulse import create_control
 from shm.segment import SegmentError
 from shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT

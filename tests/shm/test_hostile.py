@@ -23,7 +23,8 @@ from shm import directory
 from shm.client import Client
 from shm.clock import Conductor, LockstepClock, create_clock
 from shm.layout import LayoutError, schema_from_json
-from shm.mailbox import Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
 from shm.pulse import Pulse, create_control
 from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
 from shm.topics import SUPERVISOR_STATE

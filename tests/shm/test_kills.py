@@ -42,6 +42,13 @@ def test_death_at_any_point_harms_nobody(world: Any, victim: str) -> None:
     innocent(deaths(world, victim, SHARE), SHARE)
 
 
+@pytest.mark.slow
+def test_a_death_at_every_step_of_a_stop_harms_nobody(world: Any) -> None:
+    report = deaths(world, "who stops", 700, walk=1)
+    assert not report["violation"] and report["kinds"] == {"late steps": 700}, report
+    assert report["sent"] > 100 and report["died_unrecorded"] > 10, "not all steps were walked"
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("victim", VICTIMS)
 def test_thousands_of_deaths_harm_nobody(world: Any, victim: str) -> None:

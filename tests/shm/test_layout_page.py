@@ -19,15 +19,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import clock, doorbell, faults, header, mailbox, pulse, ring
-from shm.client import Client
+from shm import clock, doorbell, faults, header, mailbox, mailbox_map, pulse, received, ring
 from shm.commands import COMMANDS, code_of
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
-from shm.mailbox import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, create_mailbox
+from shm.place import take_place
 from shm.pulse import STATES, Pulse, create_control
 from shm.ring import RingWriter
-from shm.segment import NAME, Segment, path_of, segment_name
+from shm.segment import NAME, Segment, SegmentError, path_of, segment_name
 from shm.topics import TOPICS, Field, Topic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -109,8 +110,8 @@ def test_every_constant_is_that_of_the_code() -> None:
     assert len(named) == len(rows)
     assert named >= {"shm.header.VERSION", "shm.header.TEXT_AT", "shm.header.MAX_TEXT", "shm.layout.MAX_STRIDE",
                      "shm.layout.MAX_DEPTH", "shm.layout.PAGE", "shm.layout.LINE", "shm.ring.BUSY", "shm.ring.RETRIES",
-                     "shm.doorbell.PLACES", "shm.doorbell.UNHEARD", "shm.doorbell.OFD_SETLK", "shm.mailbox.CLIENTS",
-                     "shm.mailbox.COMMANDS_DEPTH", "shm.mailbox.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER",
+                     "shm.doorbell.PLACES", "shm.doorbell.UNHEARD", "shm.doorbell.OFD_SETLK", "shm.mailbox_map.CLIENTS",
+                     "shm.mailbox_map.COMMANDS_DEPTH", "shm.mailbox_map.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER",
                      "shm.mailbox.LATE_NS"}
 
 
@@ -176,11 +177,11 @@ def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
         (n, schema.offset(n), schema.dtype[n].itemsize, dtypes[n]) for n in schema.dtype.names or ()]
 
 
-LAST_PLACE = mailbox.CLIENTS - 1
+LAST_PLACE = mailbox_map.PLACES - 1
 FLAGS_AT = pulse.SCHEMA.offset("flags")
 SENTENCES = [
     "State: " + ", ".join(f"{i} {state}" for i, state in enumerate(STATES)) + ".",
-    ", ".join(f"{i} {outcome}" for i, outcome in mailbox.OUTCOMES.items()),
+    ", ".join(f"{i} {outcome}" for i, outcome in received.OUTCOMES.items()),
     f"The first {header.TEXT_AT} bytes", f"offset of slot 0: {header.TEXT_AT} + both texts, in whole pages",
     f"the schema text, which begins at {header.TEXT_AT}", f"`st_blocks` · {header.BLOCK} ≥ size",
     f"in whole cache lines of {LINE}", f"Simulated time begins at {clock.EPOCH_NS} ns",
@@ -188,14 +189,17 @@ SENTENCES = [
     f"After {doorbell.UNHEARD} rings that nobody heard",
     f"otherwise it looks again {doorbell.UNHURRIED} rings later",
     f"as its lock, byte first + {FLAGS_AT} + k of the file",
-    f".l_start = first + {FLAGS_AT} + k, .l_len = 1", f"It has {mailbox.CLIENTS} places", "With B = first + 16:",
-    f"`sent` of places 0 to {LAST_PLACE} |", f"places 0 to {LAST_PLACE}: {mailbox.COMMANDS_DEPTH} command slots",
-    f"command slots, behind them {mailbox.REPLIES_DEPTH} reply slots",
-    f"command slot n mod {mailbox.COMMANDS_DEPTH}, {COMMAND_SCHEMA.stride} bytes each",
-    f"reply slot n mod {mailbox.REPLIES_DEPTH}, {REPLY_SCHEMA.stride} bytes each", "from byte first + 16 on",
-    f"0 ≤ sent − taken ≤ {mailbox.COMMANDS_DEPTH} and sent < 2^62", f"sent − taken < {mailbox.COMMANDS_DEPTH}?",
-    f"one that is full ({mailbox.COMMANDS_DEPTH})", f"older than {mailbox.LATE_NS / 1e9:g} s by its `stamp_ns`",
-    f"more than {mailbox.MAX_VALUES} values", f"at most the last {mailbox.REPLIES_DEPTH} ",
+    f".l_start = first + {FLAGS_AT} + k, .l_len = 1",
+    f"It has {mailbox_map.CLIENTS} places for clients, and place {mailbox_map.RESERVED} for stops",
+    f"lock the byte of a place, 0 to {mailbox_map.CLIENTS - 1};", f"lock the byte of place {mailbox_map.RESERVED};",
+    "With B = first + 16:",
+    f"`sent` of places 0 to {LAST_PLACE} |", f"places 0 to {LAST_PLACE}: {mailbox_map.COMMANDS_DEPTH} command slots",
+    f"command slots, behind them {mailbox_map.REPLIES_DEPTH} reply slots",
+    f"command slot n mod {mailbox_map.COMMANDS_DEPTH}, {COMMAND_SCHEMA.stride} bytes each",
+    f"reply slot n mod {mailbox_map.REPLIES_DEPTH}, {REPLY_SCHEMA.stride} bytes each", "from byte first + 16 on",
+    f"0 ≤ sent − taken ≤ {mailbox_map.COMMANDS_DEPTH} and sent < 2^62", f"sent − taken < {mailbox_map.COMMANDS_DEPTH}?",
+    f"one that is full ({mailbox_map.COMMANDS_DEPTH})", f"older than {mailbox.LATE_NS / 1e9:g} s by its `stamp_ns`",
+    f"more than {mailbox.MAX_VALUES} values", f"at most the last {mailbox_map.REPLIES_DEPTH} ",
     f"values are used, at most {mailbox.MAX_VALUES} |",
     "Record 4 lies in slot 4 mod 3 = 1, at 4096 + 64; slot 2 is busy with record 5, record 3 is in slot 0",
 ]
@@ -212,7 +216,7 @@ def test_the_page_names_what_is_carried_out_however_late() -> None:
     rows = [row for rows in COMMANDS.values() for row in rows if row.moves]
     named = {row.name for row in rows if row.stops} | {text for row in rows for text in row.stops} - {"*"}
     assert set(re.findall(r"`(\w+)`", always)) == named
-    assert set(re.findall(r"`(\w+)`", zero)) == {row.name for row in rows if row.zero == "stops"}
+    assert set(re.findall(r"`(\w+)`", zero)) == {row.name for row in rows if row.zero == "stops" or row.level}
 
 
 def test_the_faults_page_lies_where_the_page_says() -> None:
@@ -229,7 +233,7 @@ def test_names_are_as_long_as_the_page_says() -> None:
 
 def test_the_steps_are_those_of_the_modules() -> None:
     modules: tuple[ModuleType, ...] = (ring, mailbox, doorbell)
-    steps = re.compile(r"\b(?:[WRVMNABDE][1-9]|S1)\b")
+    steps = re.compile(r"\b(?:[WRVMNABDEL][1-9]|S1)\b")
     assert set(steps.findall(TEXT)) == {step for module in modules for step in steps.findall(module.__doc__ or "")}
 
 
@@ -323,37 +327,74 @@ def offset(rows: dict[str, Row], field: str) -> int:
     return int(rows[field]["offset"])
 
 
+class MailByThePage(ByThePage):
+    """A mailbox seen so."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        super().__init__(segment_name(system, instance, "mailbox"))
+        self.layout = [(int(row["offset from B"]), int(row["bytes each"])) for row in table("Mailbox", "offset from B")]
+        (self.sent, _), (self.taken, _), (self.answered, _), (self.locks, _), (self.holders, _), (self.queues, _) = [
+            (self.first + 16 + at, size) for at, size in self.layout]
+        self.commands, self.command_bytes = map(int, re.findall(r"command slot n mod (\d+), (\d+) bytes each", TEXT)[0])
+        self.replies, self.reply_bytes = map(int, re.findall(r"reply slot n mod (\d+), (\d+) bytes each", TEXT)[0])
+
+    def sign(self, place: int, pid: int, program: bytes) -> None:
+        struct.pack_into("<I60s", self.map, self.holders + place * self.layout[4][1], pid, program)
+
+    def send(self, place: int, n: int, code: int, values: tuple[float, ...], stamp_ns: int) -> None:
+        at, fields = self.queues + place * self.layout[5][1] + n % self.commands * self.command_bytes, records(1)
+        for form, field, value in (("<q", "stamp_ns", stamp_ns), ("<Q", "id", n), ("<H", "code", code),
+                                   ("<H", "count", len(values)), ("64s", "text", b"by hand"),
+                                   (f"<{len(values)}d", "values", values)):
+            struct.pack_into(form, self.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
+        struct.pack_into("<Q", self.map, self.sent + 8 * place, n)
+
+    def reply(self, place: int, n: int) -> tuple[int, int, int, bytes]:
+        """Sequence, id, outcome and text of a reply."""
+        at = self.queues + place * self.layout[5][1] + self.commands * self.command_bytes
+        at, fields = at + n % self.replies * self.reply_bytes, records(2)
+        text = at + offset(fields, "text")
+        numbers = (struct.unpack_from("<Q", self.map, at + offset(fields, name))[0] for name in ("sequence", "id"))
+        return (*numbers, self.map[at + offset(fields, "outcome")],
+                self.map[text : text + int(fields["text"]["size"])].rstrip(b"\0"))
+
+
 def test_a_client_made_from_the_page_is_served(system: str) -> None:
     create_mailbox(system, "PSM1", "arm")
-    owner, seen = Mailbox(system, "PSM1", "arm"), ByThePage(segment_name(system, "PSM1", "mailbox"))
-    layout = [(int(row["offset from B"]), int(row["bytes each"])) for row in table("Mailbox", "offset from B")]
-    (sent, each), (taken, _), (answered, _), (lock, _), (queues, place_bytes) = [
-        (seen.first + 16 + at, size) for at, size in layout]
-    commands, command_bytes = map(int, re.findall(r"command slot n mod (\d+), (\d+) bytes each", TEXT)[0])
-    replies, reply_bytes = map(int, re.findall(r"reply slot n mod (\d+), (\d+) bytes each", TEXT)[0])
-    assert (layout[4], queues) == ((QUEUES_AT, commands * command_bytes + replies * reply_bytes), seen.first + 16 + 512)
-    ours = Client(system, "PSM1")  # has place 0
-    assert not seen.lock(lock) and seen.lock(lock + 1)
-    place, move = queues + place_bytes, code_of("arm", "move_jp")
+    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
+    assert [size for _, size in seen.layout[:4]] == [8, 8, 8, 1]
+    assert seen.layout[5] == (QUEUES_AT, seen.commands * seen.command_bytes + seen.replies * seen.reply_bytes)
+    ours = take_place(system, "PSM1")  # has place 0
+    assert not seen.lock(seen.locks) and seen.lock(seen.locks + 1)
     for n in range(1, 40):
-        at, fields = place + n % commands * command_bytes, records(1)
-        for form, field, value in (("<q", "stamp_ns", 5), ("<Q", "id", n), ("<H", "code", move), ("<H", "count", 2),
-                                   ("64s", "text", b"by hand"), ("<2d", "values", (n, 0.5))):
-            struct.pack_into(form, seen.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
-        struct.pack_into("<Q", seen.map, sent + each, n)
+        seen.send(1, n, code_of("arm", "move_jp"), (n, 0.5), 5)
         (got,) = owner.drain()
         assert (got.name, got.id, got.sent_ns, got.text, got.values.tolist()) == ("move_jp", n, 5, "by hand", [n, 0.5])
-        assert struct.unpack_from("<Q", seen.map, taken + each) == (n,)
+        assert struct.unpack_from("<Q", seen.map, seen.taken + 8) == (n,)
         got.refuse(f"no {n}")
-        assert struct.unpack_from("<Q", seen.map, answered + each) == (n,)
-        at, fields = place + commands * command_bytes + n % replies * reply_bytes, records(2)
-        assert struct.unpack_from("<Q", seen.map, at + offset(fields, "sequence")) == (n,)
-        assert struct.unpack_from("<Q", seen.map, at + offset(fields, "id")) == (n,)
-        assert seen.map[at + offset(fields, "outcome")] == mailbox.REFUSED
-        text = at + offset(fields, "text")
-        assert seen.map[text : text + int(fields["text"]["size"])].rstrip(b"\0") == f"no {n}".encode()
+        assert struct.unpack_from("<Q", seen.map, seen.answered + 8) == (n,)
+        assert seen.reply(1, n) == (n, n, received.REFUSED, f"no {n}".encode())
     assert ours.poll() == []
     for end in (ours, owner, seen):
+        end.close()
+
+
+def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> None:
+    create_mailbox(system, "PSM1", "arm")
+    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
+    for place in range(mailbox_map.CLIENTS):
+        assert seen.lock(seen.locks + place)
+        seen.sign(place, os.getpid(), "größer".encode())
+    with pytest.raises(SegmentError, match=rf"taken: größer \(pid {os.getpid()}, 16 places\); close one"):
+        take_place(system, "PSM1")
+    seen.send(3, 1, code_of("arm", "move_jp"), (1.0,), 5)
+    stops = mailbox_map.RESERVED
+    assert seen.lock(seen.locks + stops)
+    seen.sign(stops, os.getpid(), b"by hand")
+    seen.send(stops, 1, code_of("arm", "hold"), (), 6)
+    assert [got.name for got in owner.drain()] == ["hold"]
+    assert seen.reply(3, 1) == (1, 1, received.REFUSED, f"stopped by by hand (pid {os.getpid()})".encode())
+    for end in (owner, seen):
         end.close()
 
 

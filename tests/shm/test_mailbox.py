@@ -13,16 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shm import mailbox as m
-from shm.client import Client, LoopClient, MailboxFull
+from shm.client import LoopClient
 from shm.commands import COMMANDS, Command
-from shm.mailbox import Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import CLIENTS, create_mailbox
+from shm.place import MailboxFull, Place, take_place
 from shm.received import DONE
 from shm.segment import SegmentError, segment_name, unlink
 
 CLIENT = """
 import sys
-from shm.client import Client
-client = Client(sys.argv[1], "IO1")
+from shm.place import take_place
+client = take_place(sys.argv[1], "IO1")
 for i in range(int(sys.argv[2])):
     client.send("power_off", (i,), "child")
 print("sent", flush=True)
@@ -30,8 +32,8 @@ sys.stdin.read()
 """
 HURRIED = """
 import sys
-from shm.client import Client, MailboxFull
-client = Client(sys.argv[1], "IO1")
+from shm.place import MailboxFull, take_place
+client = take_place(sys.argv[1], "IO1")
 sent, n, outcomes = 0, int(sys.argv[2]), 0
 while outcomes < n:
     try:
@@ -63,17 +65,17 @@ def box(system: str) -> Iterator[Mailbox]:
 
 
 @pytest.fixture
-def client(system: str) -> Iterator[Client]:
-    sender = Client(system, "IO1")
+def client(system: str) -> Iterator[Place]:
+    sender = take_place(system, "IO1")
     yield sender
     sender.close()
 
 
-def cursor(client: Client, which: str, place: int = 0) -> int:
+def cursor(client: Place, which: str, place: int = 0) -> int:
     return client._map.cursor(which, place)
 
 
-def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Client) -> None:
+def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Place) -> None:
     number = client.send("bias_encoders", (1, 0.5, -2e9), "PSM1 · größer")
     (got,) = box.drain()
     assert (got.name, got.text, got.id) == ("bias_encoders", "PSM1 · größer", number)
@@ -87,7 +89,7 @@ def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Client) -> None:
 def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
     name = f"tmail{os.getpid()}"
     create_mailbox(name, "IO1", "io")
-    owner, sender = Mailbox(name, "IO1", "io"), Client(name, "IO1")
+    owner, sender = Mailbox(name, "IO1", "io"), take_place(name, "IO1")
     try:
         sender.send("bias_encoders", values, text)
         sender.send("bias_encoders", np.array(values), text)
@@ -99,7 +101,7 @@ def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
         unlink(segment_name(name, "IO1", "mailbox"))
 
 
-def test_received_values_are_our_own(box: Mailbox, client: Client) -> None:
+def test_received_values_are_our_own(box: Mailbox, client: Place) -> None:
     client.send("bias_encoders", (1, 2))
     (got,) = box.drain()
     for _ in range(40):
@@ -108,7 +110,7 @@ def test_received_values_are_our_own(box: Mailbox, client: Client) -> None:
     assert got.values.tolist() == [1.0, 2.0]
 
 
-def test_order_of_one_client_is_kept(box: Mailbox, client: Client) -> None:
+def test_order_of_one_client_is_kept(box: Mailbox, client: Place) -> None:
     for i in range(20):
         client.send("power_off", (i,))
     rounds = [[int(c.values[0]) for c in box.drain()] for _ in range(4)]
@@ -116,7 +118,7 @@ def test_order_of_one_client_is_kept(box: Mailbox, client: Client) -> None:
 
 
 def test_each_client_gets_its_share(system: str, box: Mailbox) -> None:
-    clients = [Client(system, "IO1") for _ in range(3)]
+    clients = [take_place(system, "IO1") for _ in range(3)]
     for sender in clients:
         for i in range(10):
             sender.send("power_off", (i,))
@@ -125,14 +127,14 @@ def test_each_client_gets_its_share(system: str, box: Mailbox) -> None:
         sender.close()
 
 
-def test_a_drain_left_early_loses_nothing(box: Mailbox, client: Client) -> None:
+def test_a_drain_left_early_loses_nothing(box: Mailbox, client: Place) -> None:
     for i in range(4):
         client.send("power_off", (i,))
     assert next(box.drain()).values[0] == 0
     assert [int(c.values[0]) for c in box.drain()] == [1, 2, 3]
 
 
-def test_full_means_refused_and_nothing_lost(box: Mailbox, client: Client) -> None:
+def test_full_means_refused_and_nothing_lost(box: Mailbox, client: Place) -> None:
     for i in range(m.COMMANDS_DEPTH):
         client.send("power_off", (i,))
     with pytest.raises(MailboxFull, match="IO1 has not taken the last 32"):
@@ -143,7 +145,7 @@ def test_full_means_refused_and_nothing_lost(box: Mailbox, client: Client) -> No
     assert first + rest == [*range(m.COMMANDS_DEPTH), 100]
 
 
-def test_every_outcome_comes_back(box: Mailbox, client: Client) -> None:
+def test_every_outcome_comes_back(box: Mailbox, client: Place) -> None:
     ids = [client.send("power_on", text="PSM1") for _ in range(4)]
     for answer, got in zip(("accept", "refuse", "done", "fail"), box.drain(), strict=True):
         getattr(got, answer)(f"{answer} it")
@@ -154,7 +156,7 @@ def test_every_outcome_comes_back(box: Mailbox, client: Client) -> None:
     assert client.poll() == []
 
 
-def test_a_command_may_be_answered_later(box: Mailbox, client: Client) -> None:
+def test_a_command_may_be_answered_later(box: Mailbox, client: Place) -> None:
     client.send("power_on")
     (got,) = box.drain()
     got.accept()
@@ -163,7 +165,7 @@ def test_a_command_may_be_answered_later(box: Mailbox, client: Client) -> None:
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(got.id, "done", "powered")]
 
 
-def test_overwritten_replies_are_counted(box: Mailbox, client: Client) -> None:
+def test_overwritten_replies_are_counted(box: Mailbox, client: Place) -> None:
     client.send("power_on")
     (got,) = box.drain()
     for i in range(m.REPLIES_DEPTH + 5):
@@ -172,14 +174,14 @@ def test_overwritten_replies_are_counted(box: Mailbox, client: Client) -> None:
     assert [r.text for r in replies] == [str(i) for i in range(5, m.REPLIES_DEPTH + 5)] and client.lost == 5
 
 
-def test_long_reasons_are_cut_between_characters(box: Mailbox, client: Client) -> None:
+def test_long_reasons_are_cut_between_characters(box: Mailbox, client: Place) -> None:
     client.send("power_on")
     (got,) = box.drain()
     got.refuse("ü" * 300)
     assert client.poll()[0].text == "ü" * 99
 
 
-def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
+def test_what_cannot_be_sent_is_refused_at_once(client: Place) -> None:
     with pytest.raises(KeyError, match="io has no command fly; it has: power_on"):
         client.send("fly")
     with pytest.raises(ValueError, match="65 values; allowed are 64"):
@@ -195,7 +197,7 @@ def test_what_cannot_be_sent_is_refused_at_once(client: Client) -> None:
     (len(COMMANDS["io"]), 0, "is not in the table"), (0xFFFF, 3, "command 65535"), (0, 65, "65 values"),
     (0, 0xFFFF, "65535 values"),
 ])
-def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, count: int, reason: str) -> None:
+def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Place, code: int, count: int, reason: str) -> None:
     m.COMMAND_HEAD.pack_into(client._view, client._queue[1] + m.COMMAND_START, 0, 1, 1, 0, code, count)
     client._words[client._sent] = 1
     assert list(box.drain()) == []
@@ -206,7 +208,7 @@ def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Client, code: int, c
 @pytest.mark.parametrize("garbage", [33, 2**31, 2**63, 2**64 - 1])
 @pytest.mark.parametrize("which", ["sent", "taken", "answered"])
 def test_garbage_cursors_disturb_nobody(system: str, box: Mailbox, garbage: int, which: str) -> None:
-    bad, good = Client(system, "IO1"), Client(system, "IO1")
+    bad, good = take_place(system, "IO1"), take_place(system, "IO1")
     bad.send("power_off", (1,))
     bad._words[cursor(bad, which)] = garbage
     for i in range(3):
@@ -215,7 +217,7 @@ def test_garbage_cursors_disturb_nobody(system: str, box: Mailbox, garbage: int,
             got.done()
         assert [r.outcome for r in good.poll()] == ["done"]
     bad.close()
-    heir = Client(system, "IO1")
+    heir = take_place(system, "IO1")
     heir.send("power_off", (5,), "heir")
     assert [c.text for c in box.drain()] == ["heir"]
     good.close()
@@ -223,11 +225,11 @@ def test_garbage_cursors_disturb_nobody(system: str, box: Mailbox, garbage: int,
 
 
 def test_at_most_sixteen_clients_have_a_place(system: str) -> None:
-    clients = [Client(system, "IO1") for _ in range(m.CLIENTS)]
-    with pytest.raises(SegmentError, match="all 16 places are taken"):
-        Client(system, "IO1")
+    clients = [take_place(system, "IO1") for _ in range(CLIENTS)]
+    with pytest.raises(SegmentError, match="IO1: all 16 places for commands are taken: "):
+        take_place(system, "IO1")
     clients.pop().close()
-    clients.append(Client(system, "IO1"))
+    clients.append(take_place(system, "IO1"))
     for client in clients:
         client.close()
 
@@ -235,11 +237,11 @@ def test_at_most_sixteen_clients_have_a_place(system: str) -> None:
 def test_a_dead_client_s_place_is_reclaimed(world: Any, system: str, box: Mailbox) -> None:
     child = world.start(CLIENT, "5")
     assert child.stdout.readline() == "sent\n"
-    others = [Client(system, "IO1") for _ in range(m.CLIENTS - 1)]
-    with pytest.raises(SegmentError, match="places are taken"):
-        Client(system, "IO1")
+    others = [take_place(system, "IO1") for _ in range(CLIENTS - 1)]
+    with pytest.raises(SegmentError, match="places for commands are taken"):
+        take_place(system, "IO1")
     world.kill(child)
-    heir = Client(system, "IO1")
+    heir = take_place(system, "IO1")
     number = heir.send("power_off", (9,), "heir")
     got = [(c.text, int(c.values[0])) for c in box.drain()]
     assert got == [*(("child", i) for i in range(5)), ("heir", 9)]  # accepted commands still run, before the heir's
@@ -248,7 +250,7 @@ def test_a_dead_client_s_place_is_reclaimed(world: Any, system: str, box: Mailbo
         client.close()
 
 
-def test_commands_wait_for_a_restarted_owner(system: str, client: Client) -> None:
+def test_commands_wait_for_a_restarted_owner(system: str, client: Place) -> None:
     first = Mailbox(system, "IO1", "io")
     for i in range(3):
         client.send("power_off", (i,))
@@ -283,7 +285,7 @@ def test_a_second_owner_is_refused(system: str, box: Mailbox) -> None:
         Mailbox(system, "IO1", "io")
 
 
-def test_the_mailbox_describes_its_commands(client: Client) -> None:
+def test_the_mailbox_describes_its_commands(client: Place) -> None:
     assert [c["name"] for c in client.commands] == [c.name for c in COMMANDS["io"]]
     assert all(c["doc"] for c in client.commands)
 
@@ -307,7 +309,7 @@ def test_busy_clients_lose_and_reorder_nothing(world: Any, system: str, box: Mai
     assert [world.finish(child).split() for child in children] == [[str(count), "0"]] * 2
 
 
-def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: Client) -> None:
+def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: Place) -> None:
     for i in range(m.COMMANDS_DEPTH):
         client.send("power_off", (i,))
     owner = Mailbox(system, "IO1", "io")
@@ -321,7 +323,7 @@ def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: 
 
 
 @pytest.mark.parametrize("before", [0, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 3 * m.REPLIES_DEPTH])
-def test_an_answer_cut_short_is_given_anew(system: str, client: Client, before: int) -> None:
+def test_an_answer_cut_short_is_given_anew(system: str, client: Place, before: int) -> None:
     owner = Mailbox(system, "IO1", "io")
     for i in range(before):
         client.send("power_off", (i,))
@@ -340,7 +342,7 @@ def test_an_answer_cut_short_is_given_anew(system: str, client: Client, before: 
     heir.close()
 
 
-def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, client: Client) -> None:
+def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, client: Place) -> None:
     owner = Mailbox(system, "IO1", "io")
     for _ in range(4):
         client.send("power_off")
@@ -367,7 +369,7 @@ LATE = m.LATE_NS + 1_000_000
     ("servo_zero", (), "PSM1", True), ("clear_fault", (), "PSM1", True),
 ])
 def test_what_may_move_the_robot_is_refused_when_it_comes_late(
-    box: Mailbox, client: Client, name: str, values: tuple[float, ...], text: str, runs: bool
+    box: Mailbox, client: Place, name: str, values: tuple[float, ...], text: str, runs: bool
 ) -> None:
     client.send(name, values, text)
     got = [c.name for c in box.drain(time.monotonic_ns() + LATE)]
@@ -375,7 +377,7 @@ def test_what_may_move_the_robot_is_refused_when_it_comes_late(
     assert runs or ["refused" in r.outcome and "late" in r.text for r in client.poll()] == [True]
 
 
-def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Client) -> None:
+def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Place) -> None:
     client.send("power_on", (), "PSM1")
     assert [c.name for c in box.drain(time.monotonic_ns())] == ["power_on"]
     client.send("power_on", (), "PSM1")
@@ -391,6 +393,6 @@ def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
 def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = COMMANDS["io"]
     monkeypatch.setitem(COMMANDS, "io", (rows[0], Command("new", "", "", "one more"), *rows[1:]))
-    for end in (lambda: Client(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
+    for end in (lambda: take_place(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
         with pytest.raises(SegmentError, match="its commands are not those of this program"):
             end()

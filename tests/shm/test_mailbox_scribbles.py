@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from shm import mailbox as m
-from shm.client import Client, MailboxFull
-from shm.mailbox import Mailbox, MailboxMap, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import CLIENTS, COMMAND_SCHEMA, MAX_VALUES, REPLY_SCHEMA, MailboxMap, create_mailbox
+from shm.place import MailboxFull, Place, take_place
 from shm.segment import SegmentError, segment_name, unlink
 from tests.shm.test_hostile import bounded
 
@@ -35,8 +36,8 @@ class OneBadClient(RuleBasedStateMachine):
         self.instance = f"IO{next(COUNTER)}"
         create_mailbox(SYSTEM, self.instance, "io")
         self.owner = Mailbox(SYSTEM, self.instance, "io")
-        self.bad = Client(SYSTEM, self.instance)
-        self.good = [Client(SYSTEM, self.instance) for _ in range(2)]
+        self.bad = take_place(SYSTEM, self.instance)
+        self.good = [take_place(SYSTEM, self.instance) for _ in range(2)]
         self.sent: list[list[int]] = [[], []]
         self.run: list[list[int]] = [[], []]
         self.answers: list[list[int]] = [[], []]
@@ -48,13 +49,13 @@ class OneBadClient(RuleBasedStateMachine):
 
     @rule(slot=st.integers(0, m.COMMANDS_DEPTH - 1), at=st.integers(0, 600), data=st.binary(min_size=1, max_size=80))
     def bad_command(self, slot: int, at: int, data: bytes) -> None:
-        begin = self.bad._queue[slot] + at % m.COMMAND_SCHEMA.stride
-        self.put(begin, data, self.bad._queue[slot] + m.COMMAND_SCHEMA.stride)
+        begin = self.bad._queue[slot] + at % COMMAND_SCHEMA.stride
+        self.put(begin, data, self.bad._queue[slot] + COMMAND_SCHEMA.stride)
 
     @rule(slot=st.integers(0, m.REPLIES_DEPTH - 1), at=st.integers(0, 255), data=st.binary(min_size=1, max_size=80))
     def bad_reply(self, slot: int, at: int, data: bytes) -> None:
-        begin = self.bad._replies[slot] + at % m.REPLY_SCHEMA.stride
-        self.put(begin, data, self.bad._replies[slot] + m.REPLY_SCHEMA.stride)
+        begin = self.bad._replies[slot] + at % REPLY_SCHEMA.stride
+        self.put(begin, data, self.bad._replies[slot] + REPLY_SCHEMA.stride)
 
     def put(self, begin: int, data: bytes, end: int) -> None:
         data = data[: end - begin]
@@ -82,7 +83,7 @@ class OneBadClient(RuleBasedStateMachine):
         with bounded():
             for count, got in enumerate(self.owner.drain()):
                 assert count < 3 * m.PER_CYCLE
-                assert got.values.size <= m.MAX_VALUES and got.name
+                assert got.values.size <= MAX_VALUES and got.name
                 if got.text in ("good 0", "good 1") and got.place:
                     which = int(got.text[-1])
                     self.run[which].append(int(got.values[0]))
@@ -109,9 +110,9 @@ class OneBadClient(RuleBasedStateMachine):
         """It goes, and the place is used again as soon as the owner has looked."""
         self.bad.close()
         for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
-            with contextlib.closing(Client(SYSTEM, self.instance)):
+            with contextlib.closing(take_place(SYSTEM, self.instance)):
                 self.drain()
-        self.bad = Client(SYSTEM, self.instance)
+        self.bad = take_place(SYSTEM, self.instance)
         assert self.bad._sent == self.bad._map.cursor("sent", 0)
         self.bad.poll()
         number = self.bad.send("power_off", (7,), "heir")
@@ -158,7 +159,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
         self.owner = Mailbox(SYSTEM, self.instance, "io")
         self.hand = MailboxMap(SYSTEM, self.instance)
         self.good_header = self.hand.view[:4096].tobytes()
-        self.clients = [Client(SYSTEM, self.instance) for _ in range(3)]
+        self.clients = [take_place(SYSTEM, self.instance) for _ in range(3)]
 
     @rule(at=st.integers(64, 1 << 20), data=st.binary(min_size=1, max_size=300))
     def scribble(self, at: int, data: bytes) -> None:
@@ -167,7 +168,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
         self.hand.view[begin : begin + len(data)] = data
         self.hand.view[256:4096] = self.good_header[256:]
 
-    @rule(which=CURSORS, place=st.integers(0, m.CLIENTS - 1), value=ODD)
+    @rule(which=CURSORS, place=st.integers(0, CLIENTS - 1), value=ODD)
     def cursor(self, which: str, place: int, value: int) -> None:
         self.hand.words[self.hand.cursor(which, place)] = value
 
@@ -187,7 +188,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
     def drain(self) -> None:
         with bounded():
             for count, got in enumerate(self.owner.drain()):
-                assert count < m.CLIENTS * m.PER_CYCLE
+                assert count < CLIENTS * m.PER_CYCLE
                 got.accept()
                 got.done(got.text)
             assert self.owner.resets >= 0
@@ -204,7 +205,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
         self.clients[which].close()
         self.drain()
         with bounded():
-            self.clients[which] = Client(SYSTEM, self.instance)
+            self.clients[which] = take_place(SYSTEM, self.instance)
 
     def teardown(self) -> None:
         for client in self.clients:
@@ -213,7 +214,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
             for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
                 self.drain()
             self.clients = self.everybody()
-            assert len(self.clients) == m.CLIENTS
+            assert len(self.clients) == CLIENTS
             for client in self.clients:
                 self.try_out(client)
         finally:
@@ -221,7 +222,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
                 part.close()
             unlink(segment_name(SYSTEM, self.instance, "mailbox"))
 
-    def try_out(self, client: Client) -> None:
+    def try_out(self, client: Place) -> None:
         """One command there and its answer back."""
         client.poll()
         try:
@@ -236,13 +237,13 @@ class NobodyIsSpared(RuleBasedStateMachine):
         reply = client.poll()[-1]  # a cursor put back may show it what its predecessor was told
         assert (reply.id, reply.outcome, reply.text) == (number, "done", "fine")
 
-    def everybody(self) -> list[Client]:
+    def everybody(self) -> list[Place]:
         """A client in every place; one out of step is passed over, and right when the owner has looked."""
-        found: list[Client] = []
+        found: list[Place] = []
         for _ in range(3):
             with contextlib.suppress(SegmentError):
                 while True:
-                    found.append(Client(SYSTEM, self.instance))
+                    found.append(take_place(SYSTEM, self.instance))
             self.drain()
         return found
 
@@ -274,17 +275,17 @@ def test_a_place_out_of_step_is_put_right_and_used_again(
 ) -> None:
     owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
     for _ in range(3):  # what was put right once can be spoilt again
-        with contextlib.closing(Client(system, "IO1")) as first:
+        with contextlib.closing(take_place(system, "IO1")) as first:
             for _ in range(before):
                 first.send("power_off", (1,))
             for got in owner.drain():
                 got.done()
             hand.words[hand.cursor(which, 0)] = value
         for _ in range(attempts):
-            with contextlib.closing(Client(system, "IO1")):
+            with contextlib.closing(take_place(system, "IO1")):
                 pass
         assert [got for _ in range(5) for got in owner.drain()] == []
-        with contextlib.closing(Client(system, "IO1")) as heir:
+        with contextlib.closing(take_place(system, "IO1")) as heir:
             assert heir._sent == hand.cursor("sent", 0)
             number = heir.send("power_off", (2,), "heir")
             (got,) = owner.drain()
@@ -302,7 +303,7 @@ def test_a_place_that_looks_full_is_passed_over(system: str) -> None:
     assert list(owner.drain()) == []
     hand.words[hand.cursor("taken", 0)] = m.COMMANDS_DEPTH
     for place in (1, 0):
-        with contextlib.closing(Client(system, "IO1")) as client:
+        with contextlib.closing(take_place(system, "IO1")) as client:
             assert client._sent == hand.cursor("sent", place)
             number = client.send("power_off", (), "now")
             assert [got.id for got in owner.drain() if got.text == "now"] == [number]
@@ -315,10 +316,10 @@ def test_a_place_that_looks_full_is_passed_over(system: str) -> None:
 
 def test_what_a_dead_client_filled_its_place_with_is_run(system: str) -> None:
     owner = Mailbox(system, "IO1", "io")
-    with contextlib.closing(Client(system, "IO1")) as client:
+    with contextlib.closing(take_place(system, "IO1")) as client:
         for i in range(m.COMMANDS_DEPTH):
             client.send("power_off", (i,))
-    with contextlib.closing(Client(system, "IO1")) as heir:
+    with contextlib.closing(take_place(system, "IO1")) as heir:
         heir.send("power_off", (-1,))
         got = [int(c.values[0]) for _ in range(5) for c in owner.drain()]
     assert sorted(got) == [-1, *range(m.COMMANDS_DEPTH)]
@@ -329,10 +330,10 @@ def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
     owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
     for garbage in (1, 5, 1, 7):
         hand.words[hand.cursor("taken", 0)] = garbage
-        with contextlib.closing(Client(system, "IO1")) as elsewhere:
+        with contextlib.closing(take_place(system, "IO1")) as elsewhere:
             assert elsewhere._sent == hand.cursor("sent", 1)
         assert list(owner.drain()) == []
-        with contextlib.closing(Client(system, "IO1")) as here:
+        with contextlib.closing(take_place(system, "IO1")) as here:
             assert here._sent == hand.cursor("sent", 0)
     assert owner.resets == 4
     owner.close()
@@ -341,7 +342,7 @@ def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
 
 @pytest.mark.parametrize("forged", [1, 7, m.COMMANDS_DEPTH])
 def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
     for _ in range(2 * m.COMMANDS_DEPTH):
         client.send("power_off", (1,))
         for got in owner.drain():
@@ -359,7 +360,7 @@ def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged
 
 @pytest.mark.parametrize("before", [0, 1, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 2 * m.REPLIES_DEPTH])
 def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
     for _ in range(before):
         client.send("power_off")
         for got in owner.drain():
@@ -383,7 +384,7 @@ def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -
 
 @pytest.mark.parametrize("waiting", [0, 3])
 def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), Client(system, "IO1")
+    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
     fatal = client.send("power_off", (1,), "fatal")
     (got,) = owner.drain()  # N3 is done, N4 is not
     assert got.id == fatal

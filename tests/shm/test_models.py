@@ -36,10 +36,13 @@ RIGHT = [
     ("mailbox", "CLIENTS=1 OWNERS=3"),
     ("mailbox", "ACCEPTS COMMANDS=2"),
     ("mailbox", "CLIENTS=1 OWNERS=3 ACCEPTS COMMANDS=2 SIZE=5"),
+    ("mailbox", "STOPS COMMANDS=2"),
+    ("mailbox", "STOPS CLIENTS=1 OWNERS=1"),
     ("doorbell", ""),
     ("doorbell", "UNHEARD=2"),
     ("doorbell", "LIVES=3"),
 ]
+TWICE_SENT, UNHEARD = "(issued[(count+1)]==0)", "( !(mine)||(begun>=(replied[mine]+"
 TORN, OTHER = "(first==second)", "(first==issued["
 HEAD = "((memory[0]==0)||"
 UNANSWERED, TWICE, REPLY = "((outcome[number]>1)", "( !(outcome[to])", "((body==((8*id)+outcome[id]))"
@@ -66,6 +69,10 @@ MUTANTS = [  # what is wrong in them, and the check that must find it
     ("mailbox", "NO_V1 CLIENTS=1", TWICE),
     ("mailbox", "NO_V2 CLIENTS=1", UNANSWERED),
     ("mailbox", "V2_HALF CLIENTS=1", UNANSWERED),  # a reply cut short is taken for an answer
+    ("mailbox", "NO_L1 STOPS CLIENTS=1", TWICE_SENT),
+    ("mailbox", "L2_FIRST STOPS CLIENTS=1", TWICE_SENT),  # the cursors of before somebody else was there
+    ("mailbox", "L3_FIRST STOPS CLIENTS=1", TWICE_SENT),
+    ("mailbox", "SEEN_LATE STOPS CLIENTS=1", UNHEARD),  # the answer was there already
     ("mailbox", "V2_TAKEN CLIENTS=1 ACCEPTS COMMANDS=2", UNANSWERED),  # what was under way is forgotten
     ("doorbell", "NO_D2", ASLEEP),
     ("doorbell", "NO_E2", ASLEEP),
@@ -173,4 +180,4 @@ def test_every_mutant_of_a_model_is_tried(model: str) -> None:
     switches = steps(text, r"^#if.*?(\w+)\)?$") | steps(text, r"^#if !defined\((\w+)\)")
     settings = steps(text, r"^#ifndef (\w+).*\n#define \1 ")
     tried = {macros.split()[0] for name, macros, _ in MUTANTS if name == model}
-    assert switches - settings - {"MIXED", "ACCEPTS"} == tried
+    assert switches - settings - {"MIXED", "ACCEPTS", "STOPS"} == tried

@@ -14,7 +14,8 @@ from shm.client import Client, LoopClient
 from shm.commands import COMMANDS
 from shm.directory import create_ring, reader, topic_of, writer
 from shm.faults import FaultCell, Faults, create_faults
-from shm.mailbox import Mailbox, create_mailbox
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
 from shm.origins import NOBODY, Origin
 from shm.ring import RingReader
 from tests.conftest import World
@@ -212,4 +213,4 @@ def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends
             if row.moves and not row.needs_person("", (1.0,))}
     assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("external", "hold"),
                     ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
-                    ("boards", "hand_release")}
+                    ("boards", "hand_release"), ("supervisor", "stop")}

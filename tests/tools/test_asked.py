@@ -11,7 +11,8 @@ from shm.audit import Audit
 from shm.client import Client, LoopClient
 from shm.directory import create_ring, topic_of, writer
 from shm.faults import NoFaults
-from shm.mailbox import NOBODYS, Mailbox, create_mailbox
+from shm.mailbox import NOBODYS, Mailbox
+from shm.mailbox_map import create_mailbox
 from shm.origins import Origin
 from tests.conftest import World
 from tools.asked import in_words, rows_of

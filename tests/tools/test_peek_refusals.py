@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from shm.layout import schema_of
-from shm.mailbox import create_mailbox
+from shm.mailbox_map import create_mailbox
 from shm.ring import BUSY, HEAD, attach
 from shm.segment import FIXED, HEAD_AT, TEXT_AT, Segment, SegmentError, path_of
 from tests.shm.headers import rewrite

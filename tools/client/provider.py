@@ -21,7 +21,8 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.events import Events
-from shm.mailbox import COMMANDS_DEPTH, PER_CYCLE, Mailbox
+from shm.mailbox import PER_CYCLE, Mailbox
+from shm.mailbox_map import COMMANDS_DEPTH
 from shm.pulse import Pulse
 from shm.received import Received
 from shm.topics import EXTERNAL_STATE

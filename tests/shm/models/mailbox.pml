@@ -4,6 +4,9 @@
  * A command has two cells, a reply has its id and its body, so that torn ones show. Commands of different lives of the
  * client differ in content. A command is answered before the next one is taken, as our owners do; with ACCEPTS, one at
  * a time may stay under way, accepted, and is done when others have been taken.
+ *
+ * With STOPS it is the place for stops: two who stop keep no place, each has it for as long as it stores a command and
+ * looks for the answer without it. Lock and unlock are full fences.
  */
 
 #ifndef COMMANDS
@@ -24,7 +27,12 @@
 
 #define CLIENT 0
 #define OWNER 1
+#ifdef STOPS
+#define OTHER 2
+#define PROCESSES 3
+#else
 #define PROCESSES 2
+#endif
 #ifndef SIZE
 #define SIZE 2
 #endif
@@ -48,12 +56,18 @@ byte outcome[COMMANDS + 1];     /* the last answer to each command that is out *
 byte accepted[COMMANDS + 1];    /* the reply that said so */
 byte begun;                     /* the last reply whose slot was touched */
 bool quiet;                     /* every command is taken and done, and all stores are out */
+#ifdef STOPS
+byte replied[COMMANDS + 1];     /* the last reply to each command */
+#endif
 
 /* A command is answered once, but for one that was accepted: once more, when it has come to its end. */
 inline answers(command, how) {
     d_step {
         assert(!outcome[command] || (outcome[command] == ACCEPTED && how >= DONE));
         outcome[command] = how;
+#ifdef STOPS
+        replied[command] = begun;
+#endif
         if
         :: how == ACCEPTED -> accepted[command] = begun
         :: else -> accepted[command] = 0
@@ -75,6 +89,97 @@ inline answers(command, how) {
     fi; \
     DIE
 
+#ifdef STOPS
+#define CONTENT (2 * (CLIENTS * (count + 1) + life) + (me == OTHER))
+
+#undef DIE
+#define DIE if :: skip :: me == CLIENT && life + 1 < CLIENTS -> goto killed fi  /* one of them: the other lives on */
+
+bool locked;
+
+proctype stopper(byte me) {
+    byte count, known, seen, life, mine, head, id, body, sequence;
+    bool inside;
+begin:
+    count = 0; known = 0; head = 0; id = 0; body = 0; sequence = 0;
+    DIE;
+    if
+    :: !mine && !quiet && memory[SENT] < COMMANDS -> goto stop
+    :: mine && memory[ANSWERED] != seen -> goto poll
+    :: quiet && (!mine || memory[ANSWERED] == seen) -> goto done
+    fi;
+stop:
+#ifdef L2_FIRST
+    load(me, SENT, count);
+    load(me, TAKEN, known);
+#endif
+#ifndef NO_L1
+    atomic { !locked -> locked = true; inside = true };                             /* L1 */
+#endif
+    DIE;
+#ifndef L2_FIRST
+    load(me, SENT, count);                      /* L2 */
+    load(me, TAKEN, known);
+#endif
+#ifndef SEEN_LATE
+    load(me, ANSWERED, seen);
+#endif
+    if
+    :: count == COMMANDS || count + 1 - known > DEPTH -> goto leave     /* all were sent, or it is full */
+    :: else
+    fi;
+#ifdef L3_FIRST
+    fence(me);
+    locked = false; inside = false;
+#endif
+    STORE_BOTH(me, FIRST(count + 1), CONTENT, SECOND(count + 1), CONTENT);
+    assert(issued[count + 1] == 0);
+    issued[count + 1] = CONTENT;
+    store(me, SENT, count + 1);
+    mine = count + 1;
+#ifdef SEEN_LATE
+    DIE;
+    load(me, ANSWERED, seen);
+#endif
+leave:
+    DIE;
+    fence(me);
+    locked = (inside -> false : locked);                                            /* L3 */
+    inside = false;
+    goto begin;
+poll:
+    load(me, ANSWERED, head);
+    if
+    :: head > seen + DEPTH -> assert(begun >= head); seen = head - DEPTH
+    :: else
+    fi;
+    do
+    :: seen < head ->
+        seen++;
+        load(me, ID(seen), id);
+        load(me, BODY(seen), body);
+        load(me, SEQUENCE(seen), sequence);
+        if
+        :: sequence != seen -> assert(begun >= seen + DEPTH)
+        :: sequence == seen && id == mine ->
+            assert(body == REPLY(id, outcome[id]) || body == REPLY(id, ACCEPTED));
+            mine = (body % 8 == ACCEPTED -> mine : 0)
+        :: sequence == seen && id != mine
+        fi
+    :: else -> goto begin
+    od;
+killed:
+    life++;
+    EMPTY(me);
+    locked = (inside -> false : locked);
+    inside = false; seen = 0; mine = 0;
+    goto begin;
+done:
+    assert(!mine || begun >= replied[mine] + DEPTH)     /* heard, or overwritten before it could be */
+}
+
+init { atomic { run stopper(CLIENT); run stopper(OTHER) } }
+#else
 #define CONTENT (CLIENTS * (count + 1) + life)
 
 active proctype client() {
@@ -152,6 +257,7 @@ killed:
 done:
     skip
 }
+#endif
 
 #undef DIE
 #define DIE KILL(life, OWNERS)

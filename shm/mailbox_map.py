@@ -1,0 +1,153 @@
+"""Where everything lies in a mailbox's segment, and who has which place.
+
+One "slot": cursors (arrays over the places, each cell with one writer), holders, then the queues of all places.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from typing import Any, NamedTuple
+
+from shm.commands import COMMANDS
+from shm.header import SegmentError, readable
+from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
+from shm.origins import PROGRAM_BYTES
+from shm.ring import attach
+from shm.segment import Make, Segment, create, segment_name, start_time
+from shm.topics import COMMAND, REPLY
+
+CLIENTS = 16
+RESERVED = CLIENTS
+"""The place for stops."""
+PLACES = CLIENTS + 1
+COMMANDS_DEPTH = COMMAND.depth
+REPLIES_DEPTH = REPLY.depth
+COMMAND_SCHEMA = schema_of(COMMAND)
+REPLY_SCHEMA = schema_of(REPLY)
+
+# What the rows of the topic table come to; tests compare these with the schemas.
+MAX_VALUES, MAX_TEXT = 64, 64
+COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, program, text, gap, values
+COMMANDS_OF = tuple(struct.Struct(f"<qQQQHH{PROGRAM_BYTES}s{MAX_TEXT}s4x{n}d")  # by number of values
+                    for n in range(MAX_VALUES + 1))
+COMMAND_HEAD = struct.Struct("<qQQQHH")
+PROGRAM_IN_RAW = COMMAND_HEAD.size
+TEXT_IN_RAW = PROGRAM_IN_RAW + PROGRAM_BYTES
+VALUES_IN_RAW = COMMANDS_OF[0].size
+REPLY_BODY = struct.Struct("<QB200s")  # id, outcome, text
+REPLY_START = REPLY_SCHEMA.offset("id")
+REPLY_TEXT = 199
+
+CURSORS = ("sent", "taken", "answered", "place")  # the bytes of "place" are never written: clients lock them
+CURSOR_BYTES = -(-8 * PLACES // LINE) * LINE
+HOLDERS_AT = CURSOR_BYTES * len(CURSORS)
+HOLDER = struct.Struct("<I60s")  # pid, program
+QUEUES_AT = HOLDERS_AT + HOLDER.size * PLACES
+PLACE_BYTES = COMMANDS_DEPTH * COMMAND_SCHEMA.stride + REPLIES_DEPTH * REPLY_SCHEMA.stride
+WHOLE = schema_from_json(
+    b'{"topic":"mailbox","fields":[{"name":"cursors","dtype":"(4,%d)<u8"},{"name":"holders","dtype":"(%d,64)u1"},'
+    b'{"name":"queues","dtype":"(%d,)u1"}]}' % (CURSOR_BYTES // 8, PLACES, PLACES * PLACE_BYTES)
+)
+
+
+class Holder(NamedTuple):
+    """Who has a place, by its own word; pid 0: it does not say."""
+
+    pid: int
+    program: str
+
+    def said(self, person: str = "", places: int = 1) -> str:
+        """In words; `person`: the program of the person that it acts for."""
+        more = [f"pid {self.pid}"] * bool(self.pid) + [f"{places} places"] * (places > 1)
+        name = (self.program or "a program") if self.pid else "a program that does not say its name"
+        through = f"{person} through " if person and not self.program.startswith(person) else ""
+        return through + name + (f" ({', '.join(more)})" if more else "")
+
+
+NAMELESS = Holder(0, "")
+
+
+def create_mailbox(system: str, instance: str, kind: str, make: Make = create) -> int:
+    """Make the mailbox of an instance of `kind`; returns its size."""
+    commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves, "stops": c.stops,
+                 "zero": c.zero == "stops"} for c in COMMANDS.get(kind, ())]
+    info = {"kind": kind, "commands": commands}
+    return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
+
+
+class MailboxMap:
+    """Where the cursors and slots of all places lie: cursors as indices of words, slots as byte offsets."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        """Attach; SegmentError when there is no such mailbox, or it is not one of this program's."""
+        self.instance = instance
+        self.segment = Segment(segment_name(system, instance, "mailbox"), write=True)
+        try:
+            attach(self.segment, "mailbox", WHOLE)
+            self._compare(self.segment.header.info)
+        except BaseException:
+            self.segment.close()
+            raise
+        self.first = self.segment.header.first + 16  # behind the slot's own sequence and stamp
+        self.words = self.segment.words()
+        self.view = self.segment.view
+
+    def _compare(self, info: dict[str, Any]) -> None:
+        """A command travels as its place in the table: refuse another table than ours."""
+        kind, rows = info.get("kind"), info.get("commands")
+        listed = rows if isinstance(rows, list) else []
+        theirs = [row.get("name") if isinstance(row, dict) else None for row in listed]
+        if not isinstance(kind, str) or theirs != [c.name for c in COMMANDS.get(kind, ())]:
+            raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
+                               "same version")
+        self.kind = kind
+
+    def cursor(self, which: str, place: int) -> int:
+        """Index of a cursor in `words`."""
+        return (self.first + CURSORS.index(which) * CURSOR_BYTES) // 8 + place
+
+    def cursors(self, which: str) -> list[int]:
+        """Indices of a cursor of all places."""
+        return [self.cursor(which, place) for place in range(PLACES)]
+
+    @property
+    def locks(self) -> int:
+        """File offset of the lock bytes."""
+        return self.first + CURSORS.index("place") * CURSOR_BYTES
+
+    def commands(self, place: int) -> list[int]:
+        """Offsets of the command slots of a place."""
+        return self._slots(COMMAND_SCHEMA, place, 0, COMMANDS_DEPTH)
+
+    def replies(self, place: int) -> list[int]:
+        """Offsets of the reply slots of a place."""
+        return self._slots(REPLY_SCHEMA, place, COMMANDS_DEPTH * COMMAND_SCHEMA.stride, REPLIES_DEPTH)
+
+    def reply(self, place: int, number: int) -> int:
+        """Offset of the slot of a reply."""
+        slot = number % REPLIES_DEPTH
+        return self._queue(place) + COMMANDS_DEPTH * COMMAND_SCHEMA.stride + slot * REPLY_SCHEMA.stride
+
+    def _queue(self, place: int) -> int:
+        return self.first + QUEUES_AT + place * PLACE_BYTES
+
+    def _slots(self, schema: Schema, place: int, offset: int, depth: int) -> list[int]:
+        start = self._queue(place) + offset
+        return [start + i * schema.stride for i in range(depth)]
+
+    def sign(self, place: int, pid: int, program: str) -> None:
+        """Write down who has a place now."""
+        at = self.first + HOLDERS_AT + place * HOLDER.size
+        HOLDER.pack_into(self.view, at, pid, cut_text(program, 60))
+
+    def holder(self, place: int) -> Holder:
+        """Who signed for a place last."""
+        pid, program = HOLDER.unpack_from(self.view, self.first + HOLDERS_AT + place * HOLDER.size)
+        return Holder(pid, readable(program))
+
+    def holders(self, places: list[int]) -> str:
+        """Who has these places, in words, each once; one that is dead has left its name to somebody without one."""
+        signed = [self.holder(place) for place in places]
+        found = Counter(who if start_time(who.pid) else NAMELESS for who in signed)
+        return ", ".join(who.said(places=count) for who, count in found.items())
