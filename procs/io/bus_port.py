@@ -92,6 +92,11 @@ class BusPort:
         self._link.close()
         self._reader = self._writer = None
 
+    @property
+    def stranger(self) -> str:
+        """ADDRESS:PORT of whoever else than the boards sent the newest datagram that was ignored; empty: nobody has."""
+        return self._link.transport.stranger
+
     def __enter__(self) -> BusPort:
         self.open()
         return self

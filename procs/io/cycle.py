@@ -40,6 +40,7 @@ from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000
+STRANGER_REPEAT_NS: Final = 120_000_000_000
 FADES_NS, FADED_NS = 3_000_000, 10_000_000
 FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
 
@@ -101,6 +102,7 @@ class RobotIo:
         self._lost = False
         self._cycles = 0
         self._timing = Timing(io.name, io.period_s, record, self.reports, self._good_ns)
+        self._strays, self._stranger, self._stranger_ns = 0, "", -STRANGER_REPEAT_NS
         self._bad_by_board = port.counters.board_bad_reads.copy()
         record.calibration_mode[...] = io.calibration_mode
         if io.calibration_mode:
@@ -213,7 +215,10 @@ class RobotIo:
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
         """The rest of the record; the boards have been written already."""
-        record = self.record
+        record, counters = self.record, self._port.counters
+        if counters.stray != self._strays:
+            self._strays = counters.stray
+            self._report_stranger(now_ns)
         if good:
             self.samples.publish()
             self._digital_outputs.poll()
@@ -225,7 +230,14 @@ class RobotIo:
         record.write_ns[...] = self._port.send_ns
         end_ns = self._now_ns()
         record.age_ns[...] = end_ns - self._good_ns
-        self._timing.step(read_ns, end_ns)
+        self._timing.step(read_ns, end_ns, counters.waited_ns)
+
+    def _report_stranger(self, now_ns: int) -> None:
+        """Somebody else than the boards sends to io's socket."""
+        stranger = self._port.stranger
+        if stranger != self._stranger and now_ns - self._stranger_ns >= STRANGER_REPEAT_NS:
+            self._stranger, self._stranger_ns = stranger, now_ns
+            self.reports.warn(faults.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
 
     def farewell(self) -> None:
         """Zero every output: amplifiers and power off, relays open; then the books. On every path out.

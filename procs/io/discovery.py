@@ -204,7 +204,7 @@ class Rescan:
     def __init__(self, link: Link, nodes: dict[int, int]) -> None:
         self._link = link
         self._nodes = nodes
-        self._found: dict[int, int] = {}
+        self.found: dict[int, int] = {}
         self._node = 0
         self.active = False
 
@@ -213,7 +213,7 @@ class Rescan:
         self._link.generation = self._link.seen_generation
         self._link.counters.bus_resets += 1
         self._link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 0)
-        self._found, self._node, self.active = {}, 0, True
+        self.found, self._node, self.active = {}, 0, True
 
     def advance(self) -> bool:
         """Ask further nodes; True when every board has its node again (in the map given at construction)."""
@@ -228,9 +228,9 @@ class Rescan:
             if status is None:
                 silences += 1
             elif registers.board_of(status) in self._nodes:
-                self._found[registers.board_of(status)] = self._node
-            if len(self._found) == len(self._nodes):
-                self._nodes.update(self._found)
+                self.found[registers.board_of(status)] = self._node
+            if len(self.found) == len(self._nodes):
+                self._nodes.update(self.found)
                 self.active = False
                 return True
             self._node = (self._node + 1) % NODES

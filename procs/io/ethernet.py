@@ -17,12 +17,11 @@ from collections.abc import Callable
 from typing import Final
 
 from procs.io.port import PortError
-from procs.io.transport import closed
+from procs.io.transport import RECEIVE_BUFFER_BYTES, closed
 from procs.lib import wire
 
 PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; nothing else wakes us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER
-RECEIVE_BUFFER_BYTES: Final = 1 << 20
 MOST_READ: Final = 976  # bytes: original hosts ask for frames of 1024 bytes at most, because of the firmware
 MOST_WRITE: Final = 984
 NODES: Final = 16
@@ -64,6 +63,7 @@ class EthernetTransport:
     on_firewire = False
     gives_address: int | None = None
     pause_ms = 0
+    stranger = ""
     most_read, most_write = MOST_READ, MOST_WRITE
     send: Callable[[wire.Buffer], object]
     poll: Callable[[int], object]
@@ -119,6 +119,10 @@ class EthernetTransport:
 
     def _closed(self, _: object) -> int:
         raise closed(self.where)
+
+    def forget(self) -> bool:
+        """Frames have nothing that tells a late reply but the label, which comes round again."""
+        return False
 
     def ask_everybody(self) -> int:
         """All boards hear everything."""

@@ -32,6 +32,7 @@ COMMAND_OFFSET: Final = 0xFFFF_FFFF_0000  # and for commands to all
 REGISTERS: Final = 0xFFFF_FFFF_0000  # boards look at the lower 16 bits only; the kernel broadcasts only up there
 LOOK_AGAIN_NS: Final = 100_000_000  # a device appears some time after its board
 FOREIGN: Final = -1
+AGES: Final = 0xFFFF
 NO_ANSWER: Final = 1 << 40  # closures of requests whose outcome we need not know
 
 _REQUEST = struct.Struct(">BBIII")  # flags, generation, q0-q2
@@ -78,6 +79,7 @@ class FirewireTransport:
     on_firewire = True
     gives_address: int | None = None
     pause_ms = 0
+    stranger = ""
     most_read = wire.MAX_DATA
     send: Callable[[wire.Buffer], object]
     poll: Callable[[int], object]
@@ -93,6 +95,7 @@ class FirewireTransport:
         self._descriptors: set[int] = set()
         self._looked_ns = 0
         self._replies: deque[bytes] = deque()
+        self._age = 0  # of requests: replies to those of another are not passed on
         self._data = array("B", bytes(firewire.EVENT_BYTES))
         self._data_at = self._data.buffer_info()[0]
         self.close()
@@ -219,6 +222,12 @@ class FirewireTransport:
     def _closed(self, _: object) -> int:
         raise closed(self.where)
 
+    def forget(self) -> bool:
+        """The kernel says of every reply which request it is to."""
+        self._age = self._age + 1 & AGES
+        self._replies.clear()
+        return True
+
     def ask_everybody(self) -> int:
         """Nobody needs to be asked: the generation of the bus is known."""
         return self._generation & 0xFF
@@ -254,7 +263,8 @@ class FirewireTransport:
             self._drop()
             return
         length = 4 if tcode == wire.QUADLET_READ else int.from_bytes(datagram[14:16], "big")
-        self._request(self._descriptor(node), tcode, address, length, tl << 16 | node << 8 | tcode)
+        self._request(self._descriptor(node), tcode, address, length,
+                      self._age << 24 | tl << 16 | node << 8 | tcode)
 
     def _drop(self) -> None:
         """As a hub answers a read of another generation."""
@@ -320,11 +330,13 @@ class FirewireTransport:
 
     def _answer(self, event: firewire.Response) -> None:
         """A reply as it would have come over Ethernet; silence where the node did not answer."""
+        if event.closure >> 24 != self._age:
+            return
         if event.code == firewire.STALE_GENERATION:
             self._drop()
         if event.code != firewire.COMPLETE:
             return
-        tl, node, tcode = event.closure >> 16, event.closure >> 8 & 0xFF, event.closure & 0xFF
+        tl, node, tcode = event.closure >> 16 & 0xFF, event.closure >> 8 & 0xFF, event.closure & 0xFF
         data, trailer = event.data, _TRAILER.pack(0, self._generation & 0xFF)
         if len(data) != 4 if tcode == wire.QUADLET_READ else len(data) > wire.MAX_DATA:
             return  # no answer to what we asked

@@ -57,6 +57,7 @@ class Counters:
     dropped: int = 0  # reads that the hub dropped: bus in reset, other generation
     stray: int = 0  # datagrams thrown away: late, doubled or broken
     bus_resets: int = 0
+    waited_ns: int = 0  # for replies that did not come
     board_bad_reads: NDArray[np.int64] = field(init=False)
     board_timeouts: NDArray[np.int64] = field(init=False)
     board_sequence_errors: NDArray[np.int64] = field(init=False)
@@ -69,7 +70,7 @@ class Counters:
     def clear(self) -> None:
         """All counts back to 0, arrays in place."""
         self.reads = self.writes = self.bad_reads = self.bad_writes = self.timeouts = 0
-        self.sequence_errors = self.dropped = self.stray = self.bus_resets = 0
+        self.sequence_errors = self.dropped = self.stray = self.bus_resets = self.waited_ns = 0
         for counts in (self.board_bad_reads, self.board_timeouts, self.board_sequence_errors):
             counts.fill(0)
 
@@ -93,6 +94,10 @@ class Port(Protocol):
     send_ns: int
     """When the last write left."""
     counters: Counters
+
+    @property
+    def stranger(self) -> str:
+        """ADDRESS:PORT of whoever else than the boards sent the newest datagram that was ignored; empty: nobody has."""
 
     def open(self) -> None:
         """Take the means of transport; PortError when that fails."""

@@ -43,8 +43,20 @@ class Bus:
     """What every reader does first: find the nodes again when the bus generation changed."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
-        self._link = link
+        self._link, self._rows = link, rows
         self._rescan = Rescan(link, rows.nodes)
+
+    @property
+    def is_lost(self) -> bool:
+        """The map of nodes is not up to date."""
+        return self._rescan.active
+
+    def blame(self) -> bool:
+        """Note which boards were not found again so far. Always False."""
+        rows = self._rows
+        rows.bad[...] = [board not in self._rescan.found for board in rows.board_ids]
+        self._link.counters.board_bad_reads += rows.bad
+        return False
 
     def settled(self) -> bool:
         """True when the map of nodes is up to date."""
@@ -59,7 +71,7 @@ class QueryRead:
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows, self._bus = link, rows, Bus(link, rows)
-        self._blocks, self._sequence = HubBlocks(link, rows), 0
+        self._blocks = HubBlocks(link, rows)
         self._time_mask = rows.layouts[-1].time_mask
         self._least_wait_ns = QUERY_WAIT_NS * len(rows.board_ids)
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
@@ -71,14 +83,12 @@ class QueryRead:
         """Query all boards."""
         link = self._link
         self._asked, self._sent = True, False
-        if not self._bus.settled():
+        if not self._bus.settled() or not link.ready():
             return
-        if link.suspect:
-            link.drain()
         self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
         if (link.generation, hub_node) != self._made_for:
             self._prepare(hub_node)
-        self._sequence = sequence = self._sequence % 0xFFFF + 1
+        sequence = link.next_sequence()
         query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
                             sequence << 16 | self._blocks.mask_of_boards)
         self._sent = link.send(self._control + query + wire.crc_bytes(query))
@@ -93,13 +103,14 @@ class QueryRead:
         self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
         while now_ns() < ready_ns:
             pass
+        if not self._sent:
+            return self._bus.blame() if self._bus.is_lost else found.blame_all()
         tl = link.next_tl()
-        if not self._sent or not link.send(self._reads[tl]):
-            return found.blame_all(hub)
+        if not link.send(self._reads[tl]):
+            return found.blame_all()
         size = link.receive(tl, link.cycle_timeout_ms)
         if found.source(size) != self._hub_node:
-            link.counters.stray += size > 0
-            return found.blame_all(hub, silent=size == TIMED_OUT)
+            return found.blame_reply(size, hub)
         if not found.are_there():
             return found.blame()
         found.take()
@@ -139,38 +150,39 @@ class SequentialRead:
 
     def read(self) -> bool:
         """Sample board after board."""
-        rows = self._rows
+        rows, counters = self._rows, self._link.counters
         if not self._bus.settled():
-            rows.bad[...] = True
-            self._link.counters.board_bad_reads += 1
-            return False
+            return self._bus.blame()
+        dropped = counters.dropped
         for row, board in enumerate(rows.board_ids):
             if not self._read_board(row, rows.nodes[board]):
                 rows.bad[...] = False
                 rows.bad[row] = True
-                self._link.counters.board_bad_reads[row] += 1
+                counters.board_bad_reads[row] += counters.dropped == dropped  # else it was the bus
                 return False
         self._unpack.run()
         return True
 
     def _read_board(self, row: int, node: int) -> bool:
         link, quads = self._link, self._quads[row]
-        if link.suspect:
-            link.drain()
+        if not link.ready():
+            return False
         tl = link.next_tl()
         if not link.send(wire.block_read(node, registers.REAL_TIME, 4 * quads, tl, link.generation, link.flags)):
             return False
         size = link.receive(tl, link.cycle_timeout_ms)
-        if size != 4 * quads + wire.BLOCK_OVERHEAD_BYTES:
-            link.counters.board_timeouts[row] += size == 0
+        if size <= 0:
+            link.counters.board_timeouts[row] += size == TIMED_OUT
             return False
         label, source, length = REPLY.unpack_from(link.rx)
-        if label & TCODE_BITS != wire.BLOCK_RESPONSE << 4 or source >> 16 & 0x3F != node or length != 4 * quads:
-            link.counters.stray += 1
-            return False
         at = self._starts[row]
         self._sample[at : at + quads] = link.rx_quads[DATA_AT : DATA_AT + quads]
-        return int(self._sample[at + blocks.STATUS]) & self._board_mask == self._statuses[row]
+        if (size == 4 * quads + wire.BLOCK_OVERHEAD_BYTES and label & TCODE_BITS == wire.BLOCK_RESPONSE << 4
+                and source >> 16 & 0x3F == node and length == 4 * quads
+                and int(self._sample[at + blocks.STATUS]) & self._board_mask == self._statuses[row]):
+            return True
+        link.doubt()
+        return False
 
 
 class Groups:

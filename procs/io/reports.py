@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import faults
 from procs.lib.faults import Fault
 
 
@@ -56,9 +57,10 @@ class Reports:
         self.events.append(Event("status", text, component=component, axis=axis))
 
     def warn(self, fault: Fault, component: str, axis: int = -1, value: float = math.nan,
-             limit: float = math.nan) -> None:
-        """A warning of the fault table; nothing is switched off."""
-        self.events.append(Event("warning", f"{fault.text}; {fault.hint}", fault.code, component, axis, value, limit))
+             limit: float = math.nan, sender: str = "") -> None:
+        """A warning of the fault table, in whose text `sender` takes its place; nothing is switched off."""
+        text = f"{fault.text.replace(faults.SENDER, sender)}; {fault.hint}"
+        self.events.append(Event("warning", text, fault.code, component, axis, value, limit))
 
     def trip(self, fault: Fault, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
              detail: str = "") -> None:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.link import Link
+from procs.io.link import DROPPED, TIMED_OUT, Link
 from procs.io.port import Quads
 from procs.lib import blocks, registers, wire
 
@@ -147,13 +147,26 @@ class HubBlocks:
         counters.board_sequence_errors += wrong[:, 0]
         if wrong[:, 0].any():
             counters.sequence_errors += 1
+        if wrong[:, 0].all():  # the reply to an earlier read
+            self._link.doubt()
+        self._link.suspect = True
         return False
 
-    def blame_all(self, hub: int, *, silent: bool = False) -> bool:
-        """No block came; board `hub` is the one that should have sent them. Always False."""
-        rows, counters = self._rows, self._link.counters
+    def blame_all(self) -> bool:
+        """No board was asked. Always False."""
+        self._rows.bad[...] = True
+        self._link.counters.board_bad_reads += 1
+        return False
+
+    def blame_reply(self, size: int, hub: int) -> bool:
+        """Something of this size came that was no blocks, or nothing: from board `hub`, if any. Always False."""
+        rows, link = self._rows, self._link
         rows.bad[...] = True
-        counters.board_bad_reads += 1
-        if silent and hub in rows.board_ids:
-            counters.board_timeouts[rows.board_ids.index(hub)] += 1
+        if size > 0:
+            link.counters.stray += 1
+            link.doubt()
+        if size != DROPPED:  # else it was the bus
+            link.counters.board_bad_reads += 1
+        if size == TIMED_OUT and hub in rows.board_ids:
+            link.counters.board_timeouts[rows.board_ids.index(hub)] += 1
         return False

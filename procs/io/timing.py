@@ -1,4 +1,7 @@
-"""Whether the loop keeps its period: once a second, over the cycles of that second."""
+"""Whether the loop keeps its period: once a second, over the cycles of that second.
+
+The time that io waits in vain for replies is not counted: what the boards do not send is not the computer's fault.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +24,20 @@ class Timing:
         self._name, self._period_s, self._record, self._reports = name, period_s, record, reports
         self._start_ns = self._since_ns = now_ns
         self._warned_ns = now_ns - REPEAT_NS
-        self._cycles = self._work_ns = 0
+        self._cycles = self._work_ns = self._waited_ns = 0
 
-    def step(self, begin_ns: int, end_ns: int) -> None:
-        """A cycle is over, that began and ended then."""
+    def step(self, begin_ns: int, end_ns: int, waited_ns: int = 0) -> None:
+        """A cycle is over, that began and ended then; `waited_ns` in all were spent so far for replies not to come."""
         self._cycles += 1
         self._work_ns += end_ns - begin_ns
         if end_ns - self._since_ns >= INTERVAL_NS:
-            self._judge(end_ns)
+            self._judge(end_ns, waited_ns)
 
-    def _judge(self, now_ns: int) -> None:
-        period_s = (now_ns - self._since_ns) * 1e-9 / self._cycles
-        work_s = self._work_ns * 1e-9 / self._cycles
-        self._since_ns, self._cycles, self._work_ns = now_ns, 0, 0
+    def _judge(self, now_ns: int, waited_ns: int) -> None:
+        in_vain_ns = waited_ns - self._waited_ns
+        period_s = (now_ns - self._since_ns - in_vain_ns) * 1e-9 / self._cycles
+        work_s = (self._work_ns - in_vain_ns) * 1e-9 / self._cycles
+        self._since_ns, self._cycles, self._work_ns, self._waited_ns = now_ns, 0, 0, waited_ns
         if now_ns - self._start_ns < START_NS:
             return
         if period_s > RATIO * self._period_s:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 from procs.io.port import PortError
 from procs.lib import wire
+
+RECEIVE_BUFFER_BYTES: Final = 1 << 20  # asked for; the kernel doubles it
+LEAST_QUEUED_BYTES: Final = 512  # what it counts for any datagram, at least
+MOST_QUEUED: Final = 2 * RECEIVE_BUFFER_BYTES // LEAST_QUEUED_BYTES  # datagrams that a socket may hold
 
 
 class Transport(Protocol):
@@ -30,12 +34,17 @@ class Transport(Protocol):
     """Wait so many ms at most; true: there is something to receive."""
     recv_into: Callable[[memoryview], int]
     """One reply, and its size; 0: what came was none. OSError as for sockets."""
+    stranger: str
+    """Who sent the newest datagram that was refused because it is not from the boards; empty: nobody has."""
 
     def open(self) -> None:
         """Take what is needed; PortError when that fails."""
 
     def close(self) -> None:
         """Give it back; harmless when there is nothing."""
+
+    def forget(self) -> bool:
+        """From now on no reply to an earlier request is received. False: that cannot be promised."""
 
     def ask_everybody(self) -> int:
         """From now on requests to all reach whoever is there, before anything is known of them.

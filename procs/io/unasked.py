@@ -21,21 +21,21 @@ class UnaskedRead:
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._blocks = link, HubBlocks(link, rows)
         self._row_of = {board: row for row, board in enumerate(rows.board_ids)}
-        self._hub, self._sequence, self._tl = rows.hub, 0, 0
+        self._hub, self._tl = rows.hub, 0
         self._asked = self._sent = False
 
     def ask(self) -> None:
         """Query all boards."""
         link = self._link
-        if link.suspect:
-            link.drain()
-        self._sequence = sequence = self._sequence % 0xFFFF + 1
+        self._asked, self._sent = True, False
+        if not link.ready():
+            return
+        sequence = link.next_sequence()
         self._tl = tl = link.next_tl()
         value = sequence << 16 | self._blocks.mask_of_boards
         self._sent = link.send(wire.quadlet_write(wire.BROADCAST, registers.QUERY, value, tl, link.generation,
                                                   link.flags))
         self._blocks.expect(sequence)
-        self._asked = True
 
     def read(self) -> bool:
         """Sample every board."""
@@ -44,7 +44,7 @@ class UnaskedRead:
             self.ask()
         self._asked = False
         if not self._sent:
-            return found.blame_all(self._hub)
+            return found.blame_all()
         patience_ms = max(1, link.cycle_timeout_ms // 2)
         size = link.receive(self._tl, patience_ms)
         if size == TIMED_OUT:
@@ -53,8 +53,7 @@ class UnaskedRead:
             size = link.receive(tl, patience_ms)
         source = found.source(size)
         if source not in self._row_of:
-            link.counters.stray += size > 0
-            return found.blame_all(self._hub, silent=size == TIMED_OUT)
+            return found.blame_reply(size, self._hub)
         self._hub = source
         if not found.are_there() and not (self._find_order() and found.are_there()):
             return found.blame()

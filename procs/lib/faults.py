@@ -16,6 +16,8 @@ STOP: Final = 1  # joint controller off, zero current
 POWER_OFF: Final = 2  # and amplifiers and motor power off
 CUT: Final = 3  # and the safety relays opened
 
+SENDER: Final = "ADDRESS:PORT"  # in the text of a row: who it was
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -34,7 +36,7 @@ BAD_READS: Final = Fault(
     "check the cable and the controllers' supply, then power on and home")
 READ_MISSED: Final = Fault(
     2, "READ_MISSED", WARNING, NOTHING, "a read of the controllers failed; the last output is kept",
-    "once in a while is harmless; often means a bad cable or a busy computer")
+    "once in a while is harmless; often means a bad cable, or a controller in trouble")
 CURRENT: Final = Fault(
     3, "CURRENT", ERROR, POWER_OFF, "measured motor current above its limit for more than 100 cycles",
     "look for a blocked joint or a wrong current calibration")
@@ -102,6 +104,9 @@ PERIOD: Final = Fault(
 PERIOD_LONG: Final = Fault(
     25, "PERIOD_LONG", WARNING, NOTHING, "an I/O cycle works longer than its period on average over a second",
     "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s")
+FOREIGN_DATAGRAMS: Final = Fault(
+    26, "foreign-datagrams", WARNING, NOTHING, f"datagrams from {SENDER} are ignored: no controller is there",
+    "find the program that sends them; on a network of their own nobody else reaches io or the controllers")
 TASK_OVER_BUDGET: Final = Fault(
     31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
@@ -113,7 +118,7 @@ FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
     BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, CALIBRATION_MODE,
-    CALIBRATION_MOTORS, PERIOD, PERIOD_LONG, TASK_OVER_BUDGET, TASK_FAILED,
+    CALIBRATION_MOTORS, PERIOD, PERIOD_LONG, FOREIGN_DATAGRAMS, TASK_OVER_BUDGET, TASK_FAILED,
 )
 
 

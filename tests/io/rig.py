@@ -28,6 +28,7 @@ class Direct:
 
     where, on_firewire, gives_address, pause_ms = "in this process", False, registers.ip_quadlet("127.0.0.1"), 0
     most_read = most_write = wire.MAX_DATA
+    stranger = ""
 
     def __init__(self, world: Emulation, bus: int, clock: Clock) -> None:
         self._world, self._bus, self._clock = world, bus, clock
@@ -41,6 +42,10 @@ class Direct:
         self._replies.clear()
 
     def close(self) -> None: ...
+
+    def forget(self) -> bool:
+        self._replies.clear()
+        return True
 
     def ask_everybody(self) -> int:
         self._by_board = False

@@ -86,7 +86,7 @@ class FakePort:
         self.out = np.zeros((n, 5), dtype=np.uint32)
         self.hardware, self.columns = ("QLA1",) * n, blocks.Columns(4)
         self.live = np.zeros((n, 32), dtype=np.uint32)
-        self.counters = Counters(n)
+        self.counters, self.stranger = Counters(n), ""
         self.recv_ns = self.send_ns = 0
         self.now_ns = Clock()
         self.good = True

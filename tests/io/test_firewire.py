@@ -134,6 +134,18 @@ def test_a_reset_between_request_and_answer_is_noticed():
         assert port.counters.bus_resets >= 1
 
 
+def test_replies_to_what_was_asked_before_reach_nobody():
+    with FakeFirewire() as fake, fake.port() as port:
+        port.discover()
+        link, node = port._link, port.info(fake.ids[0]).node
+        for times in (1, 2):
+            assert link.send(wire.quadlet_read(node, registers.STATUS, 5, link.generation))
+            assert times == 1 or link.transport.poll(100)
+            assert link.transport.forget()
+            assert not link.transport.poll(20), "neither one that waits nor one that is still to be fetched"
+        assert link.read_quadlet(node, registers.HARDWARE_ID) == registers.QLA1
+
+
 def test_the_card_sends_no_cycle_starts():
     with FakeFirewire() as fake:
         asked = []

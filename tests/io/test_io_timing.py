@@ -68,6 +68,20 @@ def test_long_work_is_warned_of_every_two_minutes() -> None:
     assert len(loop.reports.events) == 2 and loop.trips == []
 
 
+def test_waiting_in_vain_for_replies_is_not_the_computers_fault() -> None:
+    loop, waited_ns = Loop(), 0
+    for _ in range(round(15.0 * SECOND / 2_666_667)):
+        loop.now_ns += 2_666_667
+        waited_ns += 2_000_000
+        loop.timing.step(loop.now_ns - 2_200_000, loop.now_ns, waited_ns)
+    assert loop.trips == [] and loop.reports.events == []
+    for _ in range(round(1.5 * SECOND / 4_000_000)):
+        loop.now_ns += 4_000_000
+        waited_ns += 2_000_000
+        loop.timing.step(loop.now_ns - 3_500_000, loop.now_ns, waited_ns)
+    assert set(loop.trips) == {("PERIOD", 1)}, "but what comes on top of it is"
+
+
 def test_a_powered_robot_is_stopped_and_can_be_brought_back() -> None:
     stand = Stand()
     stand.control()

@@ -13,6 +13,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from shm import directory
+from shm.ring import RingReader
 from shm.segment import names_of, segment_name, unlink
 from tests.system.robot import Robot
 
@@ -73,3 +75,17 @@ def demo(running_demo: Robot) -> Robot:
 def robot(robots: Callable[[], Robot]) -> Robot:
     """One system."""
     return robots()
+
+
+@pytest.fixture
+def records() -> Iterator[Callable[[Robot, str, str], RingReader]]:
+    """Readers of a system's records, given back at the end."""
+    made: list[RingReader] = []
+
+    def read(robot: Robot, instance: str, topic: str) -> RingReader:
+        made.append(directory.reader(robot.name, instance, topic))
+        return made[-1]
+
+    yield read
+    for reader in made:
+        reader.close()

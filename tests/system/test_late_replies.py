@@ -1,0 +1,54 @@
+"""A bus on which replies come late, or not at all: io is not deceived, goes on, and blames whose fault it is."""
+
+from __future__ import annotations
+
+import pytest
+
+from shm.clock import monotonic_ns
+from shm.ring import RingReader
+from tests.system.robot import Robot, wait_for
+from tests.system.samples import Records, is_well, newest, stop_boards
+
+pytestmark = pytest.mark.slow
+
+JUDGED_S = 11.0  # io looks at its period 10 s after its start
+
+
+def test_boards_that_stood_still_are_heard_again(demo: Robot, records: Records) -> None:
+    """However far behind their replies are by then; io itself goes on all the time."""
+    state, io = records(demo, "IO1", "state"), demo.pid("IO1")
+    for seconds in (0.15, 0.3, 0.8):
+        stop_boards(demo, seconds, [state])
+    assert demo.pid("IO1") == io and newest(state, "bad_reads") > 10
+
+
+def reported(events: RingReader, since_ns: int) -> list[tuple[str, str]]:
+    """Codes and texts of what io has reported."""
+    return [(bytes(row["code"]).rstrip(b"\0").decode(), bytes(row["text"]).rstrip(b"\0").decode())
+            for row in events.since(since_ns)]
+
+
+def test_missing_replies_are_not_called_a_slow_computer(demo: Robot, records: Records) -> None:
+    state, events = records(demo, "IO1", "state"), records(demo, "IO1", "events")
+    demo.trocar("power-on")
+    cycles = JUDGED_S * 1e9 / demo.cell("IO1", "period_ns")
+    wait_for(lambda: newest(state, "cycle") > cycles, 30, "io judges its period")
+    bad, begun_ns = newest(state, "bad_reads"), monotonic_ns()
+    demo.trocar("send", "boards", "reply_rate", "lost", "0.4", "IO1")
+    wait_for(lambda: monotonic_ns() - begun_ns > 4_000_000_000, 10, "3 s of it")
+    demo.trocar("send", "boards", "no_mishaps")
+    assert newest(state, "bad_reads") - bad > 500
+    assert not {"PERIOD", "PERIOD_LONG"} & {code for code, _ in reported(events, begun_ns)}
+
+
+def test_a_board_that_is_gone_is_blamed_alone(demo: Robot, records: Records) -> None:
+    state, events = records(demo, "IO1", "state"), records(demo, "IO1", "events")
+    demo.trocar("power-on")
+    begun_ns = monotonic_ns()
+    demo.trocar("send", "boards", "board_gone", "7", "1", "IO1")
+    wait_for(lambda: any(code == "BAD_READS" for code, _ in reported(events, begun_ns)), 10, "io says so")
+    (text,) = [text for code, text in reported(events, begun_ns) if code == "BAD_READS"]
+    assert "(board 7)" in text
+    demo.trocar("send", "boards", "board_gone", "7", "0", "IO1")
+    back_ns = monotonic_ns()
+    wait_for(lambda: is_well(state, back_ns), 10, "good samples of both boards")
