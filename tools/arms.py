@@ -1,6 +1,6 @@
 """Arms brought to a state through their `state_command`, several at a time: enabled, homed or disabled.
 
-Faulty arms are disabled first. Everything is judged by the arms' own state records.
+Faulty arms are disabled first. Everything is judged by the arms' own state records, and that power is off by io's.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from shm.clock import monotonic_ns, pause
+from tools.amplifiers import Amplifiers
 from tools.errors import Problem, Refused
 from tools.printing import Say
 from tools.remote import Remote
@@ -33,6 +34,7 @@ class Climb:
 
     watch: Watch
     remote: Remote
+    amplifiers: Amplifiers
     goal: str
     limit_s: float
     slow: float = 1.0  # the usual limits times this
@@ -48,7 +50,8 @@ class Climb:
             return
         state, busy = self.watch.state, self.watch.busy
         if self._reached(state, busy):
-            trouble = self.watch.trouble()  # the record of a process that died stands for ever
+            trouble = self.watch.trouble()  # the record of a process that died or hangs stands for ever
+            trouble = trouble or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
             if trouble:
                 self._check_time(now_ns, trouble)
             else:
@@ -114,8 +117,8 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
     slow = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0
     with contextlib.ExitStack() as stack:
         climbs = [
-            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)), goal, limit_s,
-                  slow)
+            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
+                  stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
             for name in names
         ]
         while not all(climb.over for climb in climbs):

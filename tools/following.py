@@ -13,7 +13,7 @@ from shm.clock import boottime_ns, monotonic_ns, pause
 from tools.errors import Problem
 from tools.printing import plain
 from tools.remote import Remote
-from tools.watch import Watch
+from tools.watch import FRESH_S, Watch
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Follower:
         self._now_ns = monotonic_ns()
 
     def collect(self) -> None:
-        """Take in what was measured since; Problem when the arm has left ENABLED."""
+        """Take in what was measured since; Problem when the arm has left ENABLED, or shows nothing any more."""
         reader = self._watch.reader
         fresh = False
         while reader.next():
@@ -82,6 +82,8 @@ class Follower:
         if fresh and reader.stamp_ns and self._watch.state != "ENABLED":  # no stamp: the last one was torn
             why = self._watch.last_error()
             raise Problem(f"{self._watch.name} went to {self._watch.state}" + (f": {why}" if why else ""))
+        if not fresh and self._watch.age_s > FRESH_S:
+            raise Problem(f"{self._watch.name} does not show what it does: {self._watch.trouble()}")
 
     def _compare(self, stamp_ns: int) -> None:
         if stamp_ns >= self._now_ns:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from procs.lib.gains import BY_KEY, GAINS
+from shm.clock import monotonic_ns, pause
 from shm.mailbox_map import MAX_TEXT
 from tools.errors import Misuse, Problem
 from tools.gains import ALL, Present, present
@@ -18,6 +19,8 @@ from tools.printing import emit, note, table
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
 
+CONFIRMED_NS: Final = 1_000_000_000
+POLL_S: Final = 0.01
 MOST_WHO: Final = 12  # letters of who asks
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Robot or arm, e.g. PSM1.")]
@@ -72,7 +75,9 @@ def set_gains(
         reply = remote.settled("set_gains", [place, *(value for _, value in pairs)], text, 5.0)
     if reply.outcome != "done":
         raise Problem(f"{found.robot}: {reply.text or reply.outcome}")
-    for number in range(len(found.names)) if place == ALL else [place]:
+    places = list(range(len(found.names))) if place == ALL else [place]
+    _confirm(name, found.robot, places, pairs)
+    for number in places:
         old = found.row(number)
         if as_json:
             emit({"robot": found.robot, "axis": number, "name": found.names[number],
@@ -81,6 +86,20 @@ def set_gains(
             steps = ", ".join(f"{key} {old[key]:.9g} → {value:.9g}" for key, value in pairs)
             print(f"{found.robot} axis {number} {found.names[number]}: {steps}")
     return 0
+
+
+def _confirm(system: str, robot: str, places: list[int], pairs: list[tuple[str, float]]) -> None:
+    """Make sure that io shows the gains it was asked for; Problem when it does not."""
+    end = monotonic_ns() + CONFIRMED_NS
+    while True:
+        now = present(system, [robot])[0]
+        others = [f"{now.names[place]} {key} {now.row(place)[key]:.9g}" for place in places for key, value in pairs
+                  if now.row(place)[key] != value]
+        if not others:
+            return
+        if monotonic_ns() >= end:
+            raise Problem(f"{robot}: {now.io} answered done, but shows other gains: {', '.join(others)}")
+        pause(POLL_S)
 
 
 def _pair(text: str) -> tuple[str, float]:

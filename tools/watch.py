@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.document import Arm, Tool, from_json
+from procs.lib.document import Arm, System, Tool, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
@@ -16,6 +16,8 @@ from tools.errors import Problem
 from tools.printing import plain
 from tools.systems import instances_of_kind, is_lockstep, unknown
 from tools.topics import writer_gone
+
+FRESH_S = 0.2  # an older record tells nothing of what is now
 
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
@@ -39,8 +41,16 @@ def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]
 def arm_document(system: str, name: str) -> Arm:
     """What the configuration says of an arm; Problem when the system's document does not say it."""
     try:
-        return from_json(directory.document(system)).arm(name)
-    except (ValueError, KeyError) as error:  # what lies there may come from anywhere
+        return document_of(system).arm(name)
+    except KeyError as error:
+        raise Problem(f"system {system}: {error.args[0]}") from None
+
+
+def document_of(system: str) -> System:
+    """What the system was configured with; Problem when that is not readable."""
+    try:
+        return from_json(directory.document(system))
+    except ValueError as error:  # what lies there may come from anywhere
         raise Problem(f"system {system}: {error.args[0]}") from None
 
 
@@ -66,16 +76,15 @@ class Watch:
     @property
     def age_s(self) -> float:
         """Age of the record last read; 0 in lock-step, whose stamps are simulated."""
-        return 0.0 if self._simulated else (monotonic_ns() - self.reader.stamp_ns) * 1e-9
+        return age_of(self.reader, self._simulated)
 
     def look(self) -> bool:
         """Read the newest record; False when there is none, or none is whole."""
         return self.reader.newest()
 
     def trouble(self) -> str:
-        """What is wrong with the arm's record: no process writes it any more, or nobody's writing is in it."""
-        said = (writer_gone(self.reader.gone), self.reader.trouble)
-        return "; ".join(part for part in said if part)
+        """What is wrong with the arm's record: no process writes it any more, it is old, nobody's writing is in it."""
+        return trouble_of(self.reader, self._simulated)
 
     def text(self, field: str) -> str:
         """A text field."""
@@ -133,3 +142,16 @@ class Watch:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+
+def age_of(reader: RingReader, simulated: bool) -> float:
+    """Age of the record last read, s; 0 in lock-step, whose stamps are simulated."""
+    return 0.0 if simulated else (monotonic_ns() - reader.stamp_ns) * 1e-9
+
+
+def trouble_of(reader: RingReader, simulated: bool) -> str:
+    """What is wrong with a record that should be of now, in words; empty when all is well."""
+    age_s = age_of(reader, simulated)
+    old = f"its last record is {age_s:.1f} s old" if age_s > FRESH_S else ""
+    return "; ".join(part for part in (writer_gone(reader.gone) or old, reader.trouble) if part)

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 
 import numpy as np
+import pytest
 
 from procs.lib.document import (
     Actuator,
@@ -89,8 +90,8 @@ class Played:
         self.supervisor.publish(monotonic_ns())
 
     def show_arm(self, position: float = 0.1, state: str = "DISABLED", *, valid: bool = True, homed: bool = False,
-                 busy: bool = False, jaw: bool = True) -> None:
-        """One record of the arm, every joint at `position`."""
+                 busy: bool = False, jaw: bool = True, age_s: float = 0.0) -> None:
+        """One record of the arm, so old, every joint at `position`."""
         values = {"valid": valid, "cartesian_valid": valid, "reference_valid": valid, "count": 6,
                   "state": state.encode(), "sub_state": state.encode(), "is_homed": homed,
                   "is_busy": busy, "has_jaw": jaw,
@@ -101,7 +102,7 @@ class Played:
         self.arm.field("position")[:6] = position
         self.arm.field("velocity")[:6] = np.nan
         self.arm.field("measured_cp")[...] = (1, 2, 3, 0, 0, 0, 1)
-        self.arm.publish(monotonic_ns())
+        self.arm.publish(monotonic_ns() - round(age_s * 1e9))
 
     def close(self) -> None:
         """Give everything back and remove the segments."""
@@ -111,6 +112,12 @@ class Played:
             end.close()
         for part in names_of(self.name):
             unlink(segment_name(*part))
+
+
+def nothing_ages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time stands for whoever asks how old a record is, however slow this machine is."""
+    now_ns = monotonic_ns()
+    monkeypatch.setattr("tools.watch.monotonic_ns", lambda: now_ns)
 
 
 @contextlib.contextmanager
@@ -123,4 +130,4 @@ def robot(name: str) -> Iterator[Played]:
         made.close()
 
 
-__all__ = ["JOINTS", "Played", "robot"]
+__all__ = ["JOINTS", "Played", "nothing_ages", "robot"]

@@ -13,8 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from shm import directory
+from shm.clock import monotonic_ns
 from shm.segment import FOLDER, names_of, path_of, segment_name, unlink
-from tests.system.robot import DEMO, Robot
+from tests.system.robot import DEMO, Robot, wait_for
 from tests.system.test_memory import as_root, as_user
 from tools import cli
 from tools.running import running
@@ -25,11 +26,11 @@ FILE = DEMO.parent / "kinematic.yaml"
 
 
 @contextlib.contextmanager
-def up(place: Path) -> Iterator[Robot]:
+def up(place: Path, *options: str) -> Iterator[Robot]:
     """A running system without boards, and its processes."""
     robot = Robot(f"t{os.getpid()}-d{next(COUNTER)}", place)
     try:
-        robot.up(FILE)
+        robot.up(FILE, *options)
         yield robot
     finally:  # whatever is left; the test has failed then
         for process in running(robot.name):
@@ -85,9 +86,14 @@ def test_a_supervisor_that_cannot_be_asked_is_ended_by_a_signal(tmp_path: Path) 
         assert is_down(robot)
 
 
-def test_a_supervisor_that_hangs_is_woken_to_end(tmp_path: Path) -> None:
-    with up(tmp_path) as robot:
-        os.kill(robot.pid("supervisor"), signal.SIGSTOP)
+def test_who_hangs_is_not_taken_for_off_and_is_woken_to_end(tmp_path: Path) -> None:
+    with up(tmp_path, "--set", "supervisor_lost_s=60") as robot:
+        for instance in ("supervisor", "PSM1"):
+            os.kill(robot.pid(instance), signal.SIGSTOP)
+        state = directory.reader(robot.name, "PSM1", "state")
+        wait_for(lambda: state.newest() and monotonic_ns() - state.stamp_ns > 300_000_000, 10.0, "an old record")
+        state.close()
+        assert "its last record is" in robot.trocar("power-off", "--timeout", "0.2", "--system", robot.name, code=1)
         too_soon = robot.trocar("down", "--timeout", "0.5", "--system", robot.name, code=1)
         assert f"is not down after 0.5 s: supervisor (pid {robot.pid('supervisor')})" in too_soon
         assert "segments in shared memory" in too_soon

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,8 @@ from procs.lib.config.validate import validate
 from procs.lib.document import PidAxis
 from procs.lib.gains import GAINS, changed, value_of
 from shm import directory
-from shm.clock import monotonic_ns
+from shm.clock import monotonic_ns, pause
+from shm.mailbox import Mailbox
 from shm.ring import RingWriter
 from tests.tools.robot import robot
 from tools import cli
@@ -115,7 +118,7 @@ def test_what_cannot_be_saved_is_said_and_leaves_nothing(tmp_path: Path, stock_f
     assert list(tmp_path.iterdir()) == []
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(GAINS), st.floats(allow_nan=False, allow_infinity=False)), max_size=12))
 def test_every_gain_comes_back_to_the_last_digit(
     tmp_path_factory: pytest.TempPathFactory, values: list[tuple[Any, float]]
@@ -170,6 +173,29 @@ def test_show_marks_what_is_not_as_in_the_file(ring: RingWriter) -> None:
 def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], code: int, said: str) -> None:
     done = run(*words)
     assert done.exit_code == code and said in done.stderr
+
+
+@pytest.mark.parametrize("takes", [True, False])
+def test_set_looks_whether_io_has_the_gains(ring: RingWriter, takes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.pid.CONFIRMED_NS", 100_000_000)
+    mailbox = Mailbox(os.environ["TROCAR_SYSTEM"], "IO1", "io")
+
+    def io() -> None:
+        end = monotonic_ns() + 10 * 10**9
+        while not (found := list(mailbox.drain())) and monotonic_ns() < end:
+            pause(0.001)
+        found[0].done()
+        if takes:
+            ring.field("p_gain")[2] = 7.0
+            ring.publish(monotonic_ns())
+
+    thread = threading.Thread(target=io)
+    thread.start()
+    done = run("set", "PSM1", "2", "p_gain=7")
+    thread.join()
+    mailbox.close()
+    assert done.exit_code == (0 if takes else 1), done.output
+    assert ("p_gain 1 → 7" if takes else "IO1 answered done, but shows other gains: insertion p_gain 1") in done.output
 
 
 def test_gains_of_a_dead_io_are_not_taken_for_those_in_use(ring: RingWriter) -> None:

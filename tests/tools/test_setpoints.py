@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tools.robot import Played, robot
+from tests.tools.robot import Played, nothing_ages, robot
 from tools import following
 from tools.errors import Problem
 from tools.following import Follower, HeldUp, beats
@@ -104,7 +104,8 @@ def test_json_knows_no_nan() -> None:
 
 
 @pytest.fixture
-def played(world: Any) -> Iterator[Played]:
+def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 

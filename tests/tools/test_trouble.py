@@ -19,7 +19,7 @@ from shm.clock import monotonic_ns
 from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, path_of, segment_name, unlink
 from shm.topics import SETPOINT
-from tests.tools.robot import Played, robot
+from tests.tools.robot import Played, nothing_ages, robot
 from tools import bench_io, cli
 from tools.echo import _said
 from tools.errors import Problem
@@ -37,6 +37,7 @@ SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
 def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
     monkeypatch.setattr("tools.listing.pause", lambda seconds: None)  # no figure here depends on time
     monkeypatch.setattr("tools.processes.pause", lambda seconds: None)
+    nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
@@ -231,6 +232,7 @@ def test_verbs_that_do_not_need_it_do_without_a_spoilt_ring(played: Played, ring
     assert run(played, "attach", "--once").exit_code == 0
     assert run(played, "list").exit_code == 0
     if ring != "PSM1/events":
+        played.show_arm(state="ENABLED", homed=True)
         assert run(played, "home", "--timeout", "0.1").exit_code == 0
 
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
-from tests.tools.robot import JOINTS, Played, robot
+from tests.tools.robot import JOINTS, Played, nothing_ages, robot
 from tools import cli
 from tools.errors import Misuse
 from tools.send import parsed
@@ -25,7 +25,8 @@ APP = cli.build()
 
 
 @pytest.fixture
-def played(world: Any) -> Iterator[Played]:
+def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
@@ -348,6 +349,31 @@ def test_power_off_that_takes_too_long_says_so(played: Played) -> None:
     thread.join()
     assert result.exit_code == 1
     assert "not disabled in time; it is ENABLED" in json.loads(result.stdout)["problem"]
+
+
+@pytest.mark.parametrize(("age_s", "io_age_s", "amp_on", "problem"), [
+    (0.0, 0.0, False, None), (0.0, 0.0, True, "IO1 sees amplifiers that are on"),
+    (0.0, 1.0, False, "IO1: its last record is "), (2.0, 0.0, False, "its last record is "),
+    (0.0, None, False, "IO1 has not shown its state"),
+])
+def test_power_is_off_when_io_sees_it(
+    played: Played, age_s: float, io_age_s: float | None, amp_on: bool, problem: str | None
+) -> None:
+    played.show_arm(state="DISABLED", age_s=age_s)
+    played.io.field("amp_on")[6] = amp_on
+    if io_age_s is not None:
+        played.io.publish(monotonic_ns() - round(io_age_s * 1e9))
+    result = run("power-off", "--timeout", "0.05", "--json", "--system", played.name)
+    assert result.exit_code == (1 if problem else 0)
+    said = json.loads(result.stdout)["problem"]
+    assert said is None if problem is None else problem in said
+
+
+def test_a_homed_arm_that_hangs_is_not_taken_for_homed(played: Played) -> None:
+    played.show_arm(state="ENABLED", homed=True, age_s=1.0)
+    for verb in ("home", "power-on"):
+        result = run(verb, "--timeout", "0.05", "--json", "--system", played.name)
+        assert result.exit_code == 1 and "its last record is " in json.loads(result.stdout)["problem"]
 
 
 def test_home_of_an_unknown_arm_names_those_there_are(played: Played) -> None:
