@@ -26,7 +26,8 @@ def send(
 ) -> int:
     """Send a command and print the answer. Numbers are in rad, m, s, N; text goes to commands that take text.
 
-    Without a command: list what the component can be asked.
+    Without a command: list what the component can be asked. An effort or a wrench that is sent once lasts 0.1 s
+    (arm.effort_timeout_s); zeros last.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
     """

@@ -81,7 +81,7 @@ class Arm(Instance, Joints):
         self._remote.ask("servo_cf", six_numbers(wrench, "a wrench"))
 
     def servo_ci(self, impedance: Impedance) -> None:
-        """Push as springs and dampers about a place and an orientation do, until another command."""
+        """Push as springs and dampers about a place and an orientation do, for `arm.effort_timeout_s` (0.1 s)."""
         self._remote.ask("servo_ci", impedance.numbers())
 
     # joints
@@ -108,7 +108,7 @@ class Arm(Instance, Joints):
         self._remote.ask("servo_jv", numbers(velocity))
 
     def servo_jf(self, effort: ArrayLike) -> None:
-        """Apply joint efforts (n,), N·m and N, until another command."""
+        """Apply joint efforts (n,), N·m and N, for `arm.effort_timeout_s` (0.1 s); zeros until another command."""
         self._remote.ask("servo_jf", numbers(effort))
 
     def hold(self) -> None:

@@ -31,7 +31,10 @@ class Jaw(Joints):
         self._remote.ask("jaw/servo_jp", numbers(position))
 
     def servo_jf(self, effort: ArrayLike) -> None:
-        """Apply this effort (N·m); the rest of the arm goes limp unless it is in effort mode already."""
+        """Apply this effort (N·m) for `arm.effort_timeout_s` (0.1 s), 0 until another command.
+
+        The rest of the arm goes limp unless it is in effort mode already.
+        """
         self._remote.ask("jaw/servo_jf", numbers(effort))
 
     def move_jp(self, position: ArrayLike) -> MoveHandle:

@@ -29,7 +29,7 @@ class Frame:
         return self._record.part(f"{self._name}/jacobian", "data")
 
     def servo_cf(self, wrench: ArrayLike) -> None:
-        """Apply this force and torque (6,), N and N·m, until another command."""
+        """Apply this force and torque (6,), N and N·m, for `arm.effort_timeout_s` (0.1 s); zeros last."""
         self._remote.ask(f"{self._name}/servo_cf", six_numbers(wrench, "a wrench"))
 
 
