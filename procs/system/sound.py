@@ -28,16 +28,19 @@ NOBODY: Final = "none"
 
 
 def tone(duration_s: float, frequency_hz: float, volume: float) -> bytes:
-    """A sine as a WAV file, 16 bit mono."""
-    times = np.arange(max(1, round(duration_s * RATE_HZ))) / RATE_HZ
-    envelope = np.clip(np.minimum(times, times[-1] - times) / FADE_S, 0.0, 1.0)
-    samples = np.sin(2.0 * np.pi * frequency_hz * times) * envelope * volume * 32767.0
+    """A sine as a WAV file, 16 bit mono, of whole Hz: one second of it, repeated, so that a minute is made in a ms."""
+    times = np.arange(RATE_HZ) / RATE_HZ
+    second = np.rint(np.sin(2.0 * np.pi * round(frequency_hz) * times) * volume * 32767.0)
+    samples = np.resize(second.astype(np.int16), max(1, round(duration_s * RATE_HZ)))
+    fade = np.minimum(times / FADE_S, 1.0)[: min(len(samples), round(FADE_S * RATE_HZ))]
+    for edge in (samples[: len(fade)], samples[::-1][: len(fade)]):
+        edge[...] = np.rint(edge * fade)
     file = io.BytesIO()
     with wave.open(file, "wb") as out:
         out.setnchannels(1)
         out.setsampwidth(2)
         out.setframerate(RATE_HZ)
-        out.writeframes(np.rint(samples).astype(np.int16).tobytes())
+        out.writeframes(samples.tobytes())
     return file.getvalue()
 
 
