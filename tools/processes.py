@@ -21,7 +21,7 @@ EXTERNAL = "external"  # a program of somebody else
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
-COUNTS = ("cycles", "missed", "overruns")
+COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
 
@@ -31,7 +31,7 @@ class Life:
     """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well.
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
-    reply to the next write; what it has not measured is absent.
+    reply to the next write; what it has not measured is absent. `pauses`: it was held up and began anew so often.
     Of a program of somebody else `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
     without a robot, and for the process that plays it.
     """
@@ -46,6 +46,7 @@ class Life:
     cycles: int
     missed: int
     overruns: int
+    pauses: int
     restarts: int
     exit_reason: str
     scheduling: str
@@ -122,7 +123,7 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row:
         name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
-        cycles=counts["cycles"], missed=counts["missed"], overruns=counts["overruns"],
+        **counts,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(pulse.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if wall and beat else None,
@@ -172,4 +173,5 @@ def remarks(life: Life) -> str:
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
         parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
+    parts += [f"held up {life.pauses} times"] if life.pauses else []
     return "; ".join(parts + ([f"last ended: {life.exit_reason}"] if life.exit_reason else []))

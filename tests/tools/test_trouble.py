@@ -286,6 +286,12 @@ def test_a_header_may_say_anything_of_its_instance(played: Played, info: dict[st
     assert run(played, "attach", "--once").exit_code == 0
 
 
+def test_status_says_how_often_a_process_was_held_up(played: Played) -> None:
+    played.pulses["PSM1"].field("pauses")[...] = 3
+    life = next(life for life in lives(played.name) if life.name == "PSM1")
+    assert life.pauses == 3 and "held up 3 times" in remarks(life)
+
+
 @settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, 1000), data=st.binary(min_size=1, max_size=1000))
 def test_status_survives_a_scribbled_control_page(played: Played, at: int, data: bytes) -> None:
