@@ -11,11 +11,12 @@ import pytest
 
 import trocar
 from shm.clock import monotonic_ns, pause
-from tests.tools.robot import Played, robot
+from tests.tools.robot import Played, nothing_ages, robot
 
 
 @pytest.fixture
-def played(world: Any) -> Iterator[Played]:
+def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
