@@ -14,6 +14,7 @@ from procs.io import loop as io
 from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.pauses import Pauses, duration
 from procs.runtime import Me
+from procs.suj import loop as suj
 from procs.supervisor.memory import create_all, remove_all
 from procs.system import loop as system
 from procs.teleop import loop as teleop
@@ -167,11 +168,13 @@ def test_a_held_up_process_drops_everything_and_begins_anew(
         part.close()
 
 
-KINDS: dict[str, Callable[[Me], runtime.Loop]] = {
-    "PSM1": arm.Loop, "MTMR": arm.Loop, "MTMR_PSM1": teleop.Loop, "console": console.Loop, "system": system.Loop,
-    "io": io.Loop,
+TELEOP, CART = "kinematic-teleop.yaml", "kinematic-cart.yaml"
+LOOPS: dict[str, tuple[str, Callable[[Me], runtime.Loop]]] = {
+    "PSM1": (TELEOP, arm.Loop), "MTMR": (TELEOP, arm.Loop), "MTMR_PSM1": (TELEOP, teleop.Loop),
+    "console": (TELEOP, console.Loop), "system": (TELEOP, system.Loop), "io": (TELEOP, io.Loop),
+    "SUJ": (CART, suj.Loop),
 }
-TURNS = 17  # of all six: a hundred
+TURNS = 15  # of all seven: a hundred
 
 
 def belongings() -> tuple[int, int]:
@@ -200,16 +203,17 @@ class OneCycle(runtime.Loop):
         self.loop.close()
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", LOOPS)
 def test_pauses_leak_no_file_no_memory_and_no_place_in_a_mailbox(
     memory: Callable[[str, str], Me], clock: Clock, name: str
 ) -> None:
-    me, found = memory("kinematic-teleop.yaml", name), []
+    file, loop = LOOPS[name]
+    me, found = memory(file, name), list[tuple[int, int]]()
     left = iter(range(TURNS))
 
     def make(me: Me) -> runtime.Loop:
         found.append(belongings())
-        return OneCycle(me, KINDS[name], clock, left)
+        return OneCycle(me, loop, clock, left)
 
     runtime.live(me, make)
     assert len(found) == TURNS + 1 and me.pulse.get("pauses") == TURNS

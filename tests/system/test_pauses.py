@@ -21,6 +21,7 @@ NAME = "MTMR_PSM1"
 PAUSE_S = 0.4
 NOTICED_NS = 60_000_000  # io holds, watchdogs have fired, and a busy machine
 STILL_M, STILL_RAD = 1e-5, 0.02
+EFFORT = 3  # control mode
 
 
 class Part:
@@ -147,6 +148,13 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     assert bool(arm.value("is_homed")) and not bool(arm.value("is_busy")) and arm.value("position")[0] < 0.5
     wait_for(lambda: boards.newest() and boards.stamp_ns > stopped_ns + 1_500_000_000, 20, "a while")
     assert went(boards, "position", stopped_ns + 2 * NOTICED_NS, 2) < STILL_RAD, "the robot itself stands still"
+
+    arm.client.send("free")
+    wait_for(lambda: arm.value("control_mode") == EFFORT, 10, "effort mode")
+    stopped_ns = arm.hold_up()
+    assert bool(arm.value("is_homed")) and arm.value("control_mode") != EFFORT
+    wait_for(lambda: boards.newest() and boards.stamp_ns > stopped_ns + 800_000_000, 20, "a while")
+    assert went(boards, "position", stopped_ns + 2 * NOTICED_NS, 2) < STILL_RAD, "io has taken over, the arm holds"
 
     stopped_ns = io.hold_up()
     wait_for(lambda: arm.text("state") == "FAULT", 10, f"FAULT, not {arm.text('state')}")

@@ -53,7 +53,7 @@ def build_processes(
                                      cpu=options.arm.cpu))
     for focus in operation.focuses:
         wired = dict.fromkeys((focus.io, *(pedal.io for pedal in focus.pedals)))
-        rows.append(document.Process(focus.name, "focus", focus.period_s, tuple(wired)))
+        rows.append(document.Process(focus.name, "focus", focus.period_s, tuple(wired), priority=_least(options)))
     rows += _operators(context, rows, operation, options)
     known = [row.name for row in rows]
     for name in options.processes:
@@ -82,13 +82,18 @@ def _operators(
                                        cpu=options.arm.cpu))
     if operation.consoles:
         after = tuple(row.name for row in (*rows, *wanted) if row.kind in ("arm", "suj", "console"))
-        wanted.append(document.Process("system", "system", SYSTEM_PERIOD_S, after))
+        wanted.append(document.Process("system", "system", SYSTEM_PERIOD_S, after, priority=_least(options)))
     for row in wanted:
         if row.kind not in STARTED:
             context.notes.append(f"not started yet: {row.name if row.kind == row.name else f'{row.kind} {row.name}'}")
     started = [row for row in wanted if row.kind in STARTED]
     names = {row.name for row in (*rows, *started)}
     return [dataclasses.replace(row, after=tuple(name for name in row.after if name in names)) for row in started]
+
+
+def _least(options: TrocarSection) -> int:
+    """Below all that move robots, and above the other programs of the machine: those must not hold it up."""
+    return min(options.arm.priority, 1)
 
 
 Row = TypeVar("Row", document.Console, document.TeleopPsm, document.TeleopEcm)
