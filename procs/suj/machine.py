@@ -64,7 +64,7 @@ class Machine:
         """DISABLED; `power` is looked at in each step."""
         self.name, self.state, self.desired = name, State.DISABLED, State.DISABLED
         self._reports, self._power, self._enter = reports, power, enter
-        self._homed = self._began = False
+        self._homed, self._is_beginning = False, False
         self._now_ns = 0
         self._pending: Request | None = None
         self.reason = ""
@@ -88,8 +88,9 @@ class Machine:
         """Begin in `state`: where a predecessor was, or DISABLED. Power is left as it is."""
         self.desired = State.ENABLED if state is State.POWERING else state
         self._homed, self._now_ns = homed, now_ns
+        self._is_beginning = True
         self._set(state)
-        self._began = True
+        self._is_beginning = False
 
     def command(self, request: Request, now_ns: int) -> None:
         """A state_command; each one publishes the operating state before and after it took effect."""
@@ -153,7 +154,7 @@ class Machine:
         self.state = state
         if state is State.POWERING:
             self._power.on(self._now_ns)
-        elif state is not State.ENABLED and self._began:
+        elif state is not State.ENABLED and not self._is_beginning:
             self._power.off()
         self._enter(state)
         self._reports.status(f"{self.name}: {state}", self.name)

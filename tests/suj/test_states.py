@@ -111,3 +111,11 @@ def test_a_newer_word_answers_the_one_under_way() -> None:
     request = bench.say("enable")
     bench.say("disable")
     assert request.answers[-1] == ("failed", "disable was asked for")
+
+
+def test_setup_joints_that_were_never_restarted_are_switched_off_as_well() -> None:
+    power = FakePower()
+    machine = Machine("SUJ", FakeReports(), power, lambda state: None)
+    for word in ("enable", "disable"):
+        machine.command(FakeCommand("state_command", word), 0)
+    assert power.log == ["on", "off"]
