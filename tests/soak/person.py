@@ -18,6 +18,7 @@ from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tests.soak.diary import Asking, Diary
 from tests.soak.system import System
+from tools.amplifiers import Amplifiers
 from tools.arms import DISABLED, HOMED, Climb
 from tools.errors import Problem, Refused
 from tools.hand import Hand, figure_eight
@@ -82,8 +83,8 @@ class Person:
         try:
             with contextlib.ExitStack() as stack:
                 watches = [stack.enter_context(Watch(system, robot)) for robot in robots]
-                climbs = [Climb(watch, stack.enter_context(Commands(system, watch.name, self._diary)), goal, 0.0)
-                          for watch in watches]
+                climbs = [Climb(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
+                                stack.enter_context(Amplifiers(system, watch.name)), goal, 0.0) for watch in watches]
                 while not all(climb.over for climb in climbs):
                     for climb in climbs:
                         if not climb.over:
