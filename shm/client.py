@@ -26,7 +26,7 @@ from shm.origins import NOBODY, Origin, Whose, new_id, program_name
 from shm.place import STOP_TRIES, MailboxFull, Place, Reply, StopPlace
 from shm.segment import path_of, segment_name
 
-__all__ = ["Client", "LoopClient", "MailboxFull", "Reply"]
+__all__ = ["Client", "LoopClient", "MailboxFull", "Reply", "begin"]
 
 KEPT: Final = 1000  # commands of which nobody has heard the end
 STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
@@ -173,6 +173,17 @@ DESKS: Final = Desks()
 os.register_at_fork(after_in_child=DESKS.forked)
 
 
+def begin(system: str) -> Origin:
+    """A person's command that takes several steps, see Client.on_behalf: after a fault none of them is carried out."""
+    faults: Faults | None = None
+    with contextlib.suppress(SegmentError):
+        faults = Faults(system)
+    generation = faults.generation() if faults is not None else 0
+    if faults is not None:
+        faults.close()
+    return Origin(new_id(), generation, program_name())
+
+
 class Client:
     """One handle. Its place is taken with the first command."""
 
@@ -181,6 +192,7 @@ class Client:
         self.instance = instance
         self.origin: Whose = NOBODY
         """Of what was sent last."""
+        self._whole: Whose | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
         """Replies that another handle has fetched for this one."""
@@ -196,6 +208,10 @@ class Client:
     def lost(self) -> int:
         """Replies to any of our handles that were overwritten before they were read."""
         return self._desk.place.lost
+
+    def on_behalf(self, origin: Whose) -> None:
+        """What is sent from now on are steps of this one command of a person, see `begin`."""
+        self.origin = self._whole = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its number, not 0; KeyError: no such command.
@@ -221,6 +237,8 @@ class Client:
 
     def _own_origin(self, streams: bool) -> Whose:
         """A stream is one command of a person: begun before a fault, it must not go on after it."""
+        if self._whole is not None:
+            return self._whole
         if streams:
             now_ns = monotonic_ns()
             under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
@@ -248,7 +266,7 @@ class Client:
 class LoopClient(Client):
     """A handle for loops, of one thread: they ask again for what they want, a full mailbox is no error there.
 
-    It is no person's: what it passes on comes from somebody else's command, see `on_behalf`.
+    It is no person's: what it passes on comes from somebody else's command (`on_behalf`).
     """
 
     def __init__(self, system: str, instance: str, called: str = "", is_over: Callable[[], bool] = bool) -> None:
@@ -264,10 +282,6 @@ class LoopClient(Client):
         except BaseException:
             self.close()
             raise
-
-    def on_behalf(self, origin: Whose) -> None:
-        """What is sent from now on comes from this command of a person."""
-        self.origin = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         """Queue a command, returns its number; 0 when there was no room, or the time for it is over."""

@@ -9,6 +9,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from shm.client import begin
 from shm.clock import monotonic_ns, pause
 from tools.amplifiers import Amplifiers
 from tools.errors import Problem, Refused
@@ -113,14 +114,19 @@ class Climb:
 
 
 def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say) -> dict[str, str]:
-    """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there."""
-    slow = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0
+    """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
+
+    All that it asks of them is one command: no step of it is carried out after a fault.
+    """
+    slow, whole = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0, begin(system)
     with contextlib.ExitStack() as stack:
         climbs = [
             Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
                   stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
             for name in names
         ]
+        for climb in climbs:
+            climb.remote.on_behalf(whole)
         while not all(climb.over for climb in climbs):
             for climb in climbs:
                 if not climb.over:

@@ -7,6 +7,7 @@ from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns, pause
+from shm.origins import Whose
 from shm.segment import SegmentError
 from tools.errors import Problem, Refused
 
@@ -28,6 +29,10 @@ class Remote:
     def commands(self) -> list[dict[str, Any]]:
         """The component's command table."""
         return self._client.commands
+
+    def on_behalf(self, origin: Whose) -> None:
+        """What is sent from now on are steps of one command of a person, see shm.client.begin."""
+        self._client.on_behalf(origin)
 
     def post(self, command: str, values: Sequence[float] | Any = (), text: str = "") -> int:
         """Queue a command without waiting for an answer; returns its number.

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from procs.lib.document import Tool
+from shm.client import begin
 from tools.errors import Misuse, Problem
 from tools.following import Follower, HeldUp, beats
 from tools.options import JsonOption, SystemOption
@@ -47,6 +48,7 @@ def stream(
         rows, cut, notes = _fitted(arm, read_setpoints(file, watch.count, has_jaw), has_jaw, tool_on(name, watch))
         for text in notes:
             note(text)
+        remote.on_behalf(begin(name))  # the move to the first row and the stream are one command
         _approach(remote, rows, say)
         follower = Follower(watch, remote, rows.jaw is not None)
         count = len(rows) if not seconds else min(len(rows), round(seconds * rate))

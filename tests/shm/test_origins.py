@@ -181,6 +181,23 @@ def test_another_command_of_the_same_person_does_not_renew_a_stream(
     assert ran(box) == ["state_command"]
 
 
+def test_the_steps_of_one_command_have_one_origin_and_none_is_carried_out_after_a_fault(
+    system: str, box: Mailbox, person: Client, cell: FaultCell
+) -> None:
+    person.on_behalf(sending.begin(system))
+    origins = []
+    for word in ("enable", "home"):
+        person.send("state_command", (), word)
+        origins += [command.origin for command in box.drain()]
+    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].is_person
+    cell.fault()
+    person.send("state_command", (), "home")
+    assert ran(box) == []
+    person.on_behalf(sending.begin(system))
+    person.send("state_command", (), "home")
+    assert ran(box) == ["state_command"]
+
+
 def test_the_audit_ring_tells_who_asked_for_what_and_what_became_of_it(
     box: Mailbox, loop: LoopClient, audit: RingReader
 ) -> None:

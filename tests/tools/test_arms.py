@@ -1,0 +1,41 @@
+"""Arms brought to a state: every step that is asked of them belongs to one command of the person."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from shm.clock import pause
+from shm.origins import Origin
+from tests.conftest import World
+from tests.tools.robot import Played, nothing_ages, robot
+from tools.arms import HOMED, bring, silent
+
+
+def served(played: Played, origins: list[Origin], over: threading.Event) -> None:
+    """The arm does at once what it is asked for."""
+    words: list[str] = []
+    while not over.is_set():
+        for command in played.mailbox.drain():
+            words.append(command.text)
+            origins.append(command.origin)
+            command.done()
+            played.show_arm(state="ENABLED", homed="home" in words)
+        pause(0.001)
+
+
+def test_power_and_homing_are_one_command(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing_ages(monkeypatch)
+    with robot(world.name) as played:
+        played.show_arm()
+        origins: list[Origin] = []
+        over = threading.Event()
+        arm = threading.Thread(target=served, args=(played, origins, over))
+        arm.start()
+        try:
+            assert bring(world.name, ["PSM1"], HOMED, 10.0, silent) == {"PSM1": ""}
+        finally:
+            over.set()
+            arm.join()
+    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].is_person
