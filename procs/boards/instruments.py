@@ -37,13 +37,13 @@ class Instruments:
         self._plant.remove_tool(arm.name)
         for memory, now in self._readers(arm):
             memory.remove(now)
-        self._switch(f"{arm.name}_tool", False)
+        self._switch(arm.inputs.tool, False)
 
     def _show(self, arm: Arm, tool: Tool, asked: str) -> None:
         for reader, now in self._readers(arm):
             reader.insert(_memory(tool, asked), now)
-        for part in ("adapter", "tool"):
-            self._switch(f"{arm.name}_{part}", True)
+        for switch in (arm.inputs.adapter, arm.inputs.tool):
+            self._switch(switch, True)
 
     def _switch(self, name: str, closed: bool) -> None:
         if name in self._world.wiring.inputs:

@@ -32,6 +32,7 @@ from procs.lib.emulated import Controller as Controller
 from procs.lib.emulated import Likeness as Likeness
 from procs.lib.emulated import Quirks as Quirks
 from procs.lib.emulated import SetupJoints as SetupJoints
+from procs.lib.emulated_names import with_names_on_boards
 from procs.lib.external import External as External
 from procs.lib.tasks import TaskRow as TaskRow
 
@@ -309,10 +310,15 @@ class System:
         return _named(self.processes, name)
 
     def emulated(self) -> System:
-        """The system as its emulated boards see it: every robot and input on them, driven by a process or not."""
-        if self.emulation is None or self.emulation.ios is None:
+        """The system as its emulated boards see it: every robot and input on them, driven by a process or not.
+
+        Names that several buses have are IO/NAME there.
+        """
+        if self.emulation is None:
             return self
-        return dataclasses.replace(self, ios=self.emulation.ios, arms=self.emulation.arms)
+        if self.emulation.ios is None:
+            return with_names_on_boards(self)
+        return with_names_on_boards(dataclasses.replace(self, ios=self.emulation.ios, arms=self.emulation.arms))
 
 
 def _named(rows: tuple[T, ...], name: str) -> T:

@@ -11,7 +11,7 @@ from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
-from procs.lib.document import Arm, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
+from procs.lib.document import Arm, ArmInputs, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
 from procs.lib.instrument import MODEL_AT, NAME_AT, VERSION_AT
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
@@ -46,7 +46,8 @@ def _system(reader: str) -> System:
     tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), (), names=(kind,), model=model, version_min=least)
                   for name, kind, model, least in (
                       (LND, "LARGE_NEEDLE_DRIVER", "400006", None), (HOOK, "PERMANENT_CAUTERY_HOOK", "420183", 11)))
-    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools)
+    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools,
+              inputs=ArmInputs(adapter="PSM1_adapter", tool="PSM1_tool"))
     return dataclasses.replace(system, ios=(io, second), arms=(arm,))
 
 

@@ -137,14 +137,31 @@ def test_axes_must_exist_on_what_a_board_is_taken_for(home: Home) -> None:
     assert any("board 3 of IO1 has no axis 5 as a QLA1" in p.text and p.allowed == "DQLA or dRA1" for p in errors)
 
 
-def test_two_robots_of_one_name_cannot_be_told_apart(home: Home) -> None:
-    text = (home.path / "io/PSM1-demo.yaml").read_text()
-    (home.path / "io/again.yaml").write_text(text)
+def two_buses_with_the_same_files(home: Home) -> None:
+    """PSM1 and a button on IO1; the same files on IO2."""
+    (home.path / "io/again.yaml").write_text((home.path / "io/PSM1-demo.yaml").read_text())
     second = "  - {name: IO2, port: udp, configuration_files: [io/again.yaml]}\n"
     home.edit(SYSTEM, "    port: udp\n", f"    port: udp\n{second}")
-    problem = home.error()
-    assert problem.key == "robots[0].name" and "IO1 has a robot of this name, too" in problem.text
+
+
+def test_robots_of_one_name_on_two_buses_go_by_their_bus_as_well(home: Home) -> None:
+    two_buses_with_the_same_files(home)
     assert home.load(boards="real").errors == ()
+    loaded = home.load()
+    assert loaded.errors == () and loaded.system is not None
+    boards = loaded.system.emulated()
+    assert [[robot.name for robot in io.robots] for io in boards.ios] == [["IO1/PSM1"], ["IO2/PSM1"]]
+    assert boards.arm("PSM1").robot == "IO1/PSM1" and boards.ios[0].pids[0].robot == "IO1/PSM1"
+    assert [io.robots[0].name for io in loaded.system.ios] == ["PSM1", "PSM1"], "on its bus it keeps its name"
+
+
+def test_which_of_two_robots_differs_from_its_files_must_be_said(home: Home) -> None:
+    two_buses_with_the_same_files(home)
+    line = home.edit(SYSTEM, "boards: emulated", "boards: emulated\n  emulation: {robots: {PSM1: {payload: 1.0}}}") + 1
+    problem = home.error()
+    assert (problem.line, problem.allowed) == (line, "one of IO1/PSM1, IO2/PSM1")
+    home.edit(SYSTEM, "robots: {PSM1", "robots: {IO2/PSM1")
+    assert home.load().errors == ()
 
 
 @pytest.mark.parametrize(

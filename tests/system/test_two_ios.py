@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from shm import directory
-from tests.system.robot import Robot, wait_for
+from tests.system.robot import ROOT, Robot, wait_for
 from tools.bench_io import write_system
 
 pytestmark = pytest.mark.slow
@@ -47,3 +47,37 @@ def test_an_io_that_is_killed_leaves_the_robot_of_another_holding(robot: Robot, 
     assert '"HOMED"' in robot.trocar("echo", "PSM2/operating_state", "--json", "--once")
     robot.trocar("power-on", "PSM1")
     wait_for(lambda: all(shown(robot, "IO1", "powered")), 10, "IO1 has power again")
+
+
+def two_masters_of_one_name(folder: Path) -> Path:
+    """The masters of two consoles: each on its bus with the same files, pedals included."""
+    row = {"type": "MTM", "serial": "demo", "name_on_IO": "MTML",
+           **{key: f"{ROOT}/configs/{value}" for key, value in (
+               ("arm_file", "arms/MTML-demo.yaml"), ("IO_file", "io/MTML-demo.yaml"),
+               ("IO_gripper_file", "io/MTML-gripper-demo.yaml"), ("PID_file", "pid/MTM.yaml"))}}
+    pedals = [f"{ROOT}/configs/io/pedals-demo.yaml"]
+    system = {
+        "$id": "dvrk-system.schema.json", "$version": "1",
+        "IOs": [{"name": "IO1", "port": "udp", "configuration_files": pedals},
+                {"name": "IO2", "port": "udp:169.254.0.101", "configuration_files": pedals}],
+        "arms": [{"name": "MTML", "IO": "IO1", **row}, {"name": "MTML2", "IO": "IO2", **row}],
+    }
+    file = folder / "consoles.yaml"
+    file.write_text(yaml.safe_dump(system))
+    return file
+
+
+def test_robots_of_one_name_on_two_buses_home_and_are_pushed_apart(robot: Robot, tmp_path: Path) -> None:
+    robot.up(two_masters_of_one_name(tmp_path), "--boards", "emulated", *LOCKSTEP)
+    robot.trocar("power-on")
+    robot.trocar("home")
+    assert all('"HOMED"' in robot.trocar("echo", f"{arm}/operating_state", "--json", "--once")
+               for arm in ("MTML", "MTML2"))
+    robot.trocar("send", "boards", "press", "1", "IO2/clutch", "--wait")
+    wait_for(lambda: shown(robot, "IO2", "input")[0], 10, "the second console's pedal")
+    assert not shown(robot, "IO1", "input")[0]
+    refused = robot.trocar("send", "boards", "press", "1", "clutch", "--wait", code=1)
+    assert "IO1/clutch" in refused and "IO2/clutch" in refused
+    robot.trocar("send", "boards", "amp_fault", "2", "1", "IO2/MTML", "--wait")
+    wait_for(lambda: "FAULT" in robot.trocar("echo", "MTML2/operating_state", "--json", "--once"), 10, "its fault")
+    assert "FAULT" not in robot.trocar("echo", "MTML/operating_state", "--json", "--once")

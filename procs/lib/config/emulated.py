@@ -26,6 +26,7 @@ from procs.lib.config.io_file import RobotKeys
 from procs.lib.config.problem import Key
 from procs.lib.config.source import Source
 from procs.lib.config.system_file import PROTOCOLS
+from procs.lib.emulated_names import names_on_boards
 
 MOST_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
 LAST_OCTET = 254
@@ -69,7 +70,7 @@ def build_emulation(
                 _check_raw_port(place, bus, by_name[place.name])
             check_broadcasts(place, bus.controllers, PROTOCOLS[by_name[place.name].keys.protocol])
     _check_addresses(places, rows)
-    robots = _robots(context, buses)
+    robots = _robots(buses)
     if not rows:
         return None
     return document.Emulation(
@@ -183,19 +184,12 @@ def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
             taken[own] = bus.io
 
 
-def _robots(context: Context, buses: list[BusFiles]) -> dict[str, RobotKeys]:
-    """All robots on the buses by name; an instance of the emulation knows its robots by their names alone."""
-    robots: dict[str, RobotKeys] = {}
-    bus_of: dict[str, str] = {}
-    for bus in buses:
-        for opened in bus.opened():
-            for index, robot in enumerate(opened.content.robots):
-                if bus_of.get(robot.name, bus.keys.name) != bus.keys.name:
-                    text = f"{bus_of[robot.name]} has a robot of this name, too"
-                    allowed = "with emulated boards, a name of its own for every robot"
-                    context.error(opened.source, ("robots", index, "name"), text, allowed)
-                bus_of[robot.name], robots[robot.name] = bus.keys.name, robot
-    return robots
+def _robots(buses: list[BusFiles]) -> dict[str, RobotKeys]:
+    """All robots on the buses, by their names on the boards."""
+    robots = {(bus.keys.name, robot.name): robot
+              for bus in buses for opened in bus.opened() for robot in opened.content.robots}
+    names = names_on_boards(robots)
+    return {names[place]: robot for place, robot in robots.items()}
 
 
 def _instruments(

@@ -37,7 +37,8 @@ def _load(
     opened = context.open(SetupFile, path) if path is not None else None
     if opened is None:
         return None
-    io = next((io for io in system.emulated().ios if io.name == keys.IO), None)
+    ios = system.emulation.ios if system.emulation is not None else None
+    io = next((io for io in (ios or system.ios) if io.name == keys.IO), None)
     robot = next((r for r in io.robots if r.name == (keys.name_on_IO or keys.name)), None) if io is not None else None
     made = _fitted(system, io, robot, opened.content) if io is not None and robot is not None else None
     if made is None:
