@@ -12,14 +12,17 @@ from procs.lib.config import Checked, check_file
 FINE, WRONG = 0, 1
 
 
-def check(files: Sequence[Path], path: Sequence[Path] = ()) -> tuple[Checked, ...]:
-    """Every file with its kind and what was found; `path` are folders to look in for the files they name."""
-    return tuple(check_file(file, search=path) for file in files)
+def check(
+    files: Sequence[Path], path: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = ()
+) -> tuple[Checked, ...]:
+    """Every file with its kind and what was found; `path`, `boards`, `sets` as `trocar up` has them."""
+    return tuple(check_file(file, search=path, boards=boards, sets=sets) for file in files)
 
 
-def run(files: list[Path], path: list[Path], as_json: bool) -> int:
+def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str | None = None,
+        sets: Sequence[str] = ()) -> int:
     """Print what was found in `files` and return the exit code: 1 when there is an error, 0 otherwise."""
-    results = check(files, path)
+    results = check(files, path, boards, sets)
     errors = sum(_count(result, "error") for result in results)
     warnings = sum(_count(result, "warning") for result in results)
     if as_json:

@@ -84,11 +84,33 @@ def test_a_generic_teleop_is_told_in_plain_words(home: Home) -> None:
     assert "not started: teleop MTMR_PSM1 (TELEOP_PSM_GENERIC)" in notes and "third-party-masters.md" in notes
 
 
-def test_component_manager_is_refused_in_plain_words(home: Home) -> None:
-    loaded = home.load_made({"arms": ARMS, "component_manager": {"components": []}})
-    (error,) = loaded.errors
-    assert error.key == "component_manager" and error.line > 1
-    assert "components of the original software" in error.text and "third-party-masters.md" in error.allowed
+def test_what_a_component_manager_loads_is_left_out_and_the_rest_starts(home: Home) -> None:
+    components = [{"shared-library": "sawSensablePhantomHD", "class-name": "mtsSensableHD", "constructor-arg": {}},
+                  {"shared-library": "mine", "class-name": "mtsMine"}]
+    for manager in ({"components": components, "connections": []}, components):
+        loaded = home.load_made({"arms": ARMS, "component_manager": manager})
+        assert loaded.system is not None and [arm.name for arm in loaded.system.arms] == [arm["name"] for arm in ARMS]
+        (warning,) = (row for row in loaded.warnings if row.key == "component_manager")
+        assert "mtsSensableHD, mtsMine" in warning.text and warning.line > 1
+        haptic, _, mine = warning.allowed.partition("; for mtsMine: ")
+        assert haptic.startswith("for mtsSensableHD: ") and "MTM_GENERIC" in haptic and "process of your own" in mine
+
+
+@pytest.mark.parametrize("manager", [[1, {}], {"components": 3}, "x"])
+def test_no_form_of_component_manager_stops_the_arms(home: Home, manager: object) -> None:
+    loaded = home.load_made({"arms": ARMS, "component_manager": manager})
+    assert loaded.system is not None and any(row.key == "component_manager" for row in loaded.warnings)
+
+
+def test_a_teleop_on_a_base_frame_of_a_component_is_left_out_as_well(home: Home) -> None:
+    frame = {"component": "Cart", "interface": "a"}
+    teleop = {"MTM": "MTMR", "PSM": "PSM1", "PSM_base_frame": frame}
+    system = {"arms": ARMS, "consoles": [console(teleop_PSMs=[teleop])]}
+    (error,) = home.load_made(system).errors
+    assert error.key.endswith("PSM_base_frame.component")
+    loaded = home.load_made({**system, "component_manager": {"components": [{"class-name": "mtsCart"}]}})
+    assert loaded.system is not None and loaded.system.teleop_psms == ()
+    assert "not started: teleop MTMR_PSM1" in " / ".join(loaded.system.notes)
 
 
 def test_console_files_of_old_are_told_how_to_become_new(home: Home) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from procs.lib.config import check_file
 from tests.config.conftest import SYSTEM, Home
 
 IO = "io/PSM1-demo.yaml"
@@ -54,10 +55,10 @@ DRIVE = "robots[0].actuators[0].drive"
         (ARM, "generation: Classic", "generation: Xi", "generation", '"Xi"', '"Classic", "Si"'),
         (ARM, "tool_detection: FIXED", "tool_detection: FIX", "tool_detection", '"FIX"', "MANUAL"),
         # versions and kinds
-        (IO, '$version: "6"', "$version: 6", "$version", "6", 'the text "6"'),
+        (IO, '$version: "6"', "$version: 6.0", "$version", "6.0", 'the text "6"'),
         (IO, '$version: "6"', '$version: "5"', "$version", '"5"', 'the text "6"'),
-        (SYSTEM, '$version: "1"', "$version: 1", "$version", "1", 'the text "1"'),
-        (PID, '$version: "1"', "$version: 1", "$version", "1", 'the text "1"'),
+        (SYSTEM, '$version: "1"', "$version: 2", "$version", "2", 'the text "1"'),
+        (PID, '$version: "1"', "$version: true", "$version", "true", 'the text "1"'),
         (ARM, "$id: dvrk-psm.schema.json", "$id: dvrk-ecm.schema.json", "$id", '"dvrk-ecm.schema.json"', "dvrk-psm"),
         # serial numbers and names
         (SYSTEM, "serial: demo", 'serial: "28007"', "robots[0].serial_number", '"demo"', '"28007"'),
@@ -413,3 +414,23 @@ def test_absurd_file_names_are_only_not_found(home: Home) -> None:
         home.edit(SYSTEM, "PID_file: pid/PSM.yaml", f'PID_file: "{name}"')
         assert "no file" in home.error().text
         home.edit(SYSTEM, f'PID_file: "{name}"', "PID_file: pid/PSM.yaml")
+
+
+def test_a_version_written_as_a_number_is_read_like_a_text(home: Home) -> None:
+    for file, version in ((SYSTEM, "1"), (ARM, "1"), (PID, "1"), (IO, "6")):
+        home.edit(file, f'$version: "{version}"', f"$version: {version}")
+    assert home.load().errors == ()
+
+
+def test_a_file_of_another_format_is_told_so_before_anything_else(home: Home) -> None:
+    old = {"kinematic": "kinematic/psm.json", "tool-detection": "FIXED", "re-home": 3}
+    (home.path / ARM).with_suffix(".json").write_text(json.dumps(old))
+    home.edit(SYSTEM, ARM, ARM.replace(".yaml", ".json"))
+    first = home.load().errors[0]
+    assert first.key == "$id" and "before dVRK 2.4" in first.text and "trocar convert" in first.allowed
+    problems = check_file((home.path / ARM).with_suffix(".json"), configs=home.path).problems
+    assert problems[0] == first, "neither warnings nor consequences come before it"
+    (home.path / "old.xml").write_text('<?xml version="1.0"?>\n<Config/>')
+    home.edit(SYSTEM, IO, str(home.path / "old.xml"))
+    xml = [problem for problem in home.load().errors if problem.file.endswith("old.xml")]
+    assert [problem.allowed for problem in xml] == ["JSON or YAML; trocar convert old.xml makes one of it"]

@@ -27,10 +27,10 @@ def test_fine_files_exit_zero(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_mistake_exits_one_and_is_printed_on_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = tmp_path / "pid.yaml"
-    wrong.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace('"1"', "1"))
+    wrong.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace('"1"', "2"))
     assert check.run([wrong, DEMO], [], False) == 1
     out = capsys.readouterr().out
-    assert f'{wrong}:4: error: $version = 1: wrong type; allowed: the text "1"' in out
+    assert f'{wrong}:4: error: $version = 2: unknown word; allowed: the text "1"' in out
     assert f"{wrong}: pid file, 1 error" in out
 
 
@@ -44,6 +44,18 @@ def test_json_output_is_one_object(tmp_path: Path, capsys: pytest.CaptureFixture
     assert (first["file"], first["ok"], second["ok"], second["kind"]) == (str(broken), False, True, "system")
     (problem,) = first["problems"]
     assert (problem["line"], problem["severity"]) == (1, "error") and "comma before }" in problem["text"]
+
+
+def test_check_says_all_that_up_with_emulated_boards_would(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "system.yaml"
+    file.write_text(DEMO.read_text().replace("boards: emulated", "emulation: {robots: {PSM9: {payload: 1}}}"))
+    assert check.run([file], [], False) == 0
+    assert "warning: trocar.emulation.robots.PSM9" in (out := capsys.readouterr().out) and "--boards emulated" in out
+    assert check.run([file], [], False, boards="emulated") == 1
+    assert "error: trocar.emulation.robots.PSM9" in capsys.readouterr().out
+    assert check.run([file], [], False, sets=["clock=lockstep"]) == 1, "real boards don't wait"
 
 
 @pytest.mark.parametrize(

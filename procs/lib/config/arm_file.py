@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.lib.config.validate import Section
+from procs.lib.config.validate import Section, VersionAsText
 from procs.lib.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
@@ -15,7 +15,7 @@ Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 class ArmFile(Section):
     """What every arm file has."""
 
-    version: Literal["1"] = Field(alias="$version")
+    version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
     kinematic: str = Field(min_length=1, description="a kinematic file")
     generation: Literal["Classic", "Si"]
     homing_zero_position: bool | None = None

@@ -199,8 +199,8 @@ class _Loader:
         if not self._runs(name, keys, (keys.MTM, keys.PSM)):
             return None
         frame = keys.PSM_base_frame
-        if frame is not None:
-            self._check_base_frame((*key, "PSM_base_frame"), frame)
+        if frame is not None and not self._has_base_frame(name, (*key, "PSM_base_frame"), frame):
+            return None
         return TeleopPsm(
             name, keys.MTM, keys.PSM, keys.period, console, given.scale, given.rotation_locked,
             given.translation_locked, given.align_MTM, given.start_orientation_tolerance,
@@ -219,17 +219,25 @@ class _Loader:
         return TeleopEcm(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
                                   given.camera_roll_offset)
 
-    def _check_base_frame(self, key: Key, frame: InterfaceKeys) -> None:
-        """What carries the PSM is an arm that runs, or a set-up arm (`interface`) of set-up joints (`component`)."""
+    def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:
+        """What carries the PSM is an arm that runs, or a set-up arm (`interface`) of set-up joints (`component`).
+
+        False, with a note, where it may be one of the components that are left out: without it a PSM goes elsewhere.
+        """
         if frame.component in self.setups:
             known = self.setups[frame.component]
             if frame.interface not in known:
                 self.context.error(self.source, (*key, "interface"), f"{frame.component} has no such set-up arm",
                                    f"one of {', '.join(known)}")
+        elif frame.component not in self.arms and self.content.component_manager:
+            self.context.notes.append(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, no "
+                                      "arm and no set-up joints; components of component_manager are left out)")
+            return False
         elif frame.component not in self.arms:
             running = ", ".join((*self.setups, *self.arms))
             self.context.error(self.source, (*key, "component"), "no arm and no set-up joints of this name are started",
                                f"one of {running}")
+        return True
 
     def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
         """The tele-operation's name, of its arms' names; errors when they are unknown or the name is taken."""

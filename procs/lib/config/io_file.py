@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.lib.config.validate import MatrixRows, Name, Rows, Section
+from procs.lib.config.validate import MatrixRows, Name, Rows, Section, VersionAsText
 
 BoardId = Annotated[int, Field(ge=0, le=15, description="the controller's rotary switch")]
 
@@ -162,7 +162,7 @@ class IoFile(Section):
     """The whole file."""
 
     id: Literal["saw-robot-io.schema.json"] = Field(alias="$id")
-    version: Literal["6"] = Field(alias="$version")
+    version: Annotated[Literal["6"], VersionAsText] = Field(alias="$version")
     robots: Rows[RobotKeys] = ()
     digital_inputs: Rows[DigitalInputKeys] = ()
     digital_outputs: Rows[DigitalOutputKeys] = ()

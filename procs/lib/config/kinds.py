@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -51,20 +52,38 @@ class Checked:
     notes: tuple[str, ...] = ()
 
 
-def check_file(path: Path, *, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Checked:
-    """Check one file of any kind; `search` is what `--path` gives."""
+def check_file(
+    path: Path, *, search: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = (),
+    configs: Path = PROJECT_CONFIGS,
+) -> Checked:
+    """Check one file of any kind; `search`, `boards` and `sets` are what `--path`, `--boards` and `--set` give `up`.
+
+    A system with buses is checked with emulated boards as well: what is wrong with those alone is a warning.
+    """
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))
     kind = kind_of(source)
     if kind == SYSTEM:
-        loaded = load_system(path, search=search, configs=configs)
-        return Checked(path, kind, (*loaded.errors, *loaded.warnings), loaded.system.notes if loaded.system else ())
+        return _check_system(path, search, boards, sets, configs)
     if kind == UNKNOWN:
         return Checked(path, kind, (*problems, _unknown(source)))
     context = Context(search_path((Path.cwd(), path.parent, *search, configs)))
     _CHECKS[kind](context, path)
-    return Checked(path, kind, tuple(dict.fromkeys(context.problems)), tuple(dict.fromkeys(context.notes)))
+    found = sorted(dict.fromkeys(context.problems), key=lambda problem: problem.severity == WARNING)
+    return Checked(path, kind, tuple(found), tuple(dict.fromkeys(context.notes)))
+
+
+def _check_system(
+    path: Path, search: Sequence[Path], boards: str | None, sets: Sequence[str], configs: Path
+) -> Checked:
+    loaded = load_system(path, search=search, boards=boards, sets=sets, configs=configs)
+    problems, system = [*loaded.errors, *loaded.warnings], loaded.system
+    if boards is None and system is not None and system.ios and system.emulation is None:
+        emulated = load_system(path, search=search, boards="emulated", sets=sets, configs=configs)
+        problems += [dataclasses.replace(problem, severity=WARNING, text=f"with --boards emulated: {problem.text}")
+                     for problem in (*emulated.errors, *emulated.warnings) if problem not in problems]
+    return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())
 
 
 def kind_of(source: Source) -> str:

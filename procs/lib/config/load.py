@@ -15,6 +15,7 @@ from procs.lib.config import convert
 from procs.lib.config.arms import LoadedArm, load_arm
 from procs.lib.config.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
 from procs.lib.config.carts import load_carts, with_base_frames, with_brakes
+from procs.lib.config.components import warn_of_components
 from procs.lib.config.consoles import Operation, load_consoles
 from procs.lib.config.context import Context
 from procs.lib.config.emulated import build_emulation, default_addresses, ports_of
@@ -100,7 +101,7 @@ def _load(
     context.calibration_mode = options.calibration_mode
     if options.calibration_mode:
         context.notes.append("calibration mode: potentiometers are not compared with encoders")
-    _refuse_components(context, source, content)
+    warn_of_components(context, source, content.component_manager)
     _check_names(context, source, content)
     _check_accounts(context, source, options)
     emulated = (boards or options.boards) == "emulated"
@@ -200,13 +201,6 @@ def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
     own = options.processes.get(loaded.arm.name)
     period = (own.period_s if own else None) or options.arm.period_s or loaded.arm.period_s
     return dataclasses.replace(loaded, arm=dataclasses.replace(loaded.arm, period_s=period))
-
-
-def _refuse_components(context: Context, source: Source, content: SystemFile) -> None:
-    if content.component_manager is not None:
-        text = "it loads components of the original software into its program; there is no such program here"
-        context.error(source, ("component_manager",), text,
-                      "a file without it; a process of your own takes such a place, see docs/third-party-masters.md")
 
 
 def _assemble(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from procs.lib.config.validate import Rows, Section
+from procs.lib.config.validate import Rows, Section, VersionAsText
 from procs.lib.gains import BY_KEY
 
 
@@ -43,5 +43,5 @@ class PidFile(Section):
     """The whole file."""
 
     id: Literal["saw-controllers-pid.schema.json"] = Field(alias="$id")
-    version: Literal["1"] = Field(alias="$version")
+    version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
     pid: Rows[PidKeys] = Field(min_length=1)

@@ -96,6 +96,9 @@ def read_source(path: Path) -> tuple[Source | None, list[Problem]]:
         return None, [Problem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
     except OSError as bad:
         return None, [Problem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
+    if text.lstrip().startswith("<"):
+        allowed = f"JSON or YAML; trocar convert {path.name} makes one of it"
+        return None, [Problem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
     is_yaml = path.suffix.lower() in _YAML
     try:
         parsed = parse_yaml(text) if is_yaml else parse_json(text)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from procs.lib.config.validate import MatrixRows, Name, Rows, Section
+from procs.lib.config.validate import MatrixRows, Name, Rows, Section, VersionAsText
 from procs.lib.ports import PORTS, PortName
 
 PERIOD_S = 1 / 1500  # as the original asks for; its 60 µs of compensation for relative sleeps are not needed here
@@ -210,11 +210,11 @@ class SystemFile(Section):
     """The whole file."""
 
     id: Literal["dvrk-system.schema.json"] = Field(alias="$id")
-    version: Literal["1"] = Field(alias="$version")
+    version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
     IOs: Rows[IoKeys] = ()
     arms: Rows[ArmKeys] = ()
     consoles: Rows[ConsoleKeys] = ()
     ISI_focus_controller: IoDeviceKeys | None = None
     settings: SettingsKeys = SettingsKeys()
-    component_manager: dict[str, object] | None = None
+    component_manager: object = None  # of any form: it is left out, see components.py
     trocar: dict[str, object] | None = None  # checked by itself: unknown keys are errors there

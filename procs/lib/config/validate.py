@@ -8,7 +8,7 @@ import typing
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from procs.lib.config.problem import ERROR, WARNING, Key, Problem
@@ -20,6 +20,16 @@ ModelType = TypeVar("ModelType", bound=BaseModel)
 Rows = Annotated[tuple[Item, ...], Field(strict=False)]  # files hold lists; models hold tuples
 MatrixRows = Rows[Rows[float]]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$", description="letters, digits, _ and -, at most 40")]
+
+
+
+def _whole_as_text(value: object) -> object:
+    """The original software reads a version written as a number like the same in quotes."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+_FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # told first: files of another format are wrong all over
+VersionAsText = BeforeValidator(_whole_as_text)
 
 
 class Section(BaseModel):
@@ -37,7 +47,7 @@ def validate(
     try:
         return model.model_validate(_without_empty(model, data)), problems
     except ValidationError as bad:
-        found = bad.errors(include_url=False)
+        found = sorted(bad.errors(include_url=False), key=lambda error: _FORMAT.get(error["loc"], 2))
         inside = {error["loc"][:cut] for error in found for cut in range(len(error["loc"]))}
         problems += [_problem(model, source, key, error) for error in found
                      if not (error["type"] == "too_short" and error["loc"] in inside)]  # wrong rows are not missing
@@ -69,6 +79,9 @@ def _problem(model: type[BaseModel], source: Source, key: Key, error: Any) -> Pr
     annotation, metadata, description = _describe_at(model, inner)
     allowed = _allowed(annotation, metadata, description)
     kind = str(error["type"])
+    if kind == "missing" and inner == ("$id",):
+        text = "this key is required: a file without it is from before dVRK 2.4, or of another kind"
+        return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
     if kind == "missing":
         return source.problem(where, "this key is required", allowed=allowed)
     if kind == "value_error":
