@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from procs.lib.config import Checked, check_file
+from tools.printing import emit
 
 FINE, WRONG = 0, 1
 
@@ -23,19 +23,16 @@ def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str 
         sets: Sequence[str] = ()) -> int:
     """Print what was found in `files` and return the exit code: 1 when there is an error, 0 otherwise."""
     results = check(files, path, boards, sets)
-    errors = sum(_count(result, "error") for result in results)
-    warnings = sum(_count(result, "warning") for result in results)
-    if as_json:
-        rows = [_row(result) for result in results]
-        print(json.dumps({"files": rows, "errors": errors, "warnings": warnings}, indent=2, ensure_ascii=False))
-        return WRONG if errors else FINE
     for result in results:
+        if as_json:
+            emit(_row(result))
+            continue
         for problem in result.problems:
             print(problem)
         for note in result.notes:
             print(f"{result.path}: note: {note}")
         print(f"{result.path}: {result.kind} file, {_verdict(result)}")
-    return WRONG if errors else FINE
+    return WRONG if any(_count(result, "error") for result in results) else FINE
 
 
 def _count(result: Checked, severity: str) -> int:

@@ -52,11 +52,10 @@ def test_every_change_is_one_line(tmp_path: Path) -> None:
     assert f"{old}:6: converted: Robot/Actuator/Encoder/PositionLimitsSoft@Upper = 45 deg → 0.785398163 rad" in lines
 
 
-def test_json_output_is_one_object(tmp_path: Path) -> None:
+def test_json_output_is_one_object_a_file(tmp_path: Path) -> None:
     old = written(tmp_path, config(three()))
-    printed = json.loads(run(old, "--json").stdout)
-    (file,) = printed["files"]
-    assert (printed["ok"], file["ok"], file["kind"], file["problems"]) == (True, True, "io", [])
+    (file,) = map(json.loads, run(old, "--json").stdout.splitlines())
+    assert (file["ok"], file["kind"], file["problems"]) == (True, "io", [])
     assert file["written"] == [{"file": str(tmp_path / f"{NAME}.json"), "kind": "io", "problems": []}]
     change = file["changes"][0]
     assert (change["fate"], change["old"], change["new"]) == ("converted", "0.00025 deg/bit", "4.36332313e-06 rad/bit")
@@ -140,3 +139,91 @@ def test_a_system_finds_what_was_converted_with_it(tmp_path: Path) -> None:
     done = run(written(tmp_path, json.dumps(console), "console-A.json"), io)
     assert done.exit_code == 0, done.stdout
     assert f"wrote {tmp_path / 'system-A.json'}: system file, fine" in done.stdout
+
+
+CHAIN = {"name": "PSM1", "type": "PSM", "io": "sawRobotIO1394-PSM1-11111.xml",
+         "kinematic": "psm-large-needle-driver.json"}
+
+
+def console(folder: Path, name: str, **keys: object) -> Path:
+    return written(folder, json.dumps({"arms": [CHAIN], "io": {"port": "udp"}} | keys), f"console-{name}.json")
+
+
+def test_consoles_of_one_run_share_the_files_that_are_equal(tmp_path: Path) -> None:
+    to = tmp_path / "to"
+    to.mkdir()
+    done = run(console(tmp_path, "A"), console(tmp_path, "B"), "--to", to, "--json")
+    first, second = map(json.loads, done.stdout.splitlines())
+    assert [Path(row["file"]).name for row in first["written"]] == ["system-A.json", "PSM1-11111.json"]
+    assert [Path(row["file"]).name for row in second["written"]] == ["system-B.json"]
+    assert second["equal"] == [str(to / "PSM1-11111.json")]
+    again = [json.loads(line) for line in run(console(tmp_path, "A"), "--to", to, "--json").stdout.splitlines()]
+    assert again[0]["written"] == [] and len(again[0]["equal"]) == 2, "nor is it a mistake to run again"
+
+
+def test_arm_files_that_consoles_make_differently_get_names_of_their_own(tmp_path: Path) -> None:
+    other = CHAIN | {"kinematic": "psm-pro-grasp.json"}
+    run(console(tmp_path, "A"), console(tmp_path, "B", arms=[other]))
+    system = json.loads((tmp_path / "system-B.json").read_text())
+    assert system["arms"][0]["arm_file"] == "PSM1-11111-B.json"
+    tools = [json.loads((tmp_path / name).read_text())["tool"] for name in ("PSM1-11111.json", "PSM1-11111-B.json")]
+    assert tools == ["LARGE_NEEDLE_DRIVER:400006", "PROGRASP_FORCEPS:400093"]
+
+
+def pedals(bit: int) -> bytes:
+    inputs = "".join(f'<DigitalIn BoardID="3" BitID="{bit + number}" Name="{name}" Pressed="1" Trigger="all"/>'
+                     for number, name in enumerate(("CLUTCH", "CAMERA", "COAG")))
+    return config(inputs)
+
+
+PEDALS = "sawRobotIO1394-MTMR-foot-pedals"
+
+
+def test_references_follow_the_files_of_the_same_run(tmp_path: Path) -> None:
+    """A site's own pedals have the name that stock ones had once, under which those are not found today."""
+    (tmp_path / "io").mkdir()
+    own = written(tmp_path / "io", pedals(4), f"{PEDALS}.xml")
+    old = console(tmp_path, "A", io={"port": "udp", "footpedals": f"io/{PEDALS}.xml"})
+    to = tmp_path / "to"
+    to.mkdir()
+    run(old, own, "--to", to)
+    system = json.loads((to / "system-A.json").read_text())
+    assert system["consoles"][0]["IO_pedals"]["IO_file"] == f"{PEDALS}.json"
+    assert (to / f"{PEDALS}.json").exists()
+
+
+def test_a_stock_file_in_place_of_an_own_one_is_a_warning_with_its_values(tmp_path: Path) -> None:
+    stock = tmp_path / "stock"
+    stock.mkdir()
+    run(written(stock, pedals(0), f"{PEDALS}-QLA1.xml"))
+    written(tmp_path, pedals(4), f"{PEDALS}.xml")
+    old = console(tmp_path, "A", io={"port": "udp", "footpedals": f"{PEDALS}.xml"})
+    (row,) = map(json.loads, run(old, "--path", stock, "--json").stdout.splitlines())
+    (warning,) = (problem for problem in row["problems"] if problem["severity"] == "warning")
+    assert warning["key"] == "io.footpedals" and str(stock / f"{PEDALS}-QLA1.json") in warning["text"]
+    assert "digital_inputs[clutch].bit_id 4 → 0" in warning["text"] and "3 values differ" in warning["text"]
+    written(tmp_path, pedals(0), f"{PEDALS}.xml")
+    (row,) = map(json.loads, run(old, "--path", stock, "--json").stdout.splitlines())
+    assert row["problems"] == [], "the same by another name"
+
+
+def test_own_gains_that_give_way_to_stock_ones_are_told_with_their_values(tmp_path: Path) -> None:
+    written(tmp_path, pid(joint(0), 1), "sawControllersPID-PSM.xml")
+    done = run(console(tmp_path, "A", arms=[CHAIN | {"pid": "sawControllersPID-PSM.xml"}]))
+    assert "warning: arms[0].pid" in done.stdout and "p_gain 20" in done.stdout
+
+
+def test_a_folder_is_converted_whole_and_keeps_its_folders(tmp_path: Path) -> None:
+    site, to = tmp_path / "site", tmp_path / "site" / "new"
+    (site / "io").mkdir(parents=True)
+    to.mkdir()
+    written(site / "io", config(three()), "sawRobotIO1394-PSM1-11111.xml")
+    written(site, '{"a": 1}', "notes.json")
+    written(site, "<?xml version='1.0'?><opencv/>", "camera.xml")
+    console(site, "A", arms=[CHAIN | {"io": "io/sawRobotIO1394-PSM1-11111.xml"}])
+    rows = [json.loads(line) for line in run(site, "--to", to, "--json").stdout.splitlines()]
+    assert [Path(row["file"]).name for row in rows] == ["console-A.json", "sawRobotIO1394-PSM1-11111.xml"]
+    system = json.loads((to / "system-A.json").read_text())
+    assert (to / system["arms"][0]["IO_file"]).samefile(to / "io" / "sawRobotIO1394-PSM1-11111.json")
+    again = [json.loads(line) for line in run(site, "--to", to, "--json").stdout.splitlines()]
+    assert [row["written"] for row in again] == [[], []], "what lies in the new folder is not old"

@@ -1,9 +1,11 @@
 """Configuration files from before dVRK 2.4 become today's: texts in, values out, and the fate of every key."""
 
+from procs.lib.convert.differences import differences
 from procs.lib.convert.jsonout import to_json
-from procs.lib.convert.recognise import Converted, Output, convert_file
-from procs.lib.convert.report import CONVERTED, DEFAULTED, DROPPED, LOST, Change
+from procs.lib.convert.recognise import OTHER, Converted, Output, convert_file, with_arm_file
+from procs.lib.convert.report import CONVERTED, DEFAULTED, DROPPED, LOST, Change, Reference
 
 __all__ = [
-    "CONVERTED", "DEFAULTED", "DROPPED", "LOST", "Change", "Converted", "Output", "convert_file", "to_json",
+    "CONVERTED", "DEFAULTED", "DROPPED", "LOST", "OTHER", "Change", "Converted", "Output", "Reference", "convert_file",
+    "differences", "to_json", "with_arm_file",
 ]

@@ -8,7 +8,7 @@ from procs.lib.config.jsontext import Parsed
 from procs.lib.config.problem import value_text
 from procs.lib.convert.consolearm import Arms
 from procs.lib.convert.keys import Keys
-from procs.lib.convert.names import file_today, today
+from procs.lib.convert.names import today
 from procs.lib.convert.report import Report
 from procs.lib.convert.teleops import ecm_teleop, psm_teleop
 from procs.lib.ports import PortName, PortNameError
@@ -55,14 +55,14 @@ def convert_console(parsed: Parsed, system_name: str, report: Report) -> Console
     system: Json = {"$id": "dvrk-system.schema.json", "$version": "1"}
     io = top.inside("io")
     bus = _bus(top, io)
-    pedals = file_name(io, "footpedals") if io is not None else ""
+    pedals = io.file("footpedals") if io is not None else ""
     console = _console(top, io, pedals)
     teleops = [psm_teleop(keys) for keys in top.items("psm-teleops")]
     ecm = top.inside("ecm-teleop")
     uses_bus = arms.use_bus or bool(pedals) or "configuration_files" in bus or "IO_head_sensor" in console
     focus = top.inside("endoscope-focus")
     if focus is not None:
-        bus_file = file_name(focus, "io")
+        bus_file = focus.file("io")
         system["ISI_focus_controller"] = {"name": "focus_controller", "IO": BUS, "IO_file": bus_file}
         uses_bus = True
     if uses_bus:
@@ -85,15 +85,6 @@ def convert_console(parsed: Parsed, system_name: str, report: Report) -> Console
     return ConsoleFiles(system, arms.files)
 
 
-def file_name(keys: Keys, name: str) -> str:
-    """The name of a file that was XML, as it is called today."""
-    old = keys.text(name)
-    new = file_today(old)
-    if new != old:
-        keys.converted(name, old, new, "convert the file, too, unless it is a stock one")
-    return new
-
-
 def _bus(top: Keys, io: Keys | None) -> Json:
     row: Json = {"name": BUS}
     if io is None:
@@ -113,7 +104,7 @@ def _bus(top: Keys, io: Keys | None) -> Json:
         row["close_all_relays"] = relays
     files = io.take("configuration-files")
     if isinstance(files, list):
-        row["configuration_files"] = [file_today(str(name)) for name in files]
+        row["configuration_files"] = [io.followed("configuration-files", str(name)) for name in files]
     elif files is not None:
         io.report.error(io.line(), io.key("configuration-files"), value_text(files), "wrong type", "a list of files")
     io.drop("physical-footpedals-required", "the console's input_type says it")
@@ -161,7 +152,7 @@ def _console(top: Keys, io: Keys | None, pedals: str) -> Json:
         return {"input_type": "SIMULATED"}
     row = {"input_type": "PEDALS_ONLY", "IO_pedals": _device(pedals)}
     if sensor is not None and sensor.has("io"):
-        return row | {"input_type": "PEDALS_ISI_HEAD_SENSOR", "IO_head_sensor": _device(file_name(sensor, "io"))}
+        return row | {"input_type": "PEDALS_ISI_HEAD_SENSOR", "IO_head_sensor": _device(sensor.file("io"))}
     if sensor is not None and sensor.has("hid"):
         return row | {"input_type": "PEDALS_GOOVIS_HEAD_SENSOR", "HID_file": sensor.text("hid")}
     return row

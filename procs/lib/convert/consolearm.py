@@ -7,7 +7,7 @@ import re
 from pathlib import PurePosixPath
 
 from procs.lib.convert.keys import Keys
-from procs.lib.convert.names import file_today, plain
+from procs.lib.convert.names import plain
 from procs.lib.convert.teleops import interface
 
 Json = dict[str, object]
@@ -16,6 +16,7 @@ _TYPES = {"SUJ": "SUJ_Classic"}
 _DRIVEN = re.compile(r"(MTM|PSM|ECM)(_DERIVED)?\Z|SUJ_Classic\Z|FOCUS_CONTROLLER\Z")
 _JOINTED = re.compile(r"(MTM|PSM|ECM)(_DERIVED)?\Z")
 _STOCK_PID = re.compile(r"sawControllersPID-(PSM|PSM-Si|MTM|MTML|MTMR|ECM|ECM-Si)\.(xml|json)\Z")
+_LEFT_RIGHT = re.compile(r"MTM[LR]")  # today both have the same gains
 _SERIAL = re.compile(r"-(\d{4,6})(?=[-_.]|\Z)")
 _TOOLS = {
     "psm-large-needle-driver": "LARGE_NEEDLE_DRIVER:400006",
@@ -77,7 +78,7 @@ class Arms:
         if file:
             keys.drop("kinematic", "there is an arm file, too")
             keys.lose("gravity-compensation", "belongs into the arm file, as gravity_compensation")
-            return file
+            return keys.followed("arm", file)
         chain = keys.text("kinematic")
         stem = PurePosixPath(chain).stem.lower()
         family = kind.split("_")[0]
@@ -110,10 +111,9 @@ def _files(keys: Keys) -> Json:
         if old == "pid" and _STOCK_PID.match(PurePosixPath(name).name):
             reason = "the stock gains of today, for actuators, are used"
             keys.report.dropped(keys.line(old), keys.key(old), name, reason)
+            keys.refer(old, name, f"pid/{_LEFT_RIGHT.sub('MTM', PurePosixPath(name).stem)}.json")
         elif name:
-            row[new] = file_today(name)
-            if row[new] != name:
-                keys.converted(old, name, str(row[new]), "convert the file, too")
+            row[new] = keys.followed(old, name)
     return row
 
 

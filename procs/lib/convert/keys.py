@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from procs.lib.config.problem import Key, key_text, value_text
-from procs.lib.convert.report import Report
+from procs.lib.convert.names import file_today
+from procs.lib.convert.report import Reference, Report
 
 Value = TypeVar("Value")
 
@@ -54,6 +55,25 @@ class Keys:
     def text(self, *names: str) -> str:
         """The first of `names` that is there, a text; "" when none is."""
         return self._typed(names, str, "a text") or ""
+
+    def file(self, name: str) -> str:
+        """The name of a file, as it is called today; "" when there is no such key."""
+        old = self.text(name)
+        return self.followed(name, old) if old else ""
+
+    def followed(self, name: str, old: str) -> str:
+        """What a file, named at `name`, is called today: as this run calls it, else as stock files are."""
+        made = self.report.follow(old)
+        new = made or file_today(old)
+        self.refer(name, old, new, bool(made))
+        if new != old:
+            why = "converted with it" if made else "convert the file, too, unless it is a stock one"
+            self.converted(name, old, new, why)
+        return new
+
+    def refer(self, name: str, old: str, new: str, converted_with_it: bool = False) -> None:
+        """Note which file is read in the place of an old one."""
+        self.report.references.append(Reference(self.line(name), self.key(name), old, new, converted_with_it))
 
     def flag(self, name: str) -> bool | None:
         """True or false, also as 1 or 0; None when there is no such key."""

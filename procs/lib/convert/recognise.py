@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from procs.lib.config.jsontext import Parsed, TextError, parse_json
@@ -13,13 +13,14 @@ from procs.lib.convert.armfile import convert_arm, looks_like_arm
 from procs.lib.convert.console import convert_console, looks_like_console
 from procs.lib.convert.io_xml import convert_io
 from procs.lib.convert.pid_xml import convert_pid
-from procs.lib.convert.report import LOST, Change, Report
+from procs.lib.convert.report import CONVERTED, LOST, Change, Reference, Report
 from procs.lib.convert.rob_text import convert_rob, looks_like_rob
 from procs.lib.convert.xmltext import Node, XmlError, parse_xml
 
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
+OTHER = "other"  # none of the old files, which no run over a folder needs to tell
 KINDS = "IO XML, PID XML, .rob, console*.json, arm files from before 2.4"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
@@ -43,6 +44,7 @@ class Converted:
     outputs: tuple[Output, ...]
     changes: tuple[Change, ...]
     problems: tuple[Problem, ...]
+    references: tuple[Reference, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -50,15 +52,31 @@ class Converted:
         return not self.problems and all(change.fate != LOST for change in self.changes)
 
 
-def convert_file(name: str, data: bytes) -> Converted:
-    """Convert the bytes of the file called `name`. Nothing raises: mistakes are the result's `problems`."""
-    report = Report(name)
+def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = None) -> Converted:
+    """Convert the bytes of the file called `name`. Nothing raises: mistakes are the result's `problems`.
+
+    `follow` gives the new name of a file that is converted in the same run, by the name the old file has for it, or "".
+    """
+    report = Report(name) if follow is None else Report(name, follow)
     if _XML.match(data):
         kind, outputs = _xml(PurePath(name), data, report)
     else:
         kind, outputs = _text(PurePath(name), data, report)
     changes = tuple(sorted(report.changes, key=lambda change: change.line))
-    return Converted(kind, () if report.problems else tuple(outputs), changes, tuple(report.problems))
+    return Converted(kind, () if report.problems else tuple(outputs), changes, tuple(report.problems),
+                     tuple(report.references))
+
+
+def with_arm_file(converted: Converted, file: str, old: str, new: str) -> Converted:
+    """What became of `file`, with another name for an arm file that it made; its system file follows."""
+    system, *rest = converted.outputs
+    rows = system.data.get("arms")
+    arms = [{**row, "arm_file": new} if isinstance(row, dict) and row.get("arm_file") == old else row
+            for row in (rows if isinstance(rows, list) else [])]
+    change = Change(file, 0, CONVERTED, "arm_file", old, new, "another file of this run has that name")
+    outputs = (Output(system.name, {**system.data, "arms": arms}),
+               *(Output(new, output.data) if output.name == old else output for output in rest))
+    return replace(converted, outputs=outputs, changes=(*converted.changes, change))
 
 
 def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
@@ -76,7 +94,7 @@ def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]
     if root.tag == "controller" and root.attributes.get("type") == "PID":
         return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
     _refuse(root, report)
-    return UNKNOWN, []
+    return OTHER, []
 
 
 def _refuse(root: Node, report: Report) -> None:
@@ -94,7 +112,7 @@ def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output
     if _JSON.match(text):
         return _json(path, text, report)
     report.error(1, "", "", "no known kind of file", KINDS)
-    return UNKNOWN, []
+    return OTHER, []
 
 
 def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]:
@@ -108,7 +126,7 @@ def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]
             return kind, convert(path, parsed, report)
     today = isinstance(parsed.data, dict) and _TODAY & set(parsed.data)
     report.error(1, "", "", "this is today's format already" if today else "no known kind of file", KINDS)
-    return UNKNOWN, []
+    return OTHER, []
 
 
 def _from_console(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from procs.lib.config.problem import Problem
@@ -32,11 +33,32 @@ class Change:
         return f"{place}: {self.fate}: {was}{now}{why}"
 
 
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A file that an old one names: as it is called there, and what is read in its place from now on."""
+
+    line: int
+    key: str
+    old: str
+    new: str
+    converted_with_it: bool  # by the same run
+
+
+def _nothing(name: str) -> str:
+    return ""
+
+
 @dataclass(slots=True)
 class Report:
-    """Collects changes and problems while one file is converted."""
+    """Collects changes and problems while one file is converted.
+
+    `follow` gives the present name of a file that is converted in the same run, by the name that files have for it; ""
+    for others.
+    """
 
     file: str
+    follow: Callable[[str], str] = _nothing
+    references: list[Reference] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
 
