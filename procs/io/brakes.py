@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procs.io.record import Floats, Record
 from procs.io.robots import Robots
@@ -28,6 +29,7 @@ class Brakes:
         self._spent_s = np.zeros(len(rows))
         self._releasing = np.zeros(len(rows), dtype=bool)
         self._busy = False
+        self._alone: set[int] = set()  # robots of which a single brake was let go
         self.current: Floats = self._engaged.copy()
 
     def has(self, robot: int) -> bool:
@@ -39,12 +41,29 @@ class Brakes:
         rows = self._of_robot[robot]
         if self._record.brakes_released[robot] or self._releasing[rows].any():
             return
+        self._let_go(rows)
+        self._alone.discard(robot)
+
+    def release_one(self, robot: int, axis: int) -> float:
+        """Let only the brake of this actuator go, until `engage`; returns the time that takes, s; 0: it has none.
+
+        The record shows brakes as released when all are: it does not show this one.
+        """
+        rows = self._of_robot[robot][axis : axis + 1]
+        if not len(rows):
+            return 0.0
+        self._let_go(rows)
+        self._alone.add(robot)
+        return float(self._time_s[rows[0]])
+
+    def _let_go(self, rows: NDArray[np.intp]) -> None:
         self.current[rows], self._spent_s[rows], self._releasing[rows] = self._release[rows], 0.0, True
         self._busy = True
 
     def engage(self, robot: int) -> None:
         """Hold."""
         rows = self._of_robot[robot]
+        self._alone.discard(robot)
         self.current[rows], self._releasing[rows] = self._engaged[rows], False
         self._record.brakes_released[robot] = False
 
@@ -58,5 +77,5 @@ class Brakes:
         self._releasing[over] = False
         self._busy = bool(self._releasing.any())
         for robot, rows in enumerate(self._of_robot):
-            if over[rows].any() and not self._releasing[rows].any():
+            if over[rows].any() and not self._releasing[rows].any() and robot not in self._alone:
                 self._record.brakes_released[robot] = True

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.brakes import Brakes
-from procs.io.devices import Bias, DigitalOutputs, Gains, Instruments, Power, Safety
+from procs.io.devices import AxisDrive, Bias, DigitalOutputs, Gains, Instruments, Power, Safety
 from procs.io.follow import Follow
 from procs.io.record import Flags, Record
 from procs.io.robots import Robots
@@ -24,6 +24,7 @@ ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "in
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
 MOST_SAMPLES: Final = 100_000
+LONGEST_SUPPLY_S: Final = 60.0
 MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
 
@@ -72,11 +73,12 @@ class Commands:
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
                  safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
-                 instruments: Instruments, faults: Sequence[Cell]) -> None:
+                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[Cell]) -> None:
         """`faults` of every robot: what was asked of it before the last one is void."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
+        self._axis_drive = axis_drive
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._faults = faults
         self._powering: list[tuple[int, Command]] = []
@@ -91,6 +93,7 @@ class Commands:
             "set_output": self._set_output, "set_pwm": self._set_pwm,
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
             "set_gains": self._set_gains, "trigger_read": self._trigger_read,
+            "supply_on": self._supply_on, "drive_axis": self._drive_axis,
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
@@ -167,7 +170,17 @@ class Commands:
         command.accept()
         self._powering.append((robot, command))
 
+    def _supply_on(self, robot: int, command: Command) -> None:
+        for_s = float(command.values[0]) if len(command.values) == 1 else math.nan
+        if not 0.0 < for_s <= LONGEST_SUPPLY_S:
+            raise Refused(f"one value is needed: for how long, above 0 up to {LONGEST_SUPPLY_S:g} s")
+        reason = self._power.supply(robot, self._now_ns, for_s)
+        if reason:
+            raise Refused(reason)
+        command.done()
+
     def _power_off(self, robot: int, command: Command) -> None:
+        self._axis_drive.stop(robot, "power was switched off")
         self._follow.enable(robot, False, self._now_ns)
         self._power.off(robot, bool(len(command.values) and command.values[0]))
         command.done()
@@ -224,6 +237,24 @@ class Commands:
         if not record.valid:
             raise Refused("there is no good sample of the controllers")
 
+    def _drive_axis(self, robot: int, command: Command) -> None:
+        record = self._record
+        if len(command.values) != 5 or not np.isfinite(command.values).all() or command.values[4] not in (0.0, 1.0):
+            raise Refused("five values are needed: axis, A, s, travel in rad or m, 1 to release its brake, else 0")
+        axis = self._axis(robot, float(command.values[0]))
+        current_a, rise_s, travel, release = (float(value) for value in command.values[1:])
+        reason = self._axis_drive.objection(robot, axis, current_a, rise_s, travel)
+        if reason:
+            raise Refused(reason)
+        self._need_off(robot)
+        self._need_rest(robot)
+        if not (record.powered[robot] and record.amps_on[robot]):
+            raise Refused("its amplifiers are not on")
+        if release:
+            self._need_brakes(robot)
+        command.accept()
+        self._axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
+
     def _brake_release(self, robot: int, command: Command) -> None:
         self._need_brakes(robot)
         if not self._record.amps_on[robot]:
@@ -236,6 +267,7 @@ class Commands:
 
     def _brake_engage(self, robot: int, command: Command) -> None:
         self._need_brakes(robot)
+        self._axis_drive.stop(robot, "the brakes were engaged")
         self._brakes.engage(robot)
         command.done()
 
@@ -267,6 +299,7 @@ class Commands:
         command.done()
 
     def _servo_zero(self, robot: int, command: Command) -> None:
+        self._axis_drive.stop(robot, "servo_zero")
         self._let_off(robot)
         command.done()
 

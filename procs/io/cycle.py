@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.buttons import Buttons
@@ -86,9 +87,11 @@ class RobotIo:
         self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
         self._idle_outputs = IdleOutputs(robots, record, self._digital_outputs, self.reports)
         self._buttons = Buttons(robots, port, record, self.reports)
+        self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes, self._digital_outputs, self.gains, self.instruments, cells)
+                                  self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
+                                  cells)
         self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes,
                                     cells)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
@@ -202,6 +205,7 @@ class RobotIo:
                                       float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
         if self.reports.trips:
             self._reactions.act(now_ns)
+        self._axis_drive.step(now_ns)
 
     def _not_finite(self, now_ns: int) -> None:
         """An effort that was not a number left as 0 A; whoever made it is switched off."""

@@ -28,8 +28,25 @@ class Power(Protocol):
     def on(self, robot: int, now_ns: int) -> None:
         """Begin to power on; asked again, nothing changes."""
 
+    def supply(self, robot: int, now_ns: int, for_s: float) -> str:
+        """Motor supply on for a while, amplifiers off; returns why not, or ""."""
+
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Power off at once."""
+
+
+class AxisDrive(Protocol):
+    """One motor driven by itself; see `axis_drive.py`."""
+
+    def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
+        """Why it cannot be done, or ""."""
+
+    def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
+              asker: Asker, now_ns: int) -> None:
+        """Start it."""
+
+    def stop(self, robot: int, why: str) -> None:
+        """End it."""
 
 
 class Bias(Protocol):

@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
 from procs.io.commands import Command, Commands
 from procs.io.follow import Follow, SetpointSource
@@ -53,6 +54,10 @@ class PlayedPower:
         self._pid.check_tracking(axes, False)
         self._follow.enable(robot, True, now_ns)
         self._reports.status("power on (KINEMATIC)", self._robots.names[robot])
+
+    def supply(self, robot: int, now_ns: int, for_s: float) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it has no supply"
 
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Off at once; there are no relays."""
@@ -158,7 +163,7 @@ class KinematicIo:
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
         self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
-                                  NoGains(), NoReaders(), cells)
+                                  NoGains(), NoReaders(), NoAxisDrive(), cells)
         self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes, cells)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)

@@ -5,6 +5,8 @@
     AMPS      all on    → ON
     any       3 s after power_on: not fully powered, or an amplifier off → fault
     any       power_off → OFF
+    OFF       supply_on → ALONE      relay and motor supply only, for a while; nobody wants power: nothing is judged
+    ALONE     time over, power_off → OFF
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ OFF: Final = "OFF"
 SUPPLY: Final = "SUPPLY"
 AMPS: Final = "AMPS"
 ON: Final = "ON"
+ALONE: Final = "ALONE"
 
 POWER_GRACE_NS: Final = 3_000_000_000  # some supplies come up slowly; never raise: they overheat the boards meanwhile
 FAULT_GRACE_NS: Final = 200_000_000  # supply fault and an old watchdog flag take this long to clear
@@ -47,6 +50,7 @@ class Supply:
     retry_ns: int = 0
     watchdog_clear: bool = False  # seen clear since power was asked for
     amps_off_ns: int = 0  # since when an amplifier that should be on is off; 0: none
+    until_ns: int = 0  # of a supply alone: when it ends
 
 
 class Power:
@@ -85,6 +89,14 @@ class Power:
         if self._robots.motors_off[robot]:
             self._reports.warn(faults.CALIBRATION_MOTORS, self._robots.names[robot])
 
+    def supply(self, robot: int, now_ns: int, for_s: float) -> str:
+        """Close the relay and switch the motor supply on for a while, amplifiers off; returns why not, or ""."""
+        if self._record.power_wanted[robot]:
+            return "it is powered"
+        self._supplies[robot] = Supply(ALONE, now_ns, until_ns=now_ns + round(for_s * 1e9))
+        self._wake_ns, self.changed = 0, True
+        return ""
+
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Amplifiers off; motor supply off on boards that no other robot wants powered."""
         record, robots = self._record, self._robots
@@ -120,6 +132,8 @@ class Power:
             if self._record.power_wanted[robot]:
                 self._advance(robot, now_ns)
                 self._judge(robot, now_ns)
+            elif self._supplies[robot].state == ALONE:
+                self._supply_alone(robot, now_ns)
 
     def _show(self, robot: int) -> None:
         """Flags of the record: good ones hold on every board, bad ones on any."""
@@ -159,6 +173,18 @@ class Power:
                 self._outputs.enable_amps(self._robots.of_robot[robot][self._switched[robot]])
         if supply.state in (SUPPLY, AMPS):
             self._wake_at(supply.retry_ns)
+
+    def _supply_alone(self, robot: int, now_ns: int) -> None:
+        supply, commanded = self._supplies[robot], registers.STATUS_POWER | registers.STATUS_RELAY
+        if now_ns >= supply.until_ns:
+            self.off(robot)
+            return
+        is_on = int(np.bitwise_and.reduce(self._now[self._rows[robot]])) & commanded == commanded
+        in_time = now_ns - supply.start_ns <= POWER_GRACE_NS
+        if not is_on and in_time and now_ns >= supply.retry_ns:
+            supply.retry_ns = now_ns + RETRY_NS
+            self._outputs.command_power(self._robots.on_board[robot], relay=True)
+        self._wake_at(supply.until_ns if is_on or not in_time else min(supply.retry_ns, supply.until_ns))
 
     def _judge(self, robot: int, now_ns: int) -> None:
         """Trip on what should not be, once its grace time is over; on all of it, none hides another."""

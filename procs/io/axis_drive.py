@@ -1,0 +1,142 @@
+"""One motor driven without the joint controller, to find out what it moves: for commissioning (`trocar commission`).
+
+    RISING      the current rises from 0 to the one asked for; all other motors have none, brakes hold
+    LETTING_GO  the brake of this axis alone lets go, where that was asked for; the current stays
+    over        the axis has moved by `travel`, another one by more than ROOM, the time has passed, or it was stopped
+
+Nothing but its brakes holds the arm meanwhile. Afterwards the motor has no current, and the brakes hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from procs.io.brakes import Brakes
+from procs.io.instruments import Asker
+from procs.io.record import Floats, Record
+from procs.io.robots import Robots, Samples
+from procs.lib.pid import Pid
+
+MAX_SHARE: Final = 0.5  # of the motor's largest current
+MAX_RISE_S: Final = 3.0
+MAX_TRAVEL_RAD, MAX_TRAVEL_M = 0.2, 0.03
+ROOM_RAD, ROOM_M = 0.35, 0.05  # what another axis may move by: nobody holds it
+TRAVEL_S: Final = 0.5  # the travel takes no less time than this
+FREE_S: Final = 1.0  # for how long an axis has the current after its brake has let go
+
+
+@dataclass(slots=True)
+class Running:
+    """One test; positions are those of all axes of the robot when it began."""
+
+    axis: int
+    current_a: float
+    rise_ns: int
+    travel: float
+    release: bool
+    asker: Asker
+    begin_ns: int
+    start: Floats
+    end_ns: int
+    free: bool = False  # its brake was let go
+
+
+class AxisDrive:
+    """Tests of all robots, one at a time on each."""
+
+    def __init__(self, robots: Robots, samples: Samples, record: Record, pid: Pid, brakes: Brakes) -> None:
+        self._robots, self._samples, self._record, self._pid = robots, samples, record, pid
+        self._brakes = brakes
+        slides = np.array([a.joint_type == "PRISMATIC" for a in robots.actuators], dtype=bool)
+        self._room = np.where(slides, ROOM_M, ROOM_RAD)
+        self._most_travel = np.where(slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
+        self._running: dict[int, Running] = {}
+
+    def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
+        """Why it cannot be done, or ""."""
+        place, robots = self._robots.slices[robot].start + axis, self._robots
+        most, furthest = MAX_SHARE * float(robots.maximum_current[place]), float(self._most_travel[place])
+        if not (robots.has_encoder[place] and robots.effort_to_current[place] != 0.0 and most > 0.0):
+            return f"axis {axis} has no motor with an encoder"
+        for value, limit, what in ((abs(current_a), most, "A"), (rise_s, MAX_RISE_S, "s"),
+                                   (travel, furthest, "travel")):
+            if not 0.0 < value <= limit:
+                return f"{what} {value:g}; allowed: above 0 up to {limit:g}"
+        return "an axis is being driven" if robot in self._running else ""
+
+    def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
+              asker: Asker, now_ns: int) -> None:
+        """Start; `release`: let its brake go, once there is current."""
+        start = self._samples.position[self._robots.slices[robot]].copy()
+        rise_ns = round(rise_s * 1e9)
+        self._running[robot] = Running(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
+                                       now_ns + rise_ns)
+
+    def stop(self, robot: int, why: str) -> None:
+        """End it."""
+        test = self._running.pop(robot, None)
+        if test is not None:
+            self._end(robot, test)
+            test.asker.fail(why)
+
+    def step(self, now_ns: int) -> None:
+        """One good sample; the joint controllers have computed their efforts."""
+        if self._running:
+            for robot in list(self._running):
+                self._advance(robot, self._running[robot], now_ns)
+
+    def _advance(self, robot: int, test: Running, now_ns: int) -> None:
+        record, axes = self._record, self._robots.slices[robot]
+        if not (record.amps_on[robot] and record.power_wanted[robot]) or record.pid_enabled[robot]:
+            self.stop(robot, "power went off, or the joint controller on")
+            return
+        moved = self._samples.position[axes] - test.start
+        others = np.abs(moved) > self._room[axes]
+        if others.any():
+            self._finish(robot, test, f"axis {int(np.argmax(others))} moved too far; ")
+        elif abs(moved[test.axis]) >= test.travel or (
+                now_ns >= test.end_ns and not self._let_go(robot, test, now_ns)):
+            self._finish(robot, test)
+        else:
+            share, place = min(1.0, (now_ns - test.begin_ns) / test.rise_ns), axes.start + test.axis
+            if abs(self._samples.velocity[place]) * TRAVEL_S > test.travel:
+                share = 0.0  # it is fast enough: what has much speed runs on when the current is gone
+            self._pid.effort[place] = share * test.current_a / self._robots.effort_to_current[place]
+
+    def _let_go(self, robot: int, test: Running, now_ns: int) -> bool:
+        """Let the brake go; False where that is not wanted, or has been done."""
+        if not test.release or test.free:
+            return False
+        test.free = True
+        test.end_ns = now_ns + round((self._brakes.release_one(robot, test.axis) + FREE_S) * 1e9)
+        return True
+
+    def _finish(self, robot: int, test: Running, what: str = "") -> None:
+        axes = self._robots.slices[robot]
+        moved = self._samples.position[axes][test.axis] - test.start[test.axis]
+        del self._running[robot]
+        self._end(robot, test)
+        test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
+
+    def _end(self, robot: int, test: Running) -> None:
+        self._pid.effort[self._robots.slices[robot].start + test.axis] = 0.0
+        if test.free:
+            self._brakes.engage(robot)
+
+
+class NoAxisDrive:
+    """Of KINEMATIC robots: there is nothing to find out."""
+
+    def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it has no motors"
+
+    def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
+              asker: Asker, now_ns: int) -> None:
+        """Never called."""
+
+    def stop(self, robot: int, why: str) -> None:
+        """None runs."""
