@@ -36,11 +36,12 @@ class SensorErrors:
     current: Floats  # A
     pot: Floats  # V
     pot_drift: Floats  # V a step, by which `pot` grows
+    pot_alive: Floats  # 1; 0 where a potentiometer is dead: it shows 0 V
 
     @classmethod
     def none(cls, slots: int) -> SensorErrors:
         """All zero."""
-        return cls(*np.zeros((3, slots)))
+        return cls(np.zeros(slots), np.zeros(slots), np.zeros(slots), np.ones(slots))
 
 
 class World(Protocol):
@@ -141,6 +142,7 @@ class Emulation:
                 spread[wiring.brakes.slots] = brakes
             return spread
 
+        self._motor_of = wiring.slots.copy()  # the slot whose current every motor gets
         of_brakes = wiring.brakes
         self._let_go = np.zeros(len(of_brakes.slots), dtype=np.bool_)
         self._amps = np.array((spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
@@ -181,6 +183,19 @@ class Emulation:
         width = self.wiring.width
         return [(bus, slice(width * first, width * (first + bus.count)))
                 for bus, first in zip(self.buses, self._firsts, strict=True)]
+
+    # -- faults of cables and sensors ----------------------------------------------------------------------------------
+
+    def scale_encoder(self, axis: int, factor: float) -> None:
+        """Let the encoder of an actuator count `factor` times what its file says, from where it is; 1 puts it right."""
+        slot, scale = self.wiring.slots[axis], self.wiring.counts.scale[axis] * factor
+        self._counts[0][:, slot] = scale, scale / reg.CLOCK_HZ
+        self._counts[1][0, slot] = self._now[0, slot] - scale * self._world.position[axis]
+        self._where(self._now, self._now_rows)
+
+    def swap_motors(self, one: int, other: int) -> None:
+        """Exchange the plugs of two motors: each gets the current that is meant for the other."""
+        self._motor_of[[one, other]] = self._motor_of[[other, one]]
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -259,7 +274,7 @@ class Emulation:
         self._world.pot_position.take(self._axis_of, None, volts, "clip")
         np.multiply(truth, self._scales, truth)
         np.add(truth, self._offsets, truth)
-        flowing.take(self.wiring.slots, None, self.current, "clip")
+        flowing.take(self._motor_of, None, self.current, "clip")
         for joints in self.setup_joints.values():
             volts[joints.slots] = joints.step(flowing, self._on)
         if self._noise_v > 0.0:
@@ -279,6 +294,7 @@ class Emulation:
         """What the sensors say instead of the truth."""
         np.add(errors.pot, errors.pot_drift, errors.pot)
         np.add(self._truth, (errors.current, errors.pot), self._seen)
+        np.multiply(self._seen[1], errors.pot_alive, self._seen[1])
         return self._seen
 
     def _may_exceed(self) -> bool:

@@ -10,6 +10,7 @@ from procs.boards.emulation import Emulation, SensorErrors
 from procs.boards.robots.plant import Plant
 
 MOST_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
+MOST_FACTOR = 10.0
 MOST_POSITION = 10.0  # rad or m
 HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
@@ -87,6 +88,27 @@ class Incidents:
         errors.pot_drift[slot] = volts_per_s * self._plant.period_s
         if volts is not None:
             errors.pot[slot] = volts
+
+    def kill_pot(self, robot: str, axis: int, dead: bool) -> None:
+        """A potentiometer shows 0 V, as with a loose cable, or is mended."""
+        self._look_for(self._wiring.pot_volts.scale, robot, axis, "potentiometer")
+        self._errors().pot_alive[self._slot(robot, axis)] = float(not dead)
+
+    def scale_encoder(self, robot: str, axis: int, factor: float) -> None:
+        """An encoder counts `factor` times what its file says; below 0 backwards, 1 puts it right."""
+        self._look_for(self._wiring.counts.scale, robot, axis, "encoder")
+        if not 0.01 <= abs(factor) <= MOST_FACTOR:
+            raise ValueError(f"factor {factor:g}; allowed: 0.01 to {MOST_FACTOR:g}, or below 0 the same")
+        self._world.scale_encoder(self._axis(robot, axis), factor)
+
+    def swap_motors(self, robot: str, one: int, other: int) -> None:
+        """Exchange the plugs of two motors of a robot."""
+        self._world.swap_motors(self._axis(robot, one), self._axis(robot, other))
+
+    def jam(self, robot: str, axis: int, jammed: bool) -> None:
+        """An axis is stuck, or the brake on it is; or neither any more."""
+        self._axis(robot, axis)
+        self._plant.jam(robot, axis, jammed)
 
     # -- faults of boards and buses ------------------------------------------------------------------------------------
 

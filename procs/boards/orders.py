@@ -127,6 +127,10 @@ class Orders:
             "current_error": ((2,), lambda w: incidents.shift_current(w.text, w.axis(), w.number(1))),
             "pot_drift": ((2, 3), lambda w: incidents.drift(
                 w.text, w.axis(), w.number(1), w.number(2) if len(w.values) > 2 else None)),
+            "pot_dead": ((2,), lambda w: incidents.kill_pot(w.text, w.axis(), w.on(1))),
+            "encoder_scale": ((2,), lambda w: incidents.scale_encoder(w.text, w.axis(), w.number(1))),
+            "swap_motors": ((2,), lambda w: incidents.swap_motors(w.text, w.axis(), w.whole(1, 0, 255))),
+            "jam": ((2,), lambda w: incidents.jam(w.text, w.axis(), w.on(1))),
         }
 
     def _for_boards(self) -> dict[str, tuple[tuple[int, ...], Order]]:

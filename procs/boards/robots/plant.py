@@ -68,6 +68,7 @@ class Plant:
         self._pushed = np.zeros(self.axes)  # robots' joint space
         self._is_pulled = False
         self._is_braked = np.zeros(self.axes, dtype=np.bool_)
+        self._is_jammed = np.zeros(self.axes, dtype=np.bool_)
         self._pots_on_motors = np.ones(self.axes, dtype=np.bool_)
         self._pot_offset = np.zeros(self.axes)
         for robot in self._robots:
@@ -152,7 +153,8 @@ class Plant:
     def place(self, robot: str, actuator_position: Array) -> None:
         """Put a robot's actuators (n,) somewhere, at rest; brakes hold it there."""
         part, joints = self._slices[robot], self._assembly.joints[robot]
-        self._joint_position[joints] = self._to_joint[joints, part] @ np.asarray(actuator_position, dtype=np.float64)
+        wanted = np.where(self._is_jammed[part], self.position[part], actuator_position)
+        self._joint_position[joints] = self._to_joint[joints, part] @ wanted
         self._joint_velocity[joints] = 0.0
         self.friction.relax(joints)
         if self._play is not None:
@@ -167,6 +169,11 @@ class Plant:
         A new plant has all brakes released.
         """
         self._is_braked[self._slices[robot]][actuators] = engaged
+        self._constrain()
+
+    def jam(self, robot: str, actuator: int, jammed: bool) -> None:
+        """An actuator stands still whatever pulls, or turns again: stuck, or held by a brake that does not let go."""
+        self._is_jammed[self._slices[robot].start + actuator] = jammed
         self._constrain()
 
     def tip(self, robot: str) -> Array:
@@ -270,7 +277,7 @@ class Plant:
         for robot in self._robots:
             part, joints = self._slices[robot.name], self._assembly.joints[robot.name]
             ties = self._assembly.ties.get(robot.name, np.zeros((0, self.model.nv)))
-            held = self._to_actuator[part][self._is_braked[part]]
+            held = self._to_actuator[part][self._is_braked[part] | self._is_jammed[part]]
             if len(ties) + len(held):
                 values = np.concatenate((np.zeros(len(ties)), held @ self._joint_position))
                 blocks.append(Block(joints, np.concatenate((ties, held)), values))
