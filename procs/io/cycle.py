@@ -43,6 +43,9 @@ DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdo
 MISSED_REPEAT_NS: Final = 1_000_000_000
 STRANGER_REPEAT_NS: Final = 120_000_000_000
 FADES_NS, FADED_NS = 3_000_000, 10_000_000
+STABLE_NS: Final = 2_500_000  # efforts may stand so long, or PERIODS where that is more: light joints bear no longer
+PERIODS: Final = 1.25
+GAPS: Final = 8  # between samples: so many make the mean
 FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
 
 
@@ -101,6 +104,8 @@ class RobotIo:
         self.good = False
         """The last cycle had a complete fresh sample."""
         self._before_ns = self._good_ns
+        period_ns = io.period_s * 1e9
+        self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._cycles = 0
@@ -135,7 +140,10 @@ class RobotIo:
                 self._control(now_ns)
             self._setup_brakes.step()
             self._idle_outputs.step()
-            share = 1.0 if good else share_of(now_ns - self._good_ns)
+            # what is worked out now will stand about as long as what was before: the longer, the less of it
+            share = min(1.0, self._stable_ns / self._gap_ns)
+            if not good:
+                share *= share_of(now_ns - self._good_ns)
             if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
                 share = 0.0
                 self._outputs.all_off()
@@ -151,6 +159,7 @@ class RobotIo:
     def _look(self, now_ns: int) -> None:
         """Decode a good sample and check it."""
         self._before_ns, self._good_ns = self._good_ns, now_ns
+        self._gap_ns += (min(now_ns - self._before_ns, FADED_NS) - self._gap_ns) / GAPS
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")

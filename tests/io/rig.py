@@ -38,6 +38,10 @@ class Direct:
         self.lose, self.loss = 0, 0.0
         self._dice = random.Random(20261121)
 
+    def seed(self, number: int) -> None:
+        """Lose others."""
+        self._dice.seed(number)
+
     def open(self) -> None:
         self._replies.clear()
 

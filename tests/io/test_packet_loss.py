@@ -11,6 +11,7 @@ from procs.lib import registers
 from procs.lib.config import load_system
 from tests import stock
 from tests.io.rig import Rig
+from tests.system.robot import ROOT
 
 SWING, HZ = 0.15, 0.8  # rad: 0.75 rad/s, 65 counts a cycle
 JOINT = 0
@@ -75,6 +76,34 @@ def test_lost_datagrams_neither_stop_the_robot_nor_make_old_samples_new(rig: Rig
     rig.link.loss = 0.0
     assert swing(rig, 0.2, start) == (0, 0.0)
     assert rig.errors() == []
+
+
+@pytest.mark.parametrize("seed", [7, 38, 59])
+def test_a_light_joint_does_not_ring_when_samples_come_rarely(seed: int) -> None:
+    loaded = load_system(ROOT / "configs" / "systems" / "demo-teleop.yaml", search=[], boards="emulated")
+    assert loaded.system is not None
+    rig = Rig(loaded.system)
+    rig.bring_up("PSM1")
+    place = rig.robots.names.index("PSM1")
+    roll = rig.robots.slices[place].start + 3
+    arm = rig.arms["PSM1"]
+    arm.position[:7] = rig.record.setpoint_position[rig.robots.slices[place]]
+    arm.mode[...] = 1
+    rig.run(0.3)
+    start, shown = float(arm.position[3]), []
+    rig.link.seed(seed)
+    rig.link.loss = 0.43
+    for k in range(75):
+        arm.position[3] = start + 0.02 * math.sin(2 * math.pi * HZ * k * rig.period_ns * 1e-9)
+        rig.cycle()
+        if not rig.record.valid:
+            rig.clock.ns += 2_000_000  # what io waits for a reply that does not come
+        if not rig.record.pid_enabled[place]:
+            break
+        shown.append(float(rig.world.position[roll]))
+    assert len(shown) > 20
+    ways = np.abs(np.array(shown[5:]) - np.array(shown[:-5]))
+    assert ways.max() < 0.006  # rad in five cycles, of which the sine asks for 0.001; 0.1 where efforts stay whole
 
 
 def test_silence_shorter_than_the_watchdog_is_survived_and_a_longer_one_is_a_fault(rig: Rig) -> None:
