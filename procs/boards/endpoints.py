@@ -10,6 +10,7 @@ host gives them.
 from __future__ import annotations
 
 import contextlib
+import errno
 import select
 import socket
 import struct
@@ -25,6 +26,7 @@ from procs.boards.frames import FrameSocket
 from procs.boards.mishaps import Mishaps
 from procs.lib.document import Bus
 from procs.lib.wire import MULTICAST, UDP_PORT, Buffer
+from procs.udp_holders import holders
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
@@ -224,7 +226,9 @@ def _bound(address: str, *, shared: bool = False) -> socket.socket:
         sock.bind((address, UDP_PORT))
     except OSError as error:
         sock.close()
-        raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {error.strerror}") from error
+        others = "; ".join(map(str, holders(UDP_PORT, address))) if error.errno == errno.EADDRINUSE else ""
+        why = others or error.strerror
+        raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {why}") from error
     return sock
 
 

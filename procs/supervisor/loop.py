@@ -24,6 +24,7 @@ from procs.realtime import realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.judge import HUNG, LATE, Judge, Member
+from procs.udp_holders import holders
 from shm import directory
 from shm.audit import Audit
 from shm.clock import Conductor, monotonic_ns, pause
@@ -303,7 +304,8 @@ def free_address(system: str) -> Callable[[int], str]:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
                 probe.bind((candidate, BUS_PORT))
                 return candidate
-        raise SetupFailed("no free loopback address for an emulated bus")
+        others = "; ".join(map(str, holders(BUS_PORT))) or "every address that was tried is taken"
+        raise SetupFailed(f"no free loopback address with port {BUS_PORT} for an emulated bus: {others}")
 
     return address
 
@@ -350,8 +352,12 @@ def main() -> None:
     chosen = arguments()
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     name = chosen.system or "trocar"
-    loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
-                         bus_address=free_address(name))
+    try:
+        loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
+                             bus_address=free_address(name))
+    except SetupFailed as error:
+        log.error("%s", error)
+        sys.exit(1)
     for problem in (*loaded.warnings, *loaded.errors):
         log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
     if loaded.errors or loaded.system is None:

@@ -1,0 +1,92 @@
+"""Which programs have a UDP port of this machine, as the kernel lists its sockets: for messages to people."""
+
+from __future__ import annotations
+
+import contextlib
+import pwd
+from collections.abc import Iterator
+from dataclasses import dataclass
+from ipaddress import IPv4Address, ip_address
+from pathlib import Path
+from typing import Final
+
+PROC: Final = Path("/proc")
+_MAPPED: Final = b"\0" * 10 + b"\xff\xff"  # before an IPv4 address in an IPv6 one
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """A socket: its address, and whose it is. `pid` 0: a program of another user, of which the kernel says no more."""
+
+    address: str
+    port: int
+    user: str
+    pid: int = 0
+    program: str = ""
+
+    def __str__(self) -> str:
+        who = f"{self.program} (pid {self.pid})" if self.pid else f"a program of user {self.user}"
+        return f"{who} has {self.address}:{self.port}"
+
+
+def holders(port: int, address: str = "0.0.0.0") -> tuple[Holder, ...]:
+    """Who is in the way of a socket at this address and port; for 0.0.0.0 all that have the port."""
+    found = [row for table in ("udp", "udp6") for row in _sockets(table, port) if _meet(row[0], address)]
+    owners = dict(_owners({inode for _, inode, _ in found})) if found else {}
+    return tuple(Holder(at, port, _user(uid), *owners.get(inode, ())) for at, inode, uid in found)
+
+
+def _meet(one: str, other: str) -> bool:
+    return one == other or any(ip_address(address).is_unspecified for address in (one, other))
+
+
+def _sockets(table: str, port: int) -> Iterator[tuple[str, str, int]]:
+    """Address, inode and user of every socket with this port."""
+    try:
+        lines = (PROC / "net" / table).read_text().splitlines()[1:]
+    except OSError:  # no IPv6
+        return
+    for line in lines:
+        words = line.split()
+        address, _, number = words[1].partition(":")
+        if int(number, 16) == port:
+            yield _address(address), words[9], int(words[7])
+
+
+def _address(text: str) -> str:
+    """As the kernel writes it: words of four bytes, each in the machine's order."""
+    data = b"".join(bytes.fromhex(text[at : at + 8])[::-1] for at in range(0, len(text), 8))
+    return str(IPv4Address(data[-4:]) if data.startswith(_MAPPED) else ip_address(data))
+
+
+def _owners(inodes: set[str]) -> Iterator[tuple[str, tuple[int, str]]]:
+    wanted = {f"socket:[{inode}]": inode for inode in inodes}
+    for folder in PROC.iterdir():
+        if not folder.name.isdigit():
+            continue
+        with contextlib.suppress(OSError):  # it has ended, or is not ours to look into
+            for link in (folder / "fd").iterdir():
+                inode = wanted.get(_target(link), "")
+                if inode:
+                    yield inode, (int(folder.name), _program(folder))
+
+
+def _target(link: Path) -> str:
+    with contextlib.suppress(OSError):
+        return str(link.readlink())
+    return ""
+
+
+def _program(folder: Path) -> str:
+    """What people know it by: one of our processes with its system, else the name of its program."""
+    words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+    told = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
+    if len(told) == 2:
+        return f"{told['--name']} of system {told['--system']}"
+    return (folder / "comm").read_text().strip()
+
+
+def _user(uid: int) -> str:
+    with contextlib.suppress(KeyError):
+        return pwd.getpwuid(uid).pw_name
+    return str(uid)
