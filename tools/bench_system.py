@@ -32,7 +32,7 @@ from tools.printing import number, plain, table
 from tools.processes import lives
 from tools.supervising import Background, Request
 from tools.surgeon import Seat, Seen, Sway, seats
-from tools.systems import ROOT, instances_of_kind
+from tools.systems import ROOT, instances_of_kind, system_file
 from tools.watch import Watch, powered_names
 
 FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
@@ -48,7 +48,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
         sets: tuple[str, ...] = ()) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-system-{os.getpid()}"
-    background = Background(Request(file, name, boards, paths, sets), tied=True)
+    background = Background(Request(system_file(file, paths), name, boards, paths, sets), tied=True)
     try:
         background.wait_until_up(_silent)
         begin = monotonic_ns()

@@ -38,7 +38,8 @@ class Request:
 
     def command(self) -> list[str]:
         """The supervisor's command line."""
-        words = [sys.executable, "-m", MODULE, str(self.file), "--system", self.system]
+        # -P: modules are ours, whatever lies in the folder that the caller stands in
+        words = [sys.executable, "-P", "-m", MODULE, str(self.file), "--system", self.system]
         words += ["--boards", self.boards] if self.boards else []
         for path in self.paths:
             words += ["--path", str(path)]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from procs.lib.paths import given_file, not_found
 from shm.directory import systems
 from shm.owners import SERVICE_USER
 from shm.segment import (
@@ -26,6 +27,14 @@ from tools.errors import Problem
 from tools.running import SUPERVISOR, running
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
+    """A system file as a person names it, also along `--path` and in configs/; Problem when there is none."""
+    found = given_file(file, path)
+    if not found.exists():
+        raise Problem(f"{file}: {not_found(file, path)}")
+    return found
 
 
 def alive(identity: Identity) -> bool:

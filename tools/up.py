@@ -14,7 +14,7 @@ from tools.logs import tail
 from tools.options import JsonOption
 from tools.printing import emit, note, progress
 from tools.supervising import Background, Request, environment, refuse_taken
-from tools.systems import ROOT
+from tools.systems import ROOT, system_file
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 NAME = "trocar"
@@ -42,7 +42,7 @@ def up(
     if file is None:
         file, boards = DEMO, boards or "emulated"
     values = (*(sets or ()), *(["calibration_mode=true"] if calibration else []))
-    request = Request(file, system, boards, tuple(path or ()), values, seconds)
+    request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
     if not detach:
         refuse_taken(system)
         sys.stdout.flush()

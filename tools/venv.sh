@@ -4,9 +4,13 @@
 root=$(cd "$(dirname "$0")/.." && pwd)
 python="$root/.venv/bin/python"
 
+trocar_is_new_enough() {
+    "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null
+}
+
 trocar_find_python() {
-    for candidate in "${TROCAR_PYTHON:-python3}" python3.13 python3.12 python3.11; do
-        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+    for candidate in ${TROCAR_PYTHON:+"$TROCAR_PYTHON"} python3 python3.13 python3.12 python3.11; do
+        if trocar_is_new_enough "$candidate"; then
             echo "$candidate"
             return 0
         fi
@@ -14,8 +18,35 @@ trocar_find_python() {
     return 1
 }
 
+# What pip does, as one line that changes on a terminal, else a line for each package; errors go through as they are.
+trocar_install() {
+    {
+        "$python" -m pip install --disable-pip-version-check -c "$root/constraints.txt" -e "$root$1"
+        echo "trocar-pip-ended $?"
+    } | {
+        ended=1
+        while read -r first rest; do
+            case $first in
+                trocar-pip-ended) ended=$rest ;;
+                Collecting | Downloading | Installing | Building)
+                    if [ -t 2 ]; then
+                        printf '\r\033[K%.100s' "$first $rest" >&2
+                    elif [ "$first" != Downloading ]; then
+                        echo "$first $rest" >&2
+                    fi ;;
+            esac
+        done
+        [ -t 2 ] && printf '\r\033[K' >&2
+        return "$ended"
+    }
+}
+
 trocar_venv() {
     extras=$1
+    if [ -n "${TROCAR_PYTHON:-}" ] && ! trocar_is_new_enough "$TROCAR_PYTHON"; then
+        echo "trocar: TROCAR_PYTHON=$TROCAR_PYTHON is no Python 3.11 or newer; unset it, or give it one" >&2
+        return 1
+    fi
     stamp="$root/.venv/.trocar$extras"
     wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" | cksum)
     if [ -x "$python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then
@@ -29,12 +60,12 @@ trocar_venv() {
         echo "trocar: this Python cannot make virtual environments; try: sudo apt-get install python3-venv" >&2
         return 1
     fi
-    echo "trocar: preparing .venv (first use, or the requirements changed)" >&2
+    echo "trocar: preparing .venv (first use, or the requirements changed); about a minute" >&2
     if [ ! -x "$python" ] && ! "$base" -m venv "$root/.venv" >&2; then
         echo "trocar: no virtual environment could be made in $root/.venv" >&2
         return 1
     fi
-    if ! "$python" -m pip install --quiet --disable-pip-version-check -c "$root/constraints.txt" -e "$root$extras" >&2; then
+    if ! trocar_install "$extras"; then
         echo "trocar: the installation failed; is the network there? Run again to retry" >&2
         return 1
     fi

@@ -81,7 +81,7 @@ def test_kind_is_told_from_id_or_keys(tmp_path: Path, text: str, kind: str, code
 
 def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert check.run([tmp_path / "nowhere.json"], [], False) == 1
-    assert "No such file" in capsys.readouterr().out
+    assert "no such file" in capsys.readouterr().out
 
 
 def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from procs.lib.endoscopes import NAMES, endoscope
 from tests import stock
 from tools import cli
+from tools.errors import Problem
 from tools.kinematics import fk, gravity, ik, jacobian
 
 Verb = Callable[..., int]
@@ -144,3 +145,17 @@ def test_every_endoscope_has_a_tip_that_is_a_pose_and_a_mass() -> None:
     assert endoscope("Custom_STRAIGHT").tip[2, 3] == 0.18
     with pytest.raises(ValueError, match="no endoscope 'Si_4K_UP'; allowed: NONE, Classic_SD_STRAIGHT"):
         endoscope("Si_4K_UP")
+
+
+def test_files_are_looked_for_along_the_path_and_among_our_own(
+    ask: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tool = tmp_path / "site" / "tool" / "mine.json"
+    tool.parent.mkdir(parents=True)
+    tool.write_text(share(f"tool/{LND}.json").read_text())
+    files = {"kinematic": Path("kinematic/PSM.json"), "tool": Path("tool/mine.json"), "path": [tmp_path / "site"]}
+    code, (found,) = ask(fk, [{"q": [0.1, 0.2, 0.1, 0, 0, 0]}], **files)
+    assert code == 0 and "fk" in found, "the one is ours, the other lies along the path"
+    with pytest.raises(Problem, match=r"kinematic/PSN\.json: error: no such file \(did you mean kinematic/PSM"):
+        fk(kinematic=Path("kinematic/PSN.json"))

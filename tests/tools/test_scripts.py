@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -66,7 +67,57 @@ def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: P
     wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=tmp_path, text=True,
                             capture_output=True, check=True).stdout
     (tmp_path / ".venv" / ".trocar").write_text(wanted)
-    assert ask(tmp_path, "start", environment).stdout == "-m tools demo\n"
+    assert ask(tmp_path, "start", environment).stdout == "-P -m tools demo\n"
     command = [tmp_path / "tools" / "start", "up", "--for", "3"]
     assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == (
-        "-m tools up --for 3\n")
+        "-P -m tools up --for 3\n")
+
+
+@pytest.mark.parametrize("script", ["start", "test"])
+def test_a_broken_python_that_was_chosen_is_refused(tmp_path: Path, script: str) -> None:
+    environment = bare(tmp_path, "exit 0")
+    done = ask(tmp_path, script, {**environment, "TROCAR_PYTHON": "/nowhere/python3"})
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1 and "TROCAR_PYTHON=/nowhere/python3" in done.stderr
+
+
+PIP = """#!/bin/sh
+case "$*" in
+    *pip*) echo "Collecting numpy"; echo "  details"; echo "Installing collected packages: numpy"; echo "a word" >&2
+           exit ${PIP_CODE:-0} ;;
+    *) echo started ;;
+esac
+"""
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_an_installation_says_what_it_is_at_and_how_it_ended(tmp_path: Path, code: int) -> None:
+    environment = bare(tmp_path, "exit 0")
+    fake = tmp_path / ".venv" / "bin" / "python"
+    fake.parent.mkdir(parents=True)
+    fake.write_text(PIP)
+    fake.chmod(0o755)
+    done = ask(tmp_path, "start", {**environment, "PIP_CODE": str(code)})
+    said = done.stderr.splitlines()
+    assert set(said[1:4]) == {"Collecting numpy", "Installing collected packages: numpy", "a word"}
+    assert (done.returncode, done.stdout) == ((0, "started\n") if code == 0 else (1, ""))
+    assert ("the installation failed" in done.stderr) == (code == 1)
+
+
+def test_relative_files_are_those_of_the_callers_folder(tmp_path: Path) -> None:
+    home, elsewhere = tmp_path / "home", tmp_path / "elsewhere"
+    home.mkdir()
+    elsewhere.mkdir()
+    environment = bare(home, "exit 1")
+    fake = home / ".venv" / "bin" / "python"
+    fake.parent.mkdir(parents=True)
+    fake.write_text(f'#!/bin/sh\nexport PYTHONPATH="{ROOT}"\nexec "{sys.executable}" "$@"\n')
+    fake.chmod(0o755)
+    wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=home, text=True,
+                            capture_output=True, check=True).stdout
+    (home / ".venv" / ".trocar").write_text(wanted)
+    (elsewhere / "tools.py").write_text("raise SystemExit('a module of the caller')")
+    (elsewhere / "mine.yaml").write_text('$id: "dvrk-sistem.schema.json"')
+    done = subprocess.run([home / "tools" / "start", "check", "mine.yaml"], cwd=elsewhere, env=environment,
+                          capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1 and "mine.yaml:1: error: $id" in done.stdout, done.stderr

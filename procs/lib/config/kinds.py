@@ -20,7 +20,7 @@ from procs.lib.config.hid_file import load_hid
 from procs.lib.config.instruments import check_index, file_of, psm_tool
 from procs.lib.config.io_checks import check_bus
 from procs.lib.config.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
-from procs.lib.config.load import PROJECT_CONFIGS, load_system
+from procs.lib.config.load import load_system
 from procs.lib.config.lookup_file import check_table
 from procs.lib.config.pid_file import PidFile
 from procs.lib.config.problem import WARNING, Key, Problem
@@ -28,6 +28,7 @@ from procs.lib.config.search import search_path
 from procs.lib.config.source import Source, read_source
 from procs.lib.config.system_file import IoKeys
 from procs.lib.config.weights import measured_weight, weighing_links
+from procs.lib.paths import PROJECT_CONFIGS, given_file, not_found
 
 SYSTEM = "system"
 UNKNOWN = "unknown"
@@ -58,8 +59,12 @@ def check_file(
 ) -> Checked:
     """Check one file of any kind; `search`, `boards` and `sets` are what `--path`, `--boards` and `--set` give `up`.
 
-    A system with buses is checked with emulated boards as well: what is wrong with those alone is a warning.
+    `path` itself is looked for there and in `configs`, too. A system with buses is checked with emulated boards as
+    well: what is wrong with those alone is a warning.
     """
+    path = given_file(path, search, configs)
+    if not path.exists():
+        return Checked(path, UNKNOWN, (Problem(str(path), 0, "", "", not_found(path, search, configs), "a file"),))
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))

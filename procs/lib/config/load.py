@@ -32,8 +32,7 @@ from procs.lib.config.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFi
 from procs.lib.config.tasks import with_tasks
 from procs.lib.config.trocar_section import TrocarSection
 from procs.lib.config.validate import validate
-
-PROJECT_CONFIGS = Path(__file__).resolve().parents[3] / "configs"
+from procs.lib.paths import PROJECT_CONFIGS
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _OLD_KEYS = {"arms", "console", "io", "psm-teleops", "ecm-teleop", "suj"}

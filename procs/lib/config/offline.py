@@ -13,12 +13,12 @@ from procs.lib.config.chains import load_chain, load_tool
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.instruments import psm_tool
 from procs.lib.config.kinds import kind_of
-from procs.lib.config.load import PROJECT_CONFIGS
 from procs.lib.config.problem import ERROR, Problem
 from procs.lib.config.search import search_path
 from procs.lib.config.weights import measured_weight, weighing_links
 from procs.lib.endoscopes import Endoscope, endoscope
 from procs.lib.master_gravity import MasterGravityParameters
+from procs.lib.paths import PROJECT_CONFIGS, given_file, not_found
 
 MODELS: dict[str, type[PsmFile] | type[EcmFile] | type[MtmFile]] = {"psm": PsmFile, "ecm": EcmFile, "mtm": MtmFile}
 KINDS = {7: "MTM", 4: "ECM", 3: "PSM"}
@@ -44,8 +44,14 @@ def load_offline(
 ) -> tuple[OfflineArm | None, tuple[Problem, ...]]:
     """An arm from a kinematic file or an arm file, or both: what is given by itself takes the place of what it names.
 
-    None with errors. `search` is what `--path` gives.
+    None with errors. `search` is what `--path` gives; the files themselves are looked for there and in `configs`, too.
     """
+    kinematic, tool, arm = (given_file(path, search, configs) if path is not None else None
+                            for path in (kinematic, tool, arm))
+    absent = [Problem(str(path), 0, "", "", not_found(path, search, configs), "a file")
+              for path in (kinematic, tool, arm) if path is not None and not path.exists()]
+    if absent:
+        return None, tuple(absent)
     beside = tuple(path.parent for path in (arm, kinematic, tool) if path is not None)
     context = Context(search_path((Path.cwd(), *beside, *search, configs)))
     found = _of_arm_file(context, arm, kinematic) if arm is not None else None
