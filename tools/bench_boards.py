@@ -12,7 +12,6 @@ import itertools
 import os
 import platform
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,10 +24,10 @@ import psutil
 from procs.lib.config import load_system
 from procs.lib.document import System, to_json
 from shm.directory import create_ring
-from shm.segment import names_of, segment_name, unlink
 from shm.topics import BOARDS_STATE
 from tools.bench_children import Team
 from tools.bench_io import write_system
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import progress
 
@@ -120,19 +119,15 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
 def _team(boards: int) -> Iterator[Team]:
     """The process that measures so many boards; what is made for it is gone at the end."""
     name = f"bench{os.getpid()}-{next(COUNTER)}"
-    with tempfile.TemporaryDirectory(prefix=f"trocar-{name}-") as folder:
-        system = _system(Path(folder), boards, name)
-        document = Path(folder) / "document.json"
+    with own_folder(name) as folder:
+        system = _system(folder, boards, name)
+        document = folder / "document.json"
         document.write_bytes(to_json(system))
         sizes = {"axes": sum(len(robot.actuators) for io in system.ios for robot in io.robots), "boards": boards}
         command = [sys.executable, "-m", "procs.boards.cost", name, str(document)]
-        try:
-            create_ring(name, "boards", BOARDS_STATE, sizes, {})
-            with Team("boards", {f"{boards} boards": command}) as team:
-                yield team
-        finally:
-            for parts in names_of(name):
-                unlink(segment_name(*parts))
+        create_ring(name, "boards", BOARDS_STATE, sizes, {})
+        with Team("boards", {f"{boards} boards": command}) as team:
+            yield team
 
 
 def _system(folder: Path, boards: int, name: str) -> System:

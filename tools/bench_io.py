@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 import os
 import platform
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.ring import RingReader
 from tools.arms import HOMED, bring
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.processes import Life, lives
 from tools.supervising import Background, Request
@@ -48,11 +48,11 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
     figures: dict[str, Any] = {}
     cores = sorted(psutil.Process().cpu_affinity() or [])
     placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}", f"arm.cpu={cores[1]}") if len(cores) > 1 else ()
-    with tempfile.TemporaryDirectory() as folder:
+    with own_folder(f"bench-io-{os.getpid()}") as folder:
         for psms in sizes:
-            found = _measure(write_system(Path(folder), psms), seconds, *placed)
+            found = _measure(write_system(folder, psms), seconds, *placed)
             figures |= {key if psms == PSMS else f"{key}_{2 * psms}": value for key, value in found.items()}
-        file = write_system(Path(folder), PSMS)
+        file = write_system(folder, PSMS)
         tried = sustained(lambda hz: _part_missed(file, sustained_s, f"io.period_s={1.0 / hz}", SLOW_ARMS, *placed))
     most, least = (figures[f"read_to_write_us_p50_{2 * psms}"] for psms in (max(sizes), min(sizes)))
     figures[f"ratio_{2 * max(sizes)}_vs_{2 * min(sizes)}"] = most / least
@@ -102,7 +102,7 @@ def write_system(folder: Path, psms: int) -> Path:
 
 
 def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets))
+    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets), tied=True)
     try:
         background.wait_until_up(_silent)
         _home_all(background.system)
@@ -113,7 +113,7 @@ def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
 
 def _part_missed(file: Path, seconds: float, *sets: str) -> float:
     """Part of the deadlines that io misses, in the first window in which it keeps nearly all, else the best one."""
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets))
+    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets), tied=True)
     least = 1.0
     try:
         background.wait_until_up(_silent)

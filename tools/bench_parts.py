@@ -6,9 +6,8 @@ their own, which would be paid at every poll: a child whose partner has died is 
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from time import monotonic_ns
 
 from shm.client import LoopClient
@@ -18,7 +17,7 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.pulse import Pulse, create_control
 from shm.ring import RingReader, RingWriter
-from shm.segment import Segment, names_of, segment_name, unlink
+from shm.segment import Segment, segment_name
 from shm.topics import PROBE, PROBE_4K, Topic
 from tools.bench_children import KEPT, Turn, pin, serve
 from tools.errors import Problem
@@ -32,19 +31,13 @@ RINGS = (("ping", PROBE), ("pong", PROBE), ("ping", PROBE_4K), ("pong", PROBE_4K
          ("local", PROBE_4K), ("crowd", PROBE))
 
 
-@contextlib.contextmanager
-def segments(system: str) -> Iterator[None]:
-    """All segments of the benchmark, gone at the end."""
-    try:
-        for instance, topic in RINGS:
-            create_ring(system, instance, topic, {}, {})
-        create_mailbox(system, "owner", "arm")
-        for instance in ("ringer", "local"):
-            create_control(system, instance)
-        yield
-    finally:
-        for parts in names_of(system):
-            unlink(segment_name(*parts))
+def make_segments(system: str) -> None:
+    """All segments of the benchmark; whoever calls removes them."""
+    for instance, topic in RINGS:
+        create_ring(system, instance, topic, {}, {})
+    create_mailbox(system, "owner", "arm")
+    for instance in ("ringer", "local"):
+        create_control(system, instance)
 
 
 def _writer(system: str, instance: str, topic: Topic = PROBE) -> RingWriter:

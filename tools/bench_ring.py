@@ -15,7 +15,6 @@ import platform
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count
@@ -27,11 +26,11 @@ import numpy as np
 import psutil
 
 from shm.layout import schema_of
-from shm.segment import FOLDER
 from shm.topics import PROBE, PROBE_4K
 from tools.bench_children import ROOT, Team
-from tools.bench_parts import BATCH, LOOK_S, LOOKERS, POLLERS, segments
-from tools.bench_peers import MODULES, SETTINGS, iceoryx2_prefix
+from tools.bench_parts import BATCH, LOOK_S, LOOKERS, POLLERS, make_segments
+from tools.bench_peers import MODULES, SETTINGS
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import progress
 
@@ -158,12 +157,9 @@ def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: d
 def _world() -> Iterator[tuple[str, str]]:
     """A system's name and a folder, all that is made in either gone at the end."""
     system = f"bench{os.getpid()}-{next(COUNTER)}"
-    with segments(system), tempfile.TemporaryDirectory(prefix=f"trocar-{system}-") as folder:
-        try:
-            yield system, folder
-        finally:
-            for path in FOLDER.glob(f"{iceoryx2_prefix(folder)}*"):
-                path.unlink(missing_ok=True)
+    with own_folder(system) as folder:
+        make_segments(system)
+        yield system, str(folder)
 
 
 def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:

@@ -13,11 +13,12 @@ from procs.lib.paths import log_folder
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
 from shm.segment import SegmentError
+from tools.cleanup import Keeper
 from tools.ending import POLL_S, STOP_S, stop_system
 from tools.errors import Problem
 from tools.logs import tail
 from tools.printing import Say
-from tools.systems import ROOT, forbidden, is_up
+from tools.systems import environment, forbidden, is_up
 
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
@@ -48,12 +49,6 @@ class Request:
         return words + (["--for", f"{self.seconds:g}"] if self.seconds is not None else [])
 
 
-def environment() -> dict[str, str]:
-    """Ours, with the project found whatever the working folder is (which relative paths are meant for)."""
-    rest = os.environ.get("PYTHONPATH", "")
-    return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
-
-
 def refuse_taken(system: str) -> None:
     """Problem when a system of this name is up, or belongs to somebody else."""
     if why := forbidden(system):
@@ -71,7 +66,7 @@ class Background:
     """A supervisor in a session of its own, its output in its log file."""
 
     def __init__(self, request: Request, *, tied: bool = False) -> None:
-        """Start it; returns at once. `tied`: it is told to end when we die, however that happens."""
+        """Start it; returns at once. `tied`: when we die, however that happens, it ends and nothing of it is left."""
         refuse_taken(request.system)
         self.system = request.system
         folder = log_folder(os.environ, request.system)
@@ -81,6 +76,7 @@ class Background:
             self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                                           env=environment(), start_new_session=True,
                                           preexec_fn=_end_with_parent if tied else None)
+        self._keeper = Keeper(request.system) if tied else None
 
     def wait_until_up(self, say: Say, timeout: float = START_S) -> None:
         """Until every process is up; Problem carries what the supervisor said when it is not."""
@@ -106,6 +102,13 @@ class Background:
 
     def stop(self, say: Say) -> int:
         """End it on every path: ask, then terminate, then kill; returns its exit code."""
+        try:
+            return self._end(say)
+        finally:
+            if self._keeper is not None:
+                self._keeper.close()
+
+    def _end(self, say: Say) -> int:
         if self.popen.poll() is None:
             self.popen.terminate()
         for seconds, last in ((STOP_S, self.popen.kill), (5.0, lambda: None)):

@@ -29,6 +29,12 @@ from tools.running import SUPERVISOR, running
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def environment() -> dict[str, str]:
+    """Ours, with the project found whatever the working folder is (which relative paths are meant for)."""
+    rest = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{rest}" if rest else str(ROOT)}
+
+
 def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
     """A system file as a person names it, also along `--path` and in configs/; Problem when there is none."""
     found = given_file(file, path)

@@ -13,8 +13,8 @@ from tools.errors import Misuse
 from tools.logs import tail
 from tools.options import JsonOption
 from tools.printing import emit, note, progress
-from tools.supervising import Background, Request, environment, refuse_taken
-from tools.systems import ROOT, system_file
+from tools.supervising import Background, Request, refuse_taken
+from tools.systems import ROOT, environment, system_file
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 NAME = "trocar"

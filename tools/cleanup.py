@@ -1,0 +1,87 @@
+"""What a verb that starts a system of its own leaves behind when it is killed: nothing.
+
+A small process beside it waits for its end, however that comes: the kernel closes the pipe between them. Unless it was
+told before that all is well it ends the system and removes what was made for it: shared memory and a folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Self
+
+from shm.segment import FOLDER, names_of, segment_name, unlink
+from tools.ending import stop_system
+from tools.errors import Problem
+from tools.systems import ROOT, environment
+
+FINE: Final = b"fine\n"
+PATIENCE_S: Final = 10.0
+
+
+class Keeper:
+    """The process beside us, for one system and maybe a folder; a context manager."""
+
+    def __init__(self, system: str, folder: Path | None = None) -> None:
+        """Start it, in a session of its own: what ends us by a signal to our group does not end it."""
+        words = [sys.executable, "-P", "-m", "tools.cleanup", system, *([str(folder)] if folder is not None else [])]
+        self._child = subprocess.Popen(words, cwd=ROOT, env=environment(), stdin=subprocess.PIPE,
+                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+
+    def close(self) -> None:
+        """Nothing is left: it may go."""
+        assert self._child.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._child.stdin.write(FINE)
+            self._child.stdin.close()
+        try:
+            self._child.wait(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@contextlib.contextmanager
+def own_folder(system: str) -> Iterator[Path]:
+    """A folder for whoever measures as `system`; it and all shared memory of that name are gone at the end."""
+    folder = Path(tempfile.mkdtemp(prefix=f"trocar-{system}-"))
+    with Keeper(system, folder):
+        try:
+            yield folder
+        finally:
+            _remove(system, folder)
+
+
+def _remove(system: str, folder: Path) -> None:
+    """Segments of the system, the folder, and what others made in shared memory under the name of the folder."""
+    for parts in names_of(system):
+        unlink(segment_name(*parts))
+    for path in FOLDER.glob(f"{folder.name}_*"):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def main() -> None:
+    """Wait for the end of whoever started us; the rest is up to what was said."""
+    system, *folders = sys.argv[1:]
+    if sys.stdin.buffer.read() == FINE:
+        return
+    with contextlib.suppress(Problem):
+        stop_system(system, lambda text, part: None)
+    for folder in folders:
+        _remove(system, Path(folder))
+
+
+if __name__ == "__main__":
+    main()
