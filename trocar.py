@@ -14,12 +14,15 @@
 Each read returns (value, stamp): the stamp is monotonic nanoseconds. Joints are rad and m, poses 4×4 matrices, twists
 and wrenches six numbers, linear then angular. Waits have time-outs in seconds. What the robot refuses raises `Refused`
 with its reason; what cannot be had, or is not valid now, `TimeoutError`; what is no pose or no number, `ValueError`.
+A script that is ended with Ctrl-C says so in one line, without a traceback.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping
+from types import TracebackType
 from typing import TypeVar
 
 from tools.client.arm import Arm
@@ -33,12 +36,13 @@ from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
 from tools.errors import Problem, Refused
 from tools.systems import chosen_system
+from tools.version import VERSION as __version__
 from tools.watch import arm_document
 
 __all__ = [
     "Arm", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle", "Mtm",
-    "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "arm", "ecm", "mtm", "provide", "psm", "suj",
-    "system",
+    "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "__version__", "arm", "ecm", "mtm", "provide",
+    "psm", "suj", "system",
 ]
 
 A = TypeVar("A", bound=Arm)
@@ -85,6 +89,17 @@ def provide(name: str, system: str | None = None, timeout: float = 5.0, *, rate:
 def system(name: str | None = None, timeout: float = 5.0) -> System:
     """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
     return connected(lambda: System(_chosen(name)), timeout, name or "a system")
+
+
+def _ended(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """What nobody caught: Ctrl-C in one line, everything else as before."""
+    if issubclass(kind, KeyboardInterrupt):
+        sys.stderr.write("ended by Ctrl-C\n")
+    else:
+        _usual(kind, error, trace)
+
+
+_usual, sys.excepthook = sys.excepthook, _ended
 
 
 def _chosen(system: str | None) -> str:

@@ -12,11 +12,13 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from tools.errors import Misuse, Problem
+from tools.version import VERSION
 
 FINE, WRONG, MISUSED = 0, 1, 2
 
@@ -101,7 +103,17 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
     app.command(verb.name, short_help=verb.text, rich_help_panel=panel, context_settings=settings)(function)
 
 
-def _nothing() -> None:
+def _version(asked: bool) -> None:
+    if asked:
+        python = ".".join(map(str, sys.version_info[:3]))
+        print(f"trocar {VERSION} ({Path(__file__).resolve().parents[1]}, Python {python})")
+        raise typer.Exit(FINE)
+
+
+def _nothing(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_version,
+                                          help="Which Trocar this is, and where.")] = False,
+) -> None:
     """Drive and inspect da Vinci research robots."""
 
 

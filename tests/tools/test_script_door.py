@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -12,6 +15,7 @@ import pytest
 import trocar
 from shm.clock import monotonic_ns, pause
 from tests.tools.robot import Played, nothing_ages, robot
+from tools.systems import ROOT
 
 
 @pytest.fixture
@@ -176,3 +180,23 @@ def test_a_system_lists_arms_and_processes(played: Played) -> None:
     with trocar.system(played.name) as system:
         assert system.arms() == ["PSM1"]
         assert {life.name for life in system.status()} == {"supervisor", "IO1", "PSM1"}
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    ("time.sleep(60)", "ended by Ctrl-C\n"), ("trocar.arm('PSM1', 'nowhere', timeout=60)", "ended by Ctrl-C\n"),
+])
+def test_a_script_ended_by_ctrl_c_says_so_in_one_line(words: str, said: str) -> None:
+    code = f"import time, trocar\nprint('ready', flush=True)\n{words}\n"
+    script = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              text=True)
+    assert script.stdout is not None and script.stdout.readline() == "ready\n"
+    pause(0.2)
+    script.send_signal(signal.SIGINT)
+    _, errors = script.communicate(timeout=20)
+    assert errors == said and script.returncode == -signal.SIGINT, "the shell sees that it was interrupted"
+
+
+def test_other_errors_of_a_script_keep_their_traceback() -> None:
+    done = subprocess.run([sys.executable, "-c", "import trocar\n1 / 0"], cwd=ROOT, capture_output=True, text=True,
+                          check=False)
+    assert "Traceback" in done.stderr and "ZeroDivisionError" in done.stderr
