@@ -402,11 +402,10 @@ def test_missing_file_names_the_nearest(home: Home) -> None:
 
 
 def test_axis_without_current_limit_warns(home: Home) -> None:
-    home.edit(IO, "maximum_current: 1.34", "maximum_curent: 1.34")
+    home.edit(IO, "maximum_current: 1.34", "remark: 1.34")
     loaded = home.load()
     assert loaded.system is not None
-    assert [problem.key for problem in loaded.warnings] == [f"{DRIVE}.maximum_curent", f"{DRIVE}.maximum_current"]
-    assert 'did you mean "maximum_current"?' in loaded.warnings[0].text
+    assert [problem.key for problem in loaded.warnings] == [f"{DRIVE}.remark", f"{DRIVE}.maximum_current"]
 
 
 def test_absurd_file_names_are_only_not_found(home: Home) -> None:
@@ -434,3 +433,39 @@ def test_a_file_of_another_format_is_told_so_before_anything_else(home: Home) ->
     home.edit(SYSTEM, IO, str(home.path / "old.xml"))
     xml = [problem for problem in home.load().errors if problem.file.endswith("old.xml")]
     assert [problem.allowed for problem in xml] == ["JSON or YAML; trocar convert old.xml makes one of it"]
+
+
+SLIPS = [  # file, text, its slip, what it should be
+    (IO, "offset: 32955.0", "ofset: 32955.0", "offset"),
+    (IO, "maximum_current:", "maximum_curent:", "maximum_current"),
+    (IO, "effort_to_current:", "Effort_to_current:", "effort_to_current"),
+    (IO, "potentiometer:", "potentiometr:", "potentiometer"),
+    (PID, "i_gain: 0", "i_gain: 0, i_limits: 3", "i_limit"),
+    (CHAIN, "offset:", "offsets:", "offset"),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "meant"), SLIPS)
+def test_a_slip_in_a_calibration_a_gain_or_a_limit_is_an_error(
+    home: Home, file: str, old: str, new: str, meant: str
+) -> None:
+    line = home.edit(file, old, new)
+    slips = [problem for problem in home.load().errors if "did you mean" in problem.text]
+    name = new.split(":")[-2].split()[-1]
+    assert [(problem.line, problem.key.rpartition(".")[2]) for problem in slips] == [(line, name)]
+    assert f'"{meant}"' in slips[0].text
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    (PID, "i_gain: 0", "i_gain: 0, i_forget_rates: 1.0"),  # a slip, but no calibration
+    (IO, "board_id: 6", "colour: red\n        board_id: 6"),  # no slip
+])
+def test_other_unknown_keys_are_warnings(home: Home, file: str, old: str, new: str) -> None:
+    home.edit(file, old, new)
+    loaded = home.load()
+    assert loaded.errors == () and "unknown key, ignored" in loaded.warnings[0].text
+
+
+def test_a_slip_beside_the_key_itself_takes_nothing_away(home: Home) -> None:
+    home.edit(IO, "offset: 32955.0", "ofset: 3.0, offset: 32955.0")
+    assert home.load().errors == ()

@@ -80,7 +80,7 @@ def test_real_boards_are_not_emulated(cart: Cart) -> None:
         (ARMS, '"name": "PSM2"', '"name": "PSM1"', "arms[2].name", "PSM1 is that of arms[1], too"),
         (ARMS, '"type": "Motorized PSM"', '"type": "MPSM"', "arms[3].type", "Motorized PSM"),
         (ARMS, "[ -0.098948, -2.382,", "[ -2.382,", "arms[0].primary_offsets", "6 numbers"),
-        (ARMS, '"secondary_scales": [ 0.25819', '"second_scales": [ 0.25819', "arms[0].secondary_scales", "required"),
+        (ARMS, '"secondary_scales": [ 0.25819', '"remarks": [ 0.25819', "arms[0].secondary_scales", "required"),
         (SYSTEM, "suj-ECM-1-2-3.json", "suj.json", "arms[0].arm_file", "no file suj.json"),
     ],
 )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import re
 import types
 import typing
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
@@ -28,6 +30,10 @@ def _whole_as_text(value: object) -> object:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+_SLIP = 0.75  # from this likeness on a key is taken for a slip of the pen
+_CALIBRATION = re.compile(  # a word of a name
+    r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
+    r"(?:[_-]|$)", re.IGNORECASE)
 _FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # told first: files of another format are wrong all over
 VersionAsText = BeforeValidator(_whole_as_text)
 
@@ -207,15 +213,31 @@ def _unknown_keys(annotation: Any, source: Source, key: Key, data: object, sever
             if name in known:
                 problems += _unknown_keys(known[name].annotation, source, (*key, name), item, severity)
             else:
-                problems.append(_unknown(source, (*key, name), tuple(known), severity))
+                problems.append(_unknown(source, (*key, name), known, severity))
     return problems
 
 
-def _unknown(source: Source, key: Key, known: tuple[str, ...], severity: str) -> Problem:
+def _unknown(source: Source, key: Key, known: Mapping[str, FieldInfo], severity: str) -> Problem:
+    """An unknown key is ignored, as in the original software; not where it looks like a slip that leaves a calibration,
+    a gain or a limit at what it is when absent."""
     name = str(key[-1])
     folded = {candidate.lower(): candidate for candidate in known}
     nearest = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    meant = folded[nearest[0]] if nearest else ""
+    slip = bool(difflib.get_close_matches(name.lower(), nearest, n=1, cutoff=_SLIP))
+    unnoticed = slip and not known[meant].is_required() and not source.has((*key[:-1], meant))
+    if severity != ERROR and unnoticed and _calibrates(meant, known[meant]):
+        text = f'unknown key; did you mean "{meant}"? That would be missing, and it is no value to do without unnoticed'
+        return source.problem(key, text, allowed=", ".join(known))
     text = "unknown key, ignored" if severity != ERROR else "unknown key"
-    if nearest:
-        text += f'; did you mean "{folded[nearest[0]]}"?'
+    if meant:
+        text += f'; did you mean "{meant}"?'
     return source.problem(key, text, allowed=", ".join(known), severity=severity)
+
+
+def _calibrates(name: str, field: FieldInfo) -> bool:
+    """Whether a key, or one inside it, is a scale, an offset, a gain or a limit."""
+    if _CALIBRATION.search(name):
+        return True
+    annotation = _unwrap(field.annotation)[0]
+    return _is_model(annotation) and any(_calibrates(*item) for item in _fields(annotation).items())
