@@ -159,7 +159,7 @@ class RobotIo:
     def _look(self, now_ns: int) -> None:
         """Decode a good sample and check it."""
         self._before_ns, self._good_ns = self._good_ns, now_ns
-        self._gap_ns += (min(now_ns - self._before_ns, FADED_NS) - self._gap_ns) / GAPS
+        self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")
