@@ -8,6 +8,7 @@ import platform
 import struct
 
 from procs.lib.document import Process
+from procs.rights import NO_FIFO, NOT_LOCKED
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
@@ -35,10 +36,10 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
             notes.append(f"FIFO {row.priority}")
-        except OSError as error:
-            notes.append(f"no FIFO ({error.strerror})")
+        except OSError:  # no right to it
+            notes.append(NO_FIFO)
     if locked:
-        notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else "not locked")
+        notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else NOT_LOCKED)
     if row.cpu is not None:
         try:
             os.sched_setaffinity(0, {row.cpu})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from procs.rights import lacking
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
 from tools.processes import COLUMNS, RIGHT, cells, lives, remarks
@@ -24,4 +25,6 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         for life in found:
             if remarks(life):
                 print(f" {life.name}: {remarks(life)}")
+        if rights := lacking({life.name: life.scheduling for life in found}):
+            print(rights)
     return 1 if any(life.trouble for life in found) else 0

@@ -21,6 +21,7 @@ from procs.lib.document import Process, System
 from procs.lib.paths import log_folder
 from procs.manifest import hung_s, late_s, proc
 from procs.realtime import realtime
+from procs.rights import lacking
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.judge import HUNG, LATE, Judge, Member
@@ -136,6 +137,8 @@ class Supervisor:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
         self.pulse.show("RUNNING")
         self._show()
+        if rights := lacking({child.row.name: bytes(child.pulse.get("policy")).decode() for child in self.children}):
+            log.warning("%s", rights)
 
     def _all_up(self, children: list[Child]) -> bool:
         for child in children:

@@ -1,0 +1,42 @@
+"""Processes without real-time rights are named at `up` and in `status`, with the two lines that grant them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from procs.rights import lacking, user
+from tests.system.robot import ROOT
+
+ASK = """
+import os, resource
+from procs.lib.document import Process
+from procs.realtime import realtime
+for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
+    resource.setrlimit(limit, (0, 0))
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+print(realtime(Process(name="io", kind="io", period_s=0.001, priority=80, cpu=4095), "wall", locked=True))
+"""
+
+
+def test_all_is_well_where_everybody_got_what_it_asked_for() -> None:
+    assert lacking({"IO1": "deadline, locked", "PSM1": "FIFO 60, locked", "supervisor": "other"}) == ""
+
+
+def test_what_is_lacking_is_told_with_who_lacks_it_and_what_grants_it() -> None:
+    told = lacking({"IO1": "no FIFO, not locked", "PSM1": "FIFO 60, not locked", "console": "no FIFO"}).splitlines()
+    assert told[0].endswith(": IO1, console") and told[1].endswith(": IO1, PSM1")
+    assert "/etc/security/limits.d/trocar.conf" in told[2]
+    assert told[3:5] == [f"    {user()} - rtprio 98", f"    {user()} - memlock unlimited"]
+    assert "LimitRTPRIO=98" in told[5] and "LimitMEMLOCK=infinity" in told[5]
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody without rights")
+def test_both_refusals_of_the_kernel_are_noted() -> None:
+    done = subprocess.run([sys.executable, "-c", ASK], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "no FIFO, not locked, no cpu 4095", done.stderr
