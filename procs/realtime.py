@@ -49,6 +49,11 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
     return ", ".join(notes)[:31] or "other"
 
 
+def is_urgent(pid: int) -> bool:
+    """Whether a process comes before all that have no priority; OSError: there is none."""
+    return os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+
+
 def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
     """SCHED_DEADLINE for a share of each period, and of what nobody reserved; False: it may not be had."""
     if not SCHED_SETATTR:

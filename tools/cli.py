@@ -69,6 +69,7 @@ VERBS: tuple[Verb, ...] = (
         Verb("gravity", "tools.kinematics:gravity", "Efforts that hold the arm."),
     )),
     Verb("convert", "tools.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
+    Verb("doctor", "tools.doctor:doctor", "Look at this machine: what a robot needs of it, and what mends it."),
     Verb("bench", "tools.bench:bench", "Measure the machine and the software."),
 )
 

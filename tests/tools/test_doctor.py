@@ -1,0 +1,110 @@
+"""`trocar doctor`: what it makes of a machine, and that everything amiss comes with the command that mends it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+from procs.udp_holders import Holder
+from tools import cli, machine
+from tools.machine import BAD, NOTE, OK, Busy, Finding
+
+
+def file(root: Path, name: str, text: str) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_the_kernel_is_told_real_time_or_not(tmp_path: Path) -> None:
+    assert machine.kernel(tmp_path).state == NOTE
+    file(tmp_path, "sys/kernel/realtime", "1\n")
+    assert machine.kernel(tmp_path).state == OK
+
+
+@pytest.mark.parametrize(("words", "state", "said"), [
+    ("FIFO 90, locked", OK, "FIFO 90"), ("no FIFO, locked", BAD, "no real-time priority for"),
+    ("no FIFO, not locked", BAD, "no real-time priority and memory cannot be locked for"),
+])
+def test_rights_that_are_lacking_come_with_the_file_that_grants_them(words: str, state: str, said: str) -> None:
+    found = machine.rights(words)
+    assert found.state == state and said in found.found
+    assert ("/etc/security/limits.d/trocar.conf" in found.mend and "rtprio 98" in found.mend) == (state == BAD)
+
+
+@pytest.mark.parametrize(("count", "state"), [(1, BAD), (2, NOTE), (4, OK)])
+def test_cores_are_counted(count: int, state: str) -> None:
+    assert machine.cores(count).state == state
+
+
+def test_a_governor_that_lets_cores_sleep_is_noted(tmp_path: Path) -> None:
+    assert machine.governor(tmp_path).state == OK
+    for core, name in enumerate(("performance", "powersave")):
+        file(tmp_path, f"sys/devices/system/cpu/cpu{core}/cpufreq/scaling_governor", name)
+    found = machine.governor(tmp_path)
+    assert found.state == NOTE and "powersave" in found.found and "scaling_governor" in found.mend
+    file(tmp_path, "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "performance")
+    assert machine.governor(tmp_path).state == OK
+
+
+def test_shared_memory_without_room_is_bad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert machine.shared_memory(tmp_path / "nowhere").state == BAD
+    for free_mb, state in ((10, BAD), (100, NOTE), (1000, OK)):
+        monkeypatch.setattr(machine.os, "statvfs", lambda _, mb=free_mb: SimpleNamespace(f_bavail=mb, f_frsize=10**6))
+        monkeypatch.setattr(machine, "left_over", list)
+        assert machine.shared_memory(tmp_path).state == state
+    monkeypatch.setattr(machine, "left_over", lambda: ["old"])
+    assert machine.shared_memory(tmp_path) == Finding(
+        "shared memory", NOTE, f"1000 MB free in {tmp_path}; dead systems have left something: old", "trocar down")
+
+
+def test_who_has_the_boards_port_is_named() -> None:
+    assert machine.ports([Holder("127.3.4.16", 1394, "me", 7, "boards of system demo")]).state == OK
+    found = machine.ports([Holder("0.0.0.0", 1394, "me", 8, "qladisp")])
+    assert (found.state, found.mend) == (BAD, "kill 8") and "qladisp (pid 8)" in found.found
+    assert "fuser" in machine.ports([Holder("::", 1394, "somebody")]).mend
+
+
+def test_an_interface_among_the_boards_is_looked_for(tmp_path: Path) -> None:
+    assert machine.network({}, tmp_path).state == NOTE
+    for name, kind in (("eth0", "1"), ("lo", "772")):
+        file(tmp_path, f"sys/class/net/{name}/type", kind)
+        file(tmp_path, f"sys/class/net/{name}/operstate", "up")
+
+    def at(address: str) -> list[SimpleNamespace]:
+        return [SimpleNamespace(family=SimpleNamespace(name="AF_INET"), address=address)]
+
+    found = machine.network({"eth0": at("10.0.0.2"), "lo": at("127.0.0.1")}, tmp_path)
+    assert found.state == NOTE and "eth0 up 10.0.0.2" in found.found and "lo" not in found.found
+    assert found.mend == "sudo ip address add 169.254.0.1/16 dev eth0"
+    assert machine.network({"eth0": at("169.254.0.1")}, tmp_path).state == OK
+
+
+def test_firewire_is_silent_without_a_card(tmp_path: Path) -> None:
+    assert list(machine.firewire(tmp_path)) == []
+    file(tmp_path, "dev/fw0", "")
+    assert [found.state for found in machine.firewire(tmp_path)] == [OK]
+
+
+def test_busy_programs_are_named_and_our_own_never_slowed() -> None:
+    assert machine.free_cpu(3.5, []).state == OK
+    hog, own = Busy(99.0, 5, "hog"), Busy(60.0, 6, "IO1", "lab")
+    found = machine.free_cpu(0.4, [hog, own, Busy(1.0, 7, "sh")])
+    assert (found.state, found.mend) == (BAD, "sudo renice 19 -p 5")
+    assert "hog (pid 5) 99 %, IO1 of system lab (pid 6) 60 %" in found.found and "sh" not in found.found.split()
+    assert machine.free_cpu(1.4, [own]).mend == "trocar down --system lab"
+    assert machine.urgent([(9, "jackd")]) == Finding("other real time", NOTE, "jackd (pid 9)", "sudo chrt -o -p 0 9")
+
+
+def test_the_verb_prints_one_object_a_finding_and_mends_what_is_amiss() -> None:
+    done = CliRunner().invoke(cli.build("doctor"), ["doctor", "--json"])
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {"kernel", "rights", "cores", "governor", "shared memory", "ports", "network", "free CPU"} <= {
+        row["check"] for row in rows}
+    assert all(row["mend"] for row in rows if row["state"] != OK) and not any(
+        row["mend"] for row in rows if row["state"] == OK)
+    assert done.exit_code == int(any(row["state"] == BAD for row in rows))

@@ -1,0 +1,28 @@
+"""`trocar doctor`: look at this machine."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from tools.machine import BAD, findings
+from tools.options import JsonOption
+from tools.printing import emit
+
+
+def doctor(as_json: JsonOption = False) -> int:
+    """Look at this machine: kernel, rights, cores, memory, ports, network, free CPU; what is amiss with its mending.
+
+    Changes nothing. Exit code 1: something is bad for a robot; notes are fine for trying things.
+
+    Example: trocar doctor
+    """
+    bad = 0
+    for finding in findings():
+        bad += finding.state == BAD
+        if as_json:
+            emit(dataclasses.asdict(finding))
+            continue
+        print(f"{finding.state:5} {finding.check:16} {finding.found}", flush=True)
+        if finding.mend:
+            print(f"{'':22} → {finding.mend}")
+    return 1 if bad else 0
