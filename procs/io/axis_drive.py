@@ -102,8 +102,8 @@ class AxisDrive:
             self._finish(robot, test)
         else:
             share, place = min(1.0, (now_ns - test.begin_ns) / test.rise_ns), axes.start + test.axis
-            if abs(self._samples.velocity[place]) * TRAVEL_S > test.travel:
-                share = 0.0  # it is fast enough: what has much speed runs on when the current is gone
+            # from a speed on it gets less current, at twice of that none: what is fast runs on when it has none
+            share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / test.travel))
             self._pid.effort[place] = share * test.current_a / self._robots.effort_to_current[place]
 
     def _let_go(self, robot: int, test: Running, now_ns: int) -> bool:
