@@ -61,6 +61,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("hz", "tools.listing:hz", "Measured rates of topics."),
     Verb("echo", "tools.echo:echo", "Values of a topic."),
     Verb("attach", "tools.attach:attach", "Live table of processes and topics."),
+    Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
     Verb("check", "tools.checking:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(
         Verb("fk", "tools.kinematics:fk", "Pose of the tip."),

@@ -1,0 +1,94 @@
+"""A bench without processes: io's core and emulated boards on a stepped clock, and a person played on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from procs.boards.incidents import Incidents
+from procs.lib.config import PROJECT_CONFIGS, load_system
+from tests.io.rig import Rig
+from tests.io.stand import FakeCommand
+from tools.commission.bench import Answer
+from tools.commission.played import Played
+from tools.commission.subject import Subject, subjects_of
+from tools.commission.window import FIELDS, Window
+
+
+class Hands(Played):
+    """The played person; `confirmed` notes what was confirmed, `answers` are given instead of yes."""
+
+    def __init__(self, rig: Rig, faults: Incidents) -> None:
+        self._rig, self._faults = rig, faults
+        self.confirmed: list[str] = []
+        self.says = True
+        super().__init__(self._do, self._where)
+
+    def confirm(self, danger: str, word: str) -> None:
+        self.confirmed.append(word)
+
+    def agrees(self, question: str) -> bool:
+        return self.says
+
+    def _do(self, command: str, values: Sequence[float], text: str) -> None:
+        if command == "place":
+            self._faults.place(text, np.array(values))
+        elif command == "press":
+            self._faults.press(text, bool(values[0]))
+        else:
+            raise AssertionError(command)
+
+    def _where(self, subject: Subject) -> np.ndarray:
+        return self._rig.plant.position[self._rig.plant.slice_of(subject.name)]
+
+
+class RigBench:
+    """One io of a system; `faults` is what breaks on it."""
+
+    is_emulated = True
+
+    def __init__(self, file: str, period_s: float = 0.004, sets: Sequence[str] = ()) -> None:
+        loaded = load_system(PROJECT_CONFIGS / "systems" / file, boards="emulated",
+                             sets=[f"io.period_s={period_s}", *sets])
+        assert loaded.system is not None, loaded.errors
+        self.document = loaded.system
+        self.rig = Rig(loaded.system, driven=True)
+        self.faults = Incidents(self.rig.world, self.rig.plant)
+        self.subjects = subjects_of(loaded.system)
+        self.person = Hands(self.rig, self.faults)
+        self.rig.run(0.1)
+
+    def sample(self, io: str, seconds: float) -> Window:
+        return self._noted(round(seconds * 1e9 / self.rig.period_ns))
+
+    def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
+            tuple[Answer, Window]:
+        asked, rows = FakeCommand(command, text, *values), []
+        left = round(timeout * 1e9 / self.rig.period_ns)
+        rows.append(self._noted(1, asked))
+        while asked.outcome == "accepted" and left:
+            rows.append(self._noted(1))
+            left -= 1
+        rows.append(self._noted(20))
+        return Answer(*asked.answers[-1]), Window.joined(rows)
+
+    def _noted(self, count: int, *commands: FakeCommand) -> Window:
+        record, notes, stamps = self.rig.record, {name: [] for name in FIELDS}, []
+        for k in range(count):
+            self.rig.cycle(commands if k == 0 else ())
+            stamps.append(self.rig.clock.ns * 1e-9)
+            for name in FIELDS:
+                notes[name].append(np.array(getattr(record, name)))
+        return Window(np.array(stamps), {name: np.array(rows) for name, rows in notes.items()})
+
+    def enable(self, subject: Subject) -> None:
+        assert self.rig.do("power_on", subject.name).outcome == "done", self.rig.errors()
+
+    def disable(self, subject: Subject) -> None:
+        self.rig.do("power_off", subject.name)
+        self.rig.run(0.1)
+
+
+__all__ = ["RigBench", "dataclasses"]

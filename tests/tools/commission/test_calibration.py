@@ -1,0 +1,114 @@
+"""Potentiometers and grippers calibrated by hand on emulated robots, and the files that come of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procs.lib.config import PROJECT_CONFIGS, check_file
+from procs.lib.config.source import read_source
+from procs.lib.convert import to_json
+from tests.tools.commission.rig_bench import RigBench
+from tools.commission import calibrate, io_file
+from tools.errors import Problem
+
+IO_FILE = PROJECT_CONFIGS / "io" / "PSM1-demo.yaml"
+
+
+def _pots(path: Path) -> list[dict[str, float]]:
+    source, _ = read_source(path)
+    assert source is not None
+    return [actuator["potentiometer"]["voltage_to_position"] for actuator in source.data["robots"][0]["actuators"]]
+
+
+def test_offsets_that_are_wrong_are_found_and_written_into_a_new_file(tmp_path: Path) -> None:
+    wrong = [0.05, 0.0, 0.004, -0.1, 0.0, 0.0, 0.0]
+    bench = RigBench("demo.yaml", sets=[f"emulation.robots.PSM1.pot_offset={wrong}"])
+    before = IO_FILE.read_bytes()
+    outcome = calibrate.run(bench, tmp_path)
+    assert outcome.problems == []
+    assert IO_FILE.read_bytes() == before
+    made = tmp_path / "PSM1-demo-calibrated.json"
+    assert not check_file(made).problems
+    was, now = _pots(IO_FILE), _pots(made)
+    assert [row["scale"] for row in now] == pytest.approx([row["scale"] for row in was], rel=5e-3)
+    change = np.array([b["offset"] - a["offset"] for a, b in zip(was, now, strict=True)])
+    assert change == pytest.approx([-w for w in wrong], abs=0.01)
+
+
+def test_axes_that_cannot_be_held_at_zero_keep_their_offsets(tmp_path: Path) -> None:
+    bench = RigBench("demo.yaml")
+    bench.person.chosen = lambda question, axes: (3, 4, 5, 6)
+    calibrate.run(bench, tmp_path)
+    was, now = _pots(IO_FILE), _pots(tmp_path / "PSM1-demo-calibrated.json")
+    assert [row["offset"] for row in now[:3]] == [row["offset"] for row in was[:3]]
+
+
+@pytest.mark.parametrize(("breaks", "says"), [
+    (lambda b: b.faults.kill_pot("PSM1", 2, True), "PSM1 axis 2 (insertion), board 6: its potentiometer is nan m off"),
+    (lambda b: b.faults.scale_encoder("PSM1", 1, 1.5), "PSM1 axis 1 (pitch), board 6: scale -0.75"),
+    (lambda b: b.faults.scale_encoder("PSM1", 0, -1.0), "in the file -0.762; allowed: the file's within 25 %"),
+])
+def test_what_calibrating_would_only_hide_stops_it_and_writes_nothing(breaks, says: str, tmp_path: Path) -> None:
+    bench = RigBench("demo.yaml")
+    breaks(bench)
+    outcome = calibrate.run(bench, tmp_path)
+    assert says in str(outcome.problems[0])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_master_is_calibrated_in_the_space_of_its_potentiometers_and_so_is_its_gripper(tmp_path: Path) -> None:
+    bench = RigBench("demo-mtm.yaml")
+    bench.subjects = tuple(subject for subject in bench.subjects if subject.name.startswith("MTML"))
+    outcome = calibrate.run(bench, tmp_path)
+    assert outcome.problems == []
+    for name, count in (("MTML-demo", 6), ("MTML-gripper-demo", 1)):
+        was, now = _pots(PROJECT_CONFIGS / "io" / f"{name}.yaml"), _pots(tmp_path / f"{name}-calibrated.json")
+        for axis in range(count):
+            assert now[axis]["scale"] == pytest.approx(was[axis]["scale"], rel=0.02)
+            assert now[axis]["offset"] == pytest.approx(was[axis]["offset"], rel=0.02, abs=0.02)
+
+
+def test_a_gripper_reads_0_closed_and_60_degrees_open() -> None:
+    line = calibrate.gripper_line(1.0, 3.5)
+    assert line is not None
+    assert line.scale * 1.0 + line.offset == pytest.approx(0.0)
+    assert line.scale * 3.5 + line.offset == pytest.approx(np.pi / 3)
+    assert calibrate.gripper_line(1.0, 1.1) is None
+
+
+@pytest.fixture
+def site_file(tmp_path: Path) -> Path:
+    """An IO file of a site, in JSON."""
+    source, _ = read_source(IO_FILE)
+    assert source is not None
+    path = tmp_path / "sawRobotIO1394-PSM1-demo.json"
+    path.write_text(to_json(source.data))
+    return path
+
+
+def test_a_sites_own_file_is_changed_only_when_asked_and_its_content_is_kept(site_file: Path) -> None:
+    before = site_file.read_text()
+    saved = io_file.save(site_file, {"PSM1": {1: (-0.51, 1.13)}}, site_file.parent, write=True)
+    assert (site_file.parent / f"{site_file.name}.bak1").read_text() == before
+    assert [line for line in saved.diff.splitlines() if line[:1] == "+"][1:] == [
+        '+                            "scale": -0.51,', '+                            "offset": 1.13']
+    old, new = json.loads(before), json.loads(site_file.read_text())
+    new["robots"][0]["actuators"][1]["potentiometer"]["voltage_to_position"] = {"scale": -0.5, "offset": 1.125}
+    assert new == old  # nothing else has changed
+
+
+def test_a_file_that_would_lose_its_comments_is_not_written_over(tmp_path: Path) -> None:
+    with pytest.raises(Problem, match="is no JSON and would lose its comments"):
+        io_file.save(IO_FILE, {"PSM1": {1: (-0.51, 1.13)}}, tmp_path, write=True)
+
+
+def test_values_that_are_none_are_not_written(site_file: Path) -> None:
+    before = site_file.read_text()
+    with pytest.raises(Problem, match="PSM1 axis 1: nan and 0 cannot be written"):
+        io_file.save(site_file, {"PSM1": {1: (float("nan"), 0.0)}}, site_file.parent, write=True)
+    assert site_file.read_text() == before
+    assert [path.name for path in site_file.parent.iterdir()] == [site_file.name]

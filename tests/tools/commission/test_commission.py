@@ -1,0 +1,163 @@
+"""`trocar commission`: what is due, what is refused, what the report keeps; stages themselves are stood in for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from procs.lib.config import PROJECT_CONFIGS
+from tools.cli import build
+from tools.commission import verb
+from tools.commission.finding import Finding, Outcome
+from tools.commission.stages import NAMES, Stage
+from tools.errors import Problem
+
+DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome | Problem]:
+    """Stages end as this says, or well; no system is started, and `ran` notes which did."""
+    outcomes: dict[str, Outcome | Problem] = {}
+    monkeypatch.chdir(tmp_path)
+
+    def load(stage: Stage) -> Callable[..., Outcome]:
+        def run(bench: object, *_: object, **__: object) -> Outcome:
+            ran.append(stage.name)
+            outcome = outcomes.get(stage.name, Outcome(figures={"volts": 2.5}))
+            if isinstance(outcome, Problem):
+                raise outcome
+            return outcome
+        return run
+
+    @contextlib.contextmanager
+    def running(job: verb.Job) -> Iterator[verb.Live]:
+        yield verb.Live(None)  # type: ignore[arg-type]  # stages that are stood in for look at nothing
+
+    monkeypatch.setattr(Stage, "load", load)
+    monkeypatch.setattr(verb, "_running", running)
+    ran.clear()
+    return outcomes
+
+
+ran: list[str] = []
+
+
+def _run(*words: str, file: Path = DEMO) -> Result:
+    return CliRunner().invoke(build("commission"), ["commission", str(file), "--boards", "emulated", "--yes", *words])
+
+
+def _tries(path: str = "commission-demo.json") -> list[dict[str, object]]:
+    tries: list[dict[str, object]] = json.loads(Path(path).read_text())["tries"]
+    return tries
+
+
+def test_all_stages_run_in_order_and_are_reported(played) -> None:
+    assert _run().exit_code == 0
+    assert tuple(ran) == NAMES
+    rows = _tries()
+    assert [row["stage"] for row in rows] == list(NAMES)
+    assert all(row["passed"] and row["figures"] == {"volts": 2.5} and row["boards"] == "emulated" for row in rows)
+    ran.clear()
+    assert "all stages have passed" in _run().output
+    assert ran == []
+
+
+def test_a_rerun_goes_on_at_the_stage_that_stopped(played) -> None:
+    played["axis"] = Outcome([Finding("PSM1 axis 2, board 6", "moves by -0.03 rad", "forwards", "turn the plug round")])
+    stopped = _run()
+    assert stopped.exit_code == 1
+    assert "STOP PSM1 axis 2, board 6: moves by -0.03 rad; allowed: forwards; turn the plug round" in stopped.output
+    assert ran == ["scan", "read", "power", "axis"]
+    assert _tries()[-1]["problems"] == ["PSM1 axis 2, board 6: moves by -0.03 rad; allowed: forwards; turn the plug "
+                                        "round"]
+    ran.clear()
+    played.clear()
+    assert _run().exit_code == 0
+    assert ran == ["axis", "stop", "calibrate", "home", "move"]
+
+
+def test_one_stage_can_be_repeated_but_none_left_out(played) -> None:
+    assert "stage axis comes after scan, which has not passed" in _run("--stage", "axis").output
+    assert _run("--stage", "scan").exit_code == 0
+    assert ran == ["scan"]
+    assert _run("--stage", "scan").exit_code == 0
+    assert len(_tries()) == 2
+    assert _run("--stage", "dance").exit_code == 2
+
+
+def test_a_repeated_stage_that_stops_is_due_again(played) -> None:
+    _run()
+    played["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
+    assert _run("--stage", "power").exit_code == 1
+    ran.clear()
+    played.clear()
+    assert _run().exit_code == 0
+    assert ran == list(NAMES[NAMES.index("power"):])
+
+
+def test_other_files_or_arms_begin_anew(played, tmp_path: Path) -> None:
+    _run()
+    ran.clear()
+    assert _run("--arm", "PSM1").exit_code == 0
+    assert tuple(ran) == NAMES
+    text = (PROJECT_CONFIGS / "io" / "PSM1-demo.yaml").read_text()
+    for pattern, begins in (("offset: 1.7145}", "all stages"), ("scale: -7.722695805e-6", "== scan")):
+        (tmp_path / "io").mkdir(exist_ok=True)
+        assert pattern in text
+        changed = text.replace(pattern, "offset: 1.7}" if "offset" in pattern else "scale: -7.8e-6")
+        (tmp_path / "io" / "PSM1-demo.yaml").write_text(changed)
+        assert begins in _run().output  # a calibrated potentiometer is no other robot, another scale is
+
+
+def test_what_the_system_says_is_a_finding_like_any_other(played) -> None:
+    played["home"] = Problem("PSM1: not homed in time")
+    stopped = _run()
+    assert stopped.exit_code == 1
+    assert "STOP stage home: PSM1: not homed in time" in stopped.output
+    assert ran[-1] == "home"
+
+
+def test_the_stages_are_listed_with_what_they_stop_at(played) -> None:
+    played["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
+    _run()
+    rows = [json.loads(line) for line in _run("--list", "--json").output.splitlines()]
+    assert [row["state"] for row in rows] == ["passed", "passed", "stopped", "", "", "", "", ""]
+    assert all(row["stops_at"] for row in rows)
+    assert ran == ["scan", "read", "power"]
+
+
+def test_a_real_robot_is_never_commissioned_without_a_person(played, tmp_path: Path) -> None:
+    real = tmp_path / "real.yaml"
+    real.write_text(DEMO.read_text().replace("boards: emulated", "boards: real"))
+    words = ["commission", str(real), "--yes"]
+    refused = CliRunner().invoke(build("commission"), words)
+    assert refused.exit_code == 2
+    assert "--yes is for emulated boards" in refused.output
+    assert ran == []
+
+
+def test_what_is_no_report_is_left_alone(played, tmp_path: Path) -> None:
+    other = tmp_path / "notes.json"
+    other.write_text("{}")
+    refused = _run("--report", str(other))
+    assert refused.exit_code == 1
+    assert "is no report of commissioning" in refused.output
+    assert other.read_text() == "{}"
+    _run("--report", str(tmp_path / "book.json"))
+    copy = tmp_path / "demo2.yaml"
+    copy.write_text(DEMO.read_text())
+    assert "is the report of demo.yaml" in _run("--report", str(tmp_path / "book.json"), file=copy).output
+
+
+def test_a_system_without_boards_has_nothing_to_commission(played) -> None:
+    refused = _run(file=PROJECT_CONFIGS / "systems" / "kinematic.yaml")
+    assert refused.exit_code == 1
+    assert "no robot on boards" in refused.output
+    assert "no robot on boards of ECM" in _run("--arm", "ECM").output

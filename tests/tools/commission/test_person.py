@@ -1,0 +1,62 @@
+"""A person at the terminal: asked before anything powers, believed only when the word is typed."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+
+import pytest
+
+from tools.commission.person import AtTerminal, Declined, Stop
+from tools.errors import Misuse
+
+
+class Typed(io.StringIO):
+    """A terminal at which somebody types."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def types(monkeypatch: pytest.MonkeyPatch):
+    def at(text: str) -> AtTerminal:
+        monkeypatch.setattr(sys, "stdin", Typed(text))
+        return AtTerminal()
+    return at
+
+
+def test_only_the_very_word_confirms(types) -> None:
+    types("PSM1\n").confirm("power!", "PSM1")
+    for said in ("yes", "psm1", ""):
+        with pytest.raises(Declined, match="nothing was switched on"):
+            types(f"{said}\n").confirm("power!", "PSM1")
+
+
+def test_questions_are_asked_until_they_are_answered(types) -> None:
+    assert types("perhaps\ny\n").agrees("Did it move?")
+    assert not types("n\n").agrees("Did it move?")
+    assert types("7\n3 4\n").chosen("Which?", (3, 4, 5)) == (3, 4)
+    assert types("all\n").chosen("Which?", (3, 4, 5)) == (3, 4, 5)
+    assert types("none\n").chosen("Which?", (3, 4, 5)) == ()
+
+
+def test_something_done_by_hand_ends_with_enter(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "r") as terminal, os.fdopen(ours, "w") as keyboard:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        looks = 0
+        for _ in AtTerminal().doing(Stop(True), "Press it."):
+            looks += 1
+            if looks == 3:
+                keyboard.write("\n")
+                keyboard.flush()
+            assert looks < 100_000
+        assert looks >= 3
+
+
+def test_where_nobody_can_type_nothing_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("PSM1\n"))
+    with pytest.raises(Misuse, match="no terminal"):
+        AtTerminal()

@@ -1,0 +1,124 @@
+"""What stages work with: the robots, the person, and a running system that is looked at and asked."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from procs.lib.document import System
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.ring import RingReader
+from tools import arms
+from tools.commission.person import Person
+from tools.commission.subject import Subject, subjects_of
+from tools.commission.window import Window
+from tools.errors import Problem
+from tools.remote import ENDINGS, Remote
+
+SLICE_S: Final = 0.5  # the ring keeps 3 s
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a command: done, refused or failed, and why."""
+
+    outcome: str
+    text: str
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it was carried out."""
+        return self.outcome == "done"
+
+
+class Bench(Protocol):
+    """See the module."""
+
+    document: System
+    subjects: tuple[Subject, ...]
+    person: Person
+    is_emulated: bool
+
+    def sample(self, io: str, seconds: float) -> Window:
+        """So much of the time to come, of one io."""
+
+    def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
+            tuple[Answer, Window]:
+        """Ask an io for something, and what its record showed until it answered for good."""
+
+    def enable(self, subject: Subject) -> None:
+        """Power and amplifiers of an arm on, nothing driven; Problem when they are not."""
+
+    def disable(self, subject: Subject) -> None:
+        """All of it off."""
+
+
+class RunningBench:
+    """A running system; a context manager."""
+
+    def __init__(self, document: System, person: Person, chosen: list[str] | None = None) -> None:
+        """Attach; SegmentError when it does not run."""
+        self.document, self.person = document, person
+        self.system = document.name
+        self.is_emulated = document.emulation is not None
+        self.subjects = subjects_of(document, chosen)
+        self._open = contextlib.ExitStack()
+        self._readers: dict[str, RingReader] = {}
+        self._remotes: dict[str, Remote] = {}
+        for io in {subject.io for subject in self.subjects}:
+            self._readers[io] = reader = directory.reader(self.system, io, "state", "io")
+            self._open.callback(reader.close)
+            self._remotes[io] = self._open.enter_context(Remote(self.system, io))
+
+    def sample(self, io: str, seconds: float) -> Window:
+        """See Bench; Problem when nothing comes."""
+        end, parts = monotonic_ns() + round(seconds * 1e9), []
+        since = monotonic_ns()
+        while monotonic_ns() < end:
+            pause(min(SLICE_S, max(0.001, (end - monotonic_ns()) * 1e-9)))
+            parts.append(self._since(io, since))
+            since = round(parts[-1].stamp_s[-1] * 1e9) + 1 if len(parts[-1]) else since
+        window = Window.joined(parts)
+        if not len(window):
+            raise Problem(f"{io} has shown nothing for {seconds:g} s; does it run? (trocar status)")
+        return window
+
+    def _since(self, io: str, stamp_ns: int) -> Window:
+        return Window.of_rows(self._readers[io].since(stamp_ns))
+
+    def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
+            tuple[Answer, Window]:
+        """See Bench."""
+        remote, since, parts = self._remotes[io], monotonic_ns(), []
+        number, end = remote.post(command, np.array(values), text), monotonic_ns() + round(timeout * 1e9)
+        while True:
+            ended = [reply for reply in remote.replies_to(number) if reply.outcome in ENDINGS]
+            pause(0.02)
+            parts.append(self._since(io, since))
+            since = round(parts[-1].stamp_s[-1] * 1e9) + 1 if len(parts[-1]) else since
+            if ended:
+                return Answer(ended[-1].outcome, ended[-1].text), Window.joined(parts)
+            if monotonic_ns() >= end:
+                return Answer("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
+
+    def enable(self, subject: Subject) -> None:
+        """See Bench."""
+        arms.power_on(self.system, [subject.arm])
+
+    def disable(self, subject: Subject) -> None:
+        """See Bench."""
+        arms.power_off(self.system, [subject.arm])
+
+    def close(self) -> None:
+        """Detach."""
+        self._open.close()
+
+    def __enter__(self) -> RunningBench:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -1,0 +1,157 @@
+"""Stage `calibrate`: scales and offsets of analog potentiometers, and of grippers, from what hands show them.
+
+As the original's scripts do: a scale is the slope of the encoder, moved by hand, over the voltage; an offset makes the
+potentiometer read 0 where the person holds the axis in its zero position. A gripper is 0 closed and 60° open. The
+values go into a new IO file, or with --write into the IO file itself, whose old content is kept beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from tools.commission import io_file
+from tools.commission.bench import Bench
+from tools.commission.finding import Finding, Outcome
+from tools.commission.person import Put, Squeeze
+from tools.commission.read import carried
+from tools.commission.subject import Subject
+from tools.commission.window import Floats, Window
+
+OPEN_RAD: Final = float(np.radians(60.0))
+SHARE: Final = 0.4  # of its range, over which a hand moves an axis
+MAX_WAY_RAD, MAX_WAY_M = 1.0, 0.1
+RESIDUAL: Final = 0.03  # of that way: what a straight line may leave
+SCALE_WITHIN: Final = 0.25  # a new scale against the old one
+LEAST_V: Final = 0.2  # between closed and open
+HOLD_S: Final = 2.0
+LOOK_S: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """position = scale · V + offset, and by how much (rms) it missed."""
+
+    scale: float
+    offset: float
+    residual: float
+
+
+def run(bench: Bench, folder: Path, *, write: bool = False) -> Outcome:
+    """Robot after robot; files that change are written at the end, when nothing has stopped it."""
+    outcome = Outcome()
+    changes: dict[str, dict[str, dict[int, Line]]] = {}
+    for subject in bench.subjects:
+        if subject.robot.potentiometers != "ANALOG":
+            outcome.notes.append(f"{subject.name}: its potentiometers are {subject.robot.potentiometers}, nothing to "
+                                 "calibrate")
+            continue
+        lines = _robot(bench, subject, outcome) if subject.arm else _gripper(bench, subject, outcome)
+        if outcome.problems:
+            return outcome
+        if lines:
+            changes.setdefault(subject.robot.source, {})[subject.name] = lines
+            outcome.figures[subject.name] = {
+                subject.names[axis]: {"scale": line.scale, "offset": line.offset, "was": list(_old(subject, axis))}
+                for axis, line in lines.items()}
+    for source, robots in changes.items():
+        values = {name: {axis: (line.scale, line.offset) for axis, line in lines.items()}
+                  for name, lines in robots.items()}
+        saved = io_file.save(Path(source), values, folder, write=write)
+        bench.person.tell(saved.diff or f"{source}: nothing changes")
+        outcome.notes += saved.notes
+    return outcome
+
+
+def _old(subject: Subject, axis: int) -> tuple[float, float]:
+    pot = subject.actuator(axis).potentiometer
+    assert pot is not None
+    return pot.voltage_to_position.scale, pot.voltage_to_position.offset
+
+
+def _robot(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
+    """Scales by carrying each axis, offsets in the zero position."""
+    axes = [axis for axis in range(len(subject.robot.actuators))
+            if subject.has_pot(axis) and not subject.has_brake(axis)]
+    if len(axes) < len(subject.robot.actuators):
+        outcome.notes.append(f"{subject.name}: only axes {', '.join(map(str, axes)) or 'none'} can be moved by hand "
+                             "and have a potentiometer that tells where they are")
+    lines: dict[int, Line] = {}
+    for axis in axes:
+        by = way_of(subject, axis)
+        line = fitted(carried(bench, subject, axis, by), subject, axis)
+        if outcome.add(judge(line, subject, axis, by)):
+            return {}
+        lines[axis] = line
+    chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints at 0). Which axes are there?",
+                                 axes)
+    if not chosen:
+        return {axis: Line(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
+    volts = _held(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
+                  f"Hold {subject.name} in its zero position, still.")
+    return {axis: Line(line.scale, -line.scale * float(volts[axis]) if axis in chosen else _old(subject, axis)[1], 0.0)
+            for axis, line in lines.items()}
+
+
+def _held(bench: Bench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
+    """Mean voltages (n,) while a person holds it."""
+    parts: list[Window] = []
+    for _ in bench.person.doing(act, text):
+        parts.append(bench.sample(subject.io, LOOK_S))
+        if parts[-1].stamp_s[-1] - parts[0].stamp_s[0] >= HOLD_S:
+            break
+    mean: Floats = Window.joined(parts[len(parts) // 4 :]).axes("pot_voltage", subject).mean(axis=0)
+    return mean
+
+
+def way_of(subject: Subject, axis: int) -> float:
+    """How far a hand moves an axis to calibrate it."""
+    low, high = subject.range_of(axis)
+    return min(MAX_WAY_M if subject.slides(axis) else MAX_WAY_RAD, SHARE * (high - low) or MAX_WAY_RAD)
+
+
+def fitted(window: Window, subject: Subject, axis: int) -> Line:
+    """Where the potentiometer sits, as encoders saw it move, as a straight line over its voltage."""
+    position = window.axes("position", subject)
+    matrix = subject.robot.joint_to_actuator_position
+    seen = position @ np.linalg.inv(np.array(matrix)).T if matrix is not None else position
+    volts = window.axes("pot_voltage", subject)[:, axis]
+    if np.ptp(volts) == 0.0:
+        return Line(0.0, 0.0, float("nan"))
+    scale, offset = (float(value) for value in np.polyfit(volts, seen[:, axis], 1))
+    return Line(scale, offset, float(np.sqrt(np.mean((scale * volts + offset - seen[:, axis]) ** 2))))
+
+
+def judge(line: Line, subject: Subject, axis: int, by: float) -> list[Finding]:
+    """A line that can be believed."""
+    where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
+    if not line.residual <= RESIDUAL * by:
+        return [Finding(where, f"its potentiometer is {line.residual:.4f} {unit} off a straight line",
+                        f"{RESIDUAL * by:.4f} {unit}", "is it worn, loose or dead? Calibrating cannot help it")]
+    if old and not abs(line.scale / old - 1.0) <= SCALE_WITHIN:
+        return [Finding(where, f"scale {line.scale:+.5g} {unit}/V, in the file {old:+.5g}",
+                        f"the file's within {100 * SCALE_WITHIN:g} %",
+                        "the encoder's scale or sign is wrong, or these are another arm's files: stage read first")]
+    return []
+
+
+def _gripper(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
+    """0 closed, 60° open."""
+    closed = _held(bench, subject, Squeeze(subject, True), f"Close {subject.name} and hold it closed.")
+    opened = _held(bench, subject, Squeeze(subject, False), f"Let {subject.name} open as far as it goes.")
+    line, found = gripper_line(float(closed[0]), float(opened[0])), []
+    if line is None:
+        found = [Finding(subject.where(0), f"{closed[0]:.3f} V closed, {opened[0]:.3f} V open",
+                         f"{LEAST_V:g} V between", "its potentiometer is dead or its cable loose")]
+    return {} if outcome.add(found) or line is None else {0: line}
+
+
+def gripper_line(closed_v: float, open_v: float) -> Line | None:
+    """From the voltages of a closed and an open gripper; None where they cannot be told apart."""
+    if not abs(open_v - closed_v) >= LEAST_V:
+        return None
+    scale = OPEN_RAD / (open_v - closed_v)
+    return Line(scale, -scale * closed_v, 0.0)

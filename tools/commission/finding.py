@@ -1,0 +1,33 @@
+"""What a stage of commissioning finds: problems that stop it, figures for the report, remarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that must not be: where (robot, axis, board), what was seen, what is allowed, what to do."""
+
+    where: str
+    seen: str
+    allowed: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.seen}; allowed: {self.allowed}; {self.remedy}"
+
+
+@dataclass(slots=True)
+class Outcome:
+    """How a stage ended: passed where there are no problems."""
+
+    problems: list[Finding] = field(default_factory=list)
+    figures: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, found: list[Finding]) -> bool:
+        """Note problems; whether there are any."""
+        self.problems += found
+        return bool(found)

@@ -1,0 +1,69 @@
+"""Stage `home`: every arm goes to its home position, its encoders set from its potentiometers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from shm.clock import monotonic_ns
+from tools import arms
+from tools.commission.bench import RunningBench
+from tools.commission.finding import Finding, Outcome
+from tools.commission.subject import Subject
+from tools.commission.window import Window
+from tools.errors import Problem
+
+LOOK_S: Final = 1.0
+
+
+def run(bench: RunningBench) -> Outcome:
+    """One arm after the other."""
+    outcome = Outcome()
+    for subject in (each for each in bench.subjects if each.arm):
+        bench.person.confirm(f"{subject.whole()} is powered and goes to its home position with all joints, by itself. "
+                             "Workspace clear, no instrument, hand on the emergency stop.", subject.name)
+        try:
+            begin_ns = monotonic_ns()
+            found = homed(bench, subject)
+            outcome.figures[subject.name] = {"homed_s": (monotonic_ns() - begin_ns) * 1e-9}
+            if not found:
+                window = bench.sample(subject.io, LOOK_S)
+                outcome.figures[subject.name]["pot_error"] = _apart(window, subject).tolist()
+                found = judge(window, subject)
+        finally:
+            bench.disable(subject)
+        if outcome.add(found):
+            break
+    return outcome
+
+
+def homed(bench: RunningBench, subject: Subject) -> list[Finding]:
+    """Home an arm; what is wrong, where it does not get there."""
+    try:
+        arms.home(bench.system, [subject.arm])
+    except Problem as problem:
+        return [Finding(subject.whole(), str(problem), "homed", "docs/errors.md has cause and remedy; mend it, then "
+                        "repeat this stage")]
+    return []
+
+
+def _apart(window: Window, subject: Subject) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Potentiometers less encoders (n,)."""
+    apart: np.ndarray[tuple[int], np.dtype[np.float64]] = (
+        window.axes("pot_position", subject) - window.axes("position", subject)).mean(axis=0)
+    return apart
+
+
+def judge(window: Window, subject: Subject) -> list[Finding]:
+    """At home sensors agree, and checks and limits are on."""
+    found, apart = [], _apart(window, subject)
+    for axis, row in enumerate(subject.robot.tolerances):
+        if subject.has_pot(axis) and row.distance > 0.0 and not abs(apart[axis]) <= row.distance:
+            found.append(Finding(subject.where(axis), f"its potentiometer is {apart[axis]:+.4f} {subject.unit(axis)} "
+                                 "off its encoder at home", f"{row.distance:g} {subject.unit(axis)}",
+                                 "calibrate its potentiometer (stage calibrate)"))
+    for field, what in (("limits_enforced", "position limits"), ("tracking_check", "the check of tracking errors")):
+        if not window.flags(field, subject)[-1]:
+            found.append(Finding(subject.whole(), f"{what}: off", "on", "tell us: a homed arm has them on"))
+    return found

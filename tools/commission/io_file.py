@@ -1,0 +1,98 @@
+"""An IO file with other potentiometer values: all else stays, nothing is overwritten without a copy of it."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import math
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from procs.lib.config import check_file
+from procs.lib.config.source import read_source
+from procs.lib.convert import to_json
+from tools.errors import Problem
+
+Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
+DIGITS: Final = 9  # of what is written
+
+
+@dataclass(slots=True)
+class Saved:
+    """The file that was written, the lines that changed, what is to be known of it."""
+
+    path: Path
+    diff: str
+    notes: list[str] = field(default_factory=list)
+
+
+def save(source: Path, values: Values, folder: Path, *, write: bool) -> Saved:
+    """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
+
+    Problem where that cannot be done; then nothing has changed.
+    """
+    read, problems = read_source(source)
+    if read is None:
+        raise Problem(f"{source} cannot be read any more: {problems[0]}")
+    if write and source.suffix != ".json":
+        raise Problem(f"{source} is no JSON and would lose its comments; without --write a new file is written")
+    data = copy.deepcopy(read.data)
+    _put(data, values, source)
+    old, new = to_json(read.data), to_json(data)
+    path = source if write else folder / f"{source.stem}-calibrated.json"
+    diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
+    saved = Saved(path, diff)
+    try:
+        _write(path, new, saved)
+    except OSError as bad:
+        raise Problem(f"{path} cannot be written: {bad.strerror or bad}") from None
+    saved.notes.append(f"{path} has the calibrated values" + ("" if write else
+                       f"; put it in the place of {source.name} (IO_file of the system file)"))
+    return saved
+
+
+def _put(data: dict[str, Any], values: Values, source: Path) -> None:
+    for robot in data.get("robots", []):
+        for axis, (scale, offset) in values.get(str(robot.get("name")), {}).items():
+            try:
+                pot = robot["actuators"][axis]["potentiometer"]
+            except (LookupError, TypeError):
+                raise Problem(f"{source} has changed: no potentiometer of axis {axis} any more") from None
+            if not (math.isfinite(scale) and math.isfinite(offset)):
+                raise Problem(f"{robot['name']} axis {axis}: {scale:g} and {offset:g} cannot be written")
+            pot["voltage_to_position"] = {**pot.get("voltage_to_position", {}), "scale": _rounded(scale),
+                                          "offset": _rounded(offset)}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _write(path: Path, text: str, saved: Saved) -> None:
+    """Whole or not at all, and only what the check accepts; what was there is kept."""
+    fresh = path.with_name(f".{path.stem}.{os.getpid()}.json")
+    try:
+        with fresh.open("x", encoding="utf-8") as out:
+            out.write(text)
+            out.flush()
+            os.fsync(out.fileno())
+        errors = [problem for problem in check_file(fresh).problems if problem.severity == "error"]
+        if errors:
+            raise Problem(f"{path} would not be valid: {errors[0]}")
+        if path.exists():
+            saved.notes.append(f"{path} was there; it is {_backup(path)} now")
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def _backup(path: Path) -> Path:
+    number = 1
+    while (kept := path.with_name(f"{path.name}.bak{number}")).exists():
+        number += 1
+    shutil.copy2(path, kept)
+    return kept

@@ -1,0 +1,136 @@
+"""Who is asked before something powers or moves, and does by hand what only hands can do."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from shm.clock import monotonic_ns
+from tools.commission.subject import Subject
+from tools.errors import Misuse, Problem
+
+PATIENCE_S: Final = 120.0
+
+
+class Declined(Problem):
+    """The person did not confirm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Carry:
+    """Move one axis of a robot without power by hand, to and fro, by so much at least (rad or m)."""
+
+    subject: Subject
+    axis: int
+    by: float
+
+
+@dataclass(frozen=True, slots=True)
+class Put:
+    """Put all axes of a robot somewhere (rad or m) and keep them there."""
+
+    subject: Subject
+    position: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """Press a button and let go of it."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Press the emergency stop, or release it."""
+
+    pressed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Squeeze:
+    """Close the gripper of a master, or open it as far as it goes."""
+
+    subject: Subject
+    closed: bool
+
+
+Act = Carry | Put | Press | Stop | Squeeze
+
+
+class Person(Protocol):
+    """At a terminal, or played on emulated boards."""
+
+    def confirm(self, danger: str, word: str) -> None:
+        """Say what is going to happen and have the word typed; Declined when it is not."""
+
+    def agrees(self, question: str) -> bool:
+        """A question whose answer only eyes can give."""
+
+    def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
+        """Some of these axes."""
+
+    def doing(self, act: Act, text: str) -> Iterator[None]:
+        """Have something done by hand: yields as long as the person is at it."""
+
+    def show(self, line: str) -> None:
+        """What is measured meanwhile."""
+
+    def tell(self, line: str) -> None:
+        """Something to know."""
+
+
+class AtTerminal:
+    """Somebody who reads and types."""
+
+    def __init__(self) -> None:
+        """Misuse where nobody can type."""
+        if not sys.stdin.isatty():
+            raise Misuse("commissioning asks a person, and here is no terminal; --yes is for emulated boards")
+
+    def confirm(self, danger: str, word: str) -> None:
+        """See Person."""
+        print(f"\n{danger}", flush=True)
+        said = input(f"Type {word} to go on, anything else stops: ").strip()
+        if said != word:
+            raise Declined(f"not confirmed: {said or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
+
+    def agrees(self, question: str) -> bool:
+        """See Person."""
+        while True:
+            said = input(f"{question} [y/n] ").strip().lower()
+            if said in ("y", "yes", "n", "no"):
+                return said.startswith("y")
+
+    def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
+        """See Person."""
+        while True:
+            words = input(f"{question} [all, none, or numbers of {' '.join(map(str, axes))}] ").split()
+            if words in (["all"], ["none"]):
+                return tuple(axes) if words == ["all"] else ()
+            if words and all(word.isdecimal() and int(word) in axes for word in words):
+                return tuple(int(word) for word in words)
+
+    def doing(self, act: Act, text: str) -> Iterator[None]:
+        """Until Enter, or for two minutes."""
+        print(f"\n{text}\n(Enter when it is done)", flush=True)
+        end = monotonic_ns() + round(PATIENCE_S * 1e9)
+        with contextlib.suppress(GeneratorExit):
+            while monotonic_ns() < end:
+                yield
+                if select.select([sys.stdin], [], [], 0.0)[0]:
+                    sys.stdin.readline()
+                    break
+        print("\r\033[K", end="", flush=True)
+
+    def show(self, line: str) -> None:
+        """See Person."""
+        print(f"\r\033[K{line}", end="", flush=True)
+
+    def tell(self, line: str) -> None:
+        """See Person."""
+        print(line, flush=True)

@@ -1,0 +1,109 @@
+"""A person played on emulated boards: confirms everything, and does with `boards` what hands do to a real robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.lib.document import System
+from shm import directory
+from tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
+from tools.commission.subject import Subject
+from tools.printing import note
+from tools.remote import Remote
+
+STEPS: Final = 8  # of a motion by hand, each way
+BEYOND: Final = 1.3  # times what is asked for
+WAITS: Final = 40  # looks that somebody takes who waits for something to happen
+OPEN, CLOSED = math.radians(60.0), 0.0  # gripper, rad
+
+Order = Callable[[str, Sequence[float], str], None]
+Truth = Callable[[Subject], NDArray[np.float64]]
+
+
+class Played:
+    """`order(command, numbers, text)` does something to the boards, `truth(subject)` is where its actuators are."""
+
+    def __init__(self, order: Order, truth: Truth) -> None:
+        self._order, self._truth = order, truth
+
+    def confirm(self, danger: str, word: str) -> None:
+        """See Person."""
+
+    def agrees(self, question: str) -> bool:
+        """See Person."""
+        return True
+
+    def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
+        """See Person."""
+        return tuple(axes)
+
+    def show(self, line: str) -> None:
+        """See Person."""
+
+    def tell(self, line: str) -> None:
+        """See Person."""
+        note(line)
+
+    def doing(self, act: Act, text: str) -> Iterator[None]:
+        """See Person."""
+        match act:
+            case Carry(subject, axis, by):
+                yield from self._carry(subject, axis, by)
+            case Put(subject, position):
+                self._order("place", position, subject.name)
+                yield from (None for _ in range(WAITS))
+            case Squeeze(subject, closed):
+                self._order("place", (CLOSED if closed else OPEN,), subject.name)
+                yield from (None for _ in range(WAITS))
+            case Press(name):
+                self._order("press", (1.0,), name)
+                yield from (None for _ in range(WAITS))
+                self._order("press", (0.0,), name)
+                yield from (None for _ in range(WAITS))
+            case Stop(pressed):
+                self._order("emergency_stop", (float(pressed),), "")
+                yield from (None for _ in range(WAITS))
+
+    def _carry(self, subject: Subject, axis: int, by: float) -> Iterator[None]:
+        start = self._truth(subject).copy()
+        low, high = subject.range_of(axis)
+        way = by * BEYOND * (1.0 if start[axis] <= 0.5 * (low + high) else -1.0)
+        for k in (*range(1, STEPS + 1), *range(STEPS - 1, -1, -1)):
+            goal = start.copy()
+            goal[axis] += way * k / STEPS
+            self._order("place", goal.tolist(), subject.name)
+            yield
+
+
+class AtBoards(Played):
+    """Of a running system; a context manager."""
+
+    def __init__(self, document: System) -> None:
+        """Attach to its emulated boards."""
+        self._remote = Remote(document.name, "boards")
+        self._reader = directory.reader(document.name, "boards", "state", "boards")
+        self._slices: dict[tuple[str, str], slice] = {}
+        first = 0
+        for io in document.emulated().ios:
+            for robot in io.robots:
+                self._slices[io.name, robot.name] = slice(first, first + len(robot.actuators))
+                first += len(robot.actuators)
+        super().__init__(self._send, self._position)
+
+    def _send(self, command: str, values: Sequence[float], text: str) -> None:
+        self._remote.ask(command, values, text)
+
+    def _position(self, subject: Subject) -> NDArray[np.float64]:
+        self._reader.newest()
+        where: NDArray[np.float64] = self._reader.field("position")[self._slices[subject.io, subject.name]]
+        return where
+
+    def close(self) -> None:
+        """Detach."""
+        self._remote.close()
+        self._reader.close()

@@ -1,0 +1,98 @@
+"""The report of a commissioning: every try of every stage, in a JSON file that a lab keeps with its configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+import getpass
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from procs.lib.document import System
+from tools.commission.finding import Outcome
+from tools.errors import Problem
+from tools.printing import plain
+
+FORMAT: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Try:
+    """One try of a stage: when it ended (local time), by whom, on which boards and with which files."""
+
+    stage: str
+    passed: bool
+    when: str
+    seconds: float
+    who: str
+    boards: str  # real or emulated
+    files: str  # fingerprint of what the files say of the robots, but for potentiometers
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+    figures: dict[str, Any]
+
+
+class Report:
+    """All tries; saved after each."""
+
+    def __init__(self, path: Path, system: str) -> None:
+        """Read what is there; Problem where that is no report, or of another system."""
+        self.path, self.system = path, system
+        self.tries: list[Try] = []
+        if path.exists():
+            try:
+                content = json.loads(path.read_text(encoding="utf-8"))
+                rows = content["tries"] if content["format"] == FORMAT else None
+                if rows is None:
+                    raise ValueError(f"format {content['format']}")
+                self.tries = [Try(**{**row, "problems": tuple(row["problems"]), "notes": tuple(row["notes"])})
+                              for row in rows]
+                known = str(content["system"])
+            except (OSError, ValueError, LookupError, TypeError) as error:
+                raise Problem(f"{path} is no report of commissioning ({error}); --report names another file") from None
+            if known != system:
+                raise Problem(f"{path} is the report of {known}, not of {system}; --report names another file")
+
+    def last(self, stage: str, boards: str, files: str) -> Try | None:
+        """The newest try of a stage on these boards with these files."""
+        rows = [row for row in self.tries if (row.stage, row.boards, row.files) == (stage, boards, files)]
+        return rows[-1] if rows else None
+
+    def passed(self, stage: str, boards: str, files: str) -> bool:
+        """Whether that passed."""
+        row = self.last(stage, boards, files)
+        return row is not None and row.passed
+
+    def add(self, stage: str, outcome: Outcome, seconds: float, boards: str, files: str) -> Try:
+        """Note a try and save."""
+        row = Try(stage, not outcome.problems, datetime.now().astimezone().isoformat(timespec="seconds"),
+                  round(seconds, 1), getpass.getuser(), boards, files, tuple(map(str, outcome.problems)),
+                  tuple(outcome.notes), plain(outcome.figures))
+        self.tries.append(row)
+        self._save()
+        return row
+
+    def _save(self) -> None:
+        content = {"format": FORMAT, "system": self.system, "tries": [dataclasses.asdict(row) for row in self.tries]}
+        fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            fresh.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+            fresh.replace(self.path)
+        except OSError as bad:
+            fresh.unlink(missing_ok=True)
+            raise Problem(f"{self.path} cannot be written: {bad.strerror or bad}") from None
+
+
+def fingerprint(system: System) -> str:
+    """Of all that the files say of robots, but what calibrating potentiometers changes, and names of files."""
+    rows = [dataclasses.asdict(robot) for io in system.ios if io.port for robot in io.robots]
+    for row in rows:
+        del row["source"], row["lookup"]
+        for actuator in row["actuators"]:
+            if actuator["potentiometer"] is not None:
+                del actuator["potentiometer"]["voltage_to_position"]
+    return hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()[:12]

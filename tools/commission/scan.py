@@ -1,0 +1,83 @@
+"""Stage `scan`: the boards on each bus are those of the configuration. Nothing is switched on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, Protocol
+
+from procs.lib import registers
+from procs.lib.document import Io, Robot, System
+from tools import serials
+from tools.commission.finding import Finding, Outcome
+from tools.desk import Board, Desk
+
+UNKNOWN: Final = "HARDWARE_UNDEFINED"
+
+
+class Scanned(Protocol):
+    """What this stage needs: it runs before there is a system, but for emulated boards."""
+
+    document: System
+
+
+def run(bench: Scanned) -> Outcome:
+    """Every bus, one after the other."""
+    outcome = Outcome()
+    for io in (io for io in bench.document.ios if io.port):
+        with Desk(io.port) as desk:
+            asks = not desk.driver()
+            outcome.figures[io.name] = [_figures(desk, board, asks) for board in desk.boards]
+            outcome.add(judge(io, desk.boards))
+        extra = sorted({board.board for board in desk.boards} - set(boards_of(io)))
+        if extra:
+            outcome.notes.append(f"{io.name}: boards {', '.join(map(str, extra))} are in no file")
+        if not asks:
+            outcome.notes.append(f"{io.name}: no serial numbers were asked for, because {io.name} runs")
+    return outcome
+
+
+def _figures(desk: Desk, board: Board, asks: bool) -> dict[str, Any]:
+    return {"board": board.board, "node": board.node, "hardware": board.hardware, "firmware": board.firmware,
+            "fpga": board.fpga, "fpga_serial": serials.of_fpga(desk, board) if asks else "",
+            "qla_serial": serials.of_qla(desk, board) if asks else ""}
+
+
+def boards_of(io: Io) -> dict[int, str]:
+    """Board ids that a bus needs, each with what needs it."""
+    needed: dict[int, str] = {}
+    for robot in io.robots:
+        for number in boards_of_robot(robot):
+            needed.setdefault(number, robot.name)
+    rows = [(row.board_id, row.name) for row in io.digital_inputs]
+    rows += [(row.board_id, row.name) for row in io.digital_outputs]
+    rows += [(row.board_id, row.name) for row in io.instrument_readers]
+    return {**dict(reversed(rows)), **needed}
+
+
+def boards_of_robot(robot: Robot) -> set[int]:
+    """Board ids that a robot's motors and brakes are on."""
+    return {a.board_id for a in robot.actuators} | {b.board_id for b in robot.brakes}
+
+
+def judge(io: Io, boards: Sequence[Board]) -> list[Finding]:
+    """Boards found against those of the files."""
+    found, needed = [], boards_of(io)
+    hardware = {number: robot.hardware for robot in io.robots for number in boards_of_robot(robot)}
+    there = ", ".join(str(board.board) for board in boards) or "none"
+    for number, who in sorted(needed.items()):
+        alike = [board for board in boards if board.board == number]
+        where = f"{who}, board {number} on {io.name} ({io.port})"
+        if not alike:
+            found.append(Finding(where, f"it is not there; found are {there}", f"board {number}",
+                                 "is it switched on and plugged in? Its rotary switch says its number"))
+            continue
+        if len(alike) > 1:
+            found.append(Finding(where, f"{len(alike)} boards have this number", "one",
+                                 "set every rotary switch differently"))
+        board, wanted = alike[0], hardware.get(number, UNKNOWN)
+        if wanted not in (UNKNOWN, board.hardware):
+            found.append(Finding(where, f"it is a {board.hardware}", wanted, "are these the files of this controller?"))
+        if board.firmware not in registers.FIRMWARE_REVISIONS:
+            found.append(Finding(where, f"firmware Rev {board.firmware}",
+                                 f"Rev {', '.join(map(str, registers.FIRMWARE_REVISIONS))}", "update its firmware"))
+    return found

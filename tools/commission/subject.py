@@ -1,0 +1,108 @@
+"""What is commissioned: every robot of a system's files that hangs on boards, and where its axes are in io's record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from procs.lib.document import Actuator, Io, Robot, System
+
+UNITS = {"PRISMATIC": "m"}
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """One robot. `axes` and `drives` are places in the fields of its io's record, `row` is its own among the robots."""
+
+    io: str
+    robot: Robot
+    row: int
+    axes: slice
+    drives: tuple[int, ...]  # its actuators, then its brakes
+    arm: str  # the process that drives it; empty: a gripper
+    names: tuple[str, ...]
+    tolerance: tuple[float, ...]  # tracking error that trips, of each axis; empty without a joint controller
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self.robot.name
+
+    @property
+    def boards(self) -> str:
+        """Its boards, in words."""
+        ids = sorted({a.board_id for a in self.robot.actuators} | {b.board_id for b in self.robot.brakes})
+        return f"board{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids))}"
+
+    def whole(self) -> str:
+        """Where a finding about all of it is."""
+        return f"{self.name}, {self.boards}"
+
+    def where(self, axis: int) -> str:
+        """Where a finding about an axis is."""
+        return f"{self.title(axis)}, board {self.actuator(axis).board_id}"
+
+    def title(self, axis: int) -> str:
+        """The axis in words."""
+        return f"{self.name} axis {axis} ({self.names[axis]})"
+
+    def actuator(self, axis: int) -> Actuator:
+        """What its file says of an axis."""
+        return self.robot.actuators[axis]
+
+    def slides(self, axis: int) -> bool:
+        """Whether an axis is prismatic."""
+        return self.actuator(axis).joint_type == "PRISMATIC"
+
+    def unit(self, axis: int) -> str:
+        """Unit of its positions."""
+        return UNITS.get(self.actuator(axis).joint_type, "rad")
+
+    def has_motor(self, axis: int) -> bool:
+        """Whether there is something to drive, and to see it move by."""
+        actuator = self.actuator(axis)
+        return actuator.maximum_current > 0.0 and actuator.effort_to_current != 0.0 and actuator.encoder is not None
+
+    def has_pot(self, axis: int) -> bool:
+        """Whether its potentiometer tells its position."""
+        known = self.actuator(axis).potentiometer is not None or bool(self.robot.lookup)
+        rows = self.robot.tolerances
+        return known and (axis >= len(rows) or rows[axis].distance > 0.0)
+
+    def has_brake(self, axis: int) -> bool:
+        """Whether a brake holds it."""
+        return axis < len(self.robot.brakes)
+
+    def range_of(self, axis: int) -> tuple[float, float]:
+        """Its position limits, equal where there are none."""
+        encoder = self.actuator(axis).encoder
+        return (encoder.lower, encoder.upper) if encoder is not None else (0.0, 0.0)
+
+
+def subjects_of(system: System, arms: list[str] | None = None) -> tuple[Subject, ...]:
+    """All robots of arms and grippers, or those of some arms; set-up joints and KINEMATIC ones are none."""
+    return tuple(subject for io in system.ios if io.port for subject in _of(system, io)
+                 if not arms or _owner(system, subject) in arms)
+
+
+def _of(system: System, io: Io) -> list[Subject]:
+    found, first = [], 0
+    brake = sum(len(robot.actuators) for robot in io.robots)
+    driven = {pid.robot: pid for pid in io.pids}
+    grippers = {arm.gripper for arm in system.arms if arm.io == io.name}
+    for row, robot in enumerate(io.robots):
+        count = len(robot.actuators)
+        axes = slice(first, first + count)
+        drives = (*range(first, first + count), *range(brake, brake + len(robot.brakes)))
+        first, brake = first + count, brake + len(robot.brakes)
+        pid = driven.get(robot.name)
+        if pid is not None:
+            found.append(Subject(io.name, robot, row, axes, drives, pid.arm, tuple(a.name for a in pid.axes),
+                                 tuple(a.tolerance for a in pid.axes)))
+        elif robot.name in grippers:
+            found.append(Subject(io.name, robot, row, axes, drives, "", ("gripper",) * count, ()))
+    return found
+
+
+def _owner(system: System, subject: Subject) -> str:
+    """The arm that a robot belongs to."""
+    return subject.arm or next((arm.name for arm in system.arms if arm.gripper == subject.name), "")

@@ -1,0 +1,192 @@
+"""`trocar commission SYSTEM`: the first day on a real robot, stage by stage."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from procs.lib.config import load_system
+from procs.lib.document import System, from_json
+from shm import directory
+from shm.clock import monotonic_ns
+from tools.commission.bench import RunningBench
+from tools.commission.finding import Finding, Outcome
+from tools.commission.person import AtTerminal, Declined, Person
+from tools.commission.played import AtBoards
+from tools.commission.report import Report, fingerprint
+from tools.commission.stages import NAMES, STAGES, Stage
+from tools.commission.subject import subjects_of
+from tools.errors import Misuse, Problem
+from tools.options import JsonOption
+from tools.printing import emit, note, progress, table
+from tools.supervising import Background, Request
+
+NAME: Final = "commission"
+CLOCK: Final = "clock=wall"  # a watchdog is measured
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is commissioned and how."""
+
+    request: Request
+    document: System
+    arms: list[str]
+    yes: bool
+    write: bool
+
+    @property
+    def boards(self) -> str:
+        """real or emulated."""
+        return "real" if self.document.emulation is None else "emulated"
+
+
+def commission(
+    file: Annotated[Path, typer.Argument(metavar="SYSTEM", help="System file.")],
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
+    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
+    listed: Annotated[bool, typer.Option("--list", help="The stages, and which have passed.")] = False,
+    arm: Annotated[list[str] | None, typer.Option("--arm", help="Only this arm; may be given several times.")] = None,
+    write: Annotated[bool, typer.Option("--write", help="Calibrate into the IO files; their content is kept.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody; for emulated boards only.")] = False,
+    report: Annotated[Path | None, typer.Option("--report", help="File; default commission-SYSTEM.json here.")] = None,
+    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    as_json: JsonOption = False,
+    system: Annotated[str, typer.Option("--system", metavar="NAME", help="Its name while it runs.")] = NAME,
+) -> int:
+    """The first day on a robot: eight stages from finding the boards to a slow move, each of which stops at what is
+    wrong and says what to do. A rerun goes on after the last stage that passed. Read docs/first-hardware.md first.
+
+    Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
+    """
+    request = Request(file, system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
+    job = Job(request, _document(request), arm or [], yes, write)
+    if stage and stage not in NAMES:
+        raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
+    if not subjects_of(job.document, job.arms):
+        raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(job.arms) if job.arms else ''} to commission")
+    if yes and job.boards == "real":
+        raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
+    book = Report(report or Path(f"commission-{file.stem}.json"), file.name)
+    files = fingerprint(job.document) + "".join(f" {name}" for name in sorted(job.arms))
+    if listed:
+        return _list(book, job.boards, files, as_json)
+    return _go(job, book, files, _due(book, job.boards, files, stage), as_json)
+
+
+def _document(request: Request) -> System:
+    """The system as its files say; Problem with all that is wrong."""
+    loaded = load_system(request.file, search=request.paths, boards=request.boards or None, sets=request.sets,
+                         name=request.system)
+    if loaded.system is None:
+        raise Problem("\n".join(map(str, loaded.errors)))
+    return loaded.system
+
+
+def _list(book: Report, boards: str, files: str, as_json: bool) -> int:
+    rows = []
+    for row in STAGES:
+        tried = book.last(row.name, boards, files)
+        state = "" if tried is None else "passed" if tried.passed else "stopped"
+        rows.append((row.name, state, "" if tried is None else tried.when, row.text, row.stops))
+        if as_json:
+            emit({"stage": row.name, "state": state, "when": rows[-1][2], "text": row.text, "stops_at": row.stops})
+    if not as_json:
+        table(f"{book.path} ({boards} boards)", ("stage", "state", "when", "looks at", "stops at"), rows)
+    return 0
+
+
+def _due(book: Report, boards: str, files: str, wanted: str) -> list[Stage]:
+    """What is to be done: one stage again, or all after the last that passed."""
+    left = [row for row in STAGES if not book.passed(row.name, boards, files)]
+    if not wanted:
+        return list(STAGES[STAGES.index(left[0]):]) if left else []
+    row = STAGES[NAMES.index(wanted)]
+    if left and STAGES.index(left[0]) < STAGES.index(row):
+        raise Problem(f"stage {wanted} comes after {left[0].name}, which has not passed with these files; without "
+                      "--stage it goes on there")
+    return [row]
+
+
+def _go(job: Job, book: Report, files: str, due: list[Stage], as_json: bool) -> int:
+    if not due:
+        note(f"all stages have passed: {book.path}; --stage NAME repeats one")
+        return 0
+    with contextlib.ExitStack() as stack:
+        live: Live | None = None
+        for row in due:
+            if live is None and (row.live or job.boards == "emulated"):
+                live = stack.enter_context(_running(job))
+            note(f"\n== {row.name}: {row.text}; stops at: {row.stops}")
+            begin_ns = monotonic_ns()
+            outcome = _tried(row, job, live, book.path.parent)
+            tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
+            for text in outcome.notes:
+                note(f"note: {text}")
+            if as_json:
+                emit({"stage": row.name, "passed": tried.passed, "seconds": tried.seconds, "problems": tried.problems,
+                      "figures": tried.figures})
+            if not tried.passed:
+                if not as_json:
+                    print("\n".join(f"STOP {text}" for text in tried.problems))
+                note(f"stage {row.name} stopped, everything is off; mend it and run the same command again "
+                     f"({book.path})")
+                return 1
+            note(f"{row.name} passed")
+            if row.name == "calibrate" and job.write:
+                note("the IO files have changed: run the same command again, it goes on with them")
+                return 0
+    note(f"all done: {book.path}")
+    return 0
+
+
+def _tried(row: Stage, job: Job, live: Live | None, folder: Path) -> Outcome:
+    """One stage; what the system refuses is a finding like any other."""
+    run = row.load()
+    try:
+        if live is None:
+            return run(job)
+        return run(live.bench, folder, write=job.write) if row.name == "calibrate" else run(live.bench)
+    except (Declined, Misuse):
+        raise
+    except (Problem, TimeoutError) as problem:
+        return Outcome([Finding(f"stage {row.name}", str(problem), "no such error", "trocar logs tells more; "
+                                "docs/errors.md has causes and remedies")])
+
+
+@dataclass(frozen=True, slots=True)
+class Live:
+    """A running system."""
+
+    bench: RunningBench
+
+
+@contextlib.contextmanager
+def _running(job: Job) -> Iterator[Live]:
+    """The system, up; down and off on every path."""
+    with progress(f"starting {job.request.system}") as say:
+        background = Background(job.request, tied=True)
+        try:
+            background.wait_until_up(say)
+        except BaseException:
+            background.stop(say)
+            raise
+    try:
+        document = from_json(directory.document(job.request.system))
+        with contextlib.ExitStack() as stack:
+            person: Person
+            if job.yes:
+                person = played = AtBoards(document)
+                stack.callback(played.close)
+            else:
+                person = AtTerminal()
+            yield Live(stack.enter_context(RunningBench(document, person, job.arms)))
+    finally:
+        with progress(f"stopping {job.request.system}") as say:
+            background.stop(say)
