@@ -35,11 +35,16 @@ class Pacing:
         self._periods, self._work, self._latencies = np.zeros(ROOM), np.zeros(ROOM), np.zeros(ROOM)
         self._count = self._latency_count = 0
         self._start = self._deadline = self._interval_end = 0
+        self._beats = True
         self._missed_count = self._overrun_count = self._cycle_count = 0
         self._missed_before = self._short_until = self._short_check = self._short_checks = 0
 
     def begin(self, now_ns: int, simulated: bool) -> None:
-        """Start the grid: at the next phase point in lock-step, now on the wall clock."""
+        """Start the grid: at the next phase point in simulated time, now on the wall clock.
+
+        The heartbeat is real time: in simulated time it is not ours to give.
+        """
+        self._beats = not simulated
         self._start = now_ns
         self._deadline = now_ns
         if simulated:
@@ -48,7 +53,8 @@ class Pacing:
                 self._deadline += self.period_ns
             self._deadline -= self.period_ns  # end_of_work adds one
         self._interval_end = now_ns + INTERVAL_NS
-        self._beat[...] = now_ns
+        if self._beats:
+            self._beat[...] = now_ns
 
     def follow(self, wanted_ns: int) -> None:
         """Pull the grid gently so that deadlines fall on `wanted_ns` plus whole periods."""
@@ -95,7 +101,8 @@ class Pacing:
         self._start = now_ns
         self._cycle_count += 1
         self._cycles[...] = self._cycle_count
-        self._beat[...] = now_ns
+        if self._beats:
+            self._beat[...] = now_ns
         if now_ns >= self._short_check:
             self._look_at_missed(now_ns)
         if now_ns >= self._interval_end:

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Protocol, TypeVar
 
-from procs.lib.document import Process, System, from_json
+from procs.lib.document import WALL, Process, System, from_json
 from procs.manifest import late_s, proc
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration
@@ -30,9 +30,10 @@ from procs.realtime import realtime
 from shm import directory
 from shm.audit import Audit
 from shm.client import LoopClient
-from shm.clock import LockstepClock, WallClock, monotonic_ns
+from shm.clock import WallClock, monotonic_ns
 from shm.events import Events
 from shm.faults import Cell, FaultCell, Faults
+from shm.lockstep import LockstepClock
 from shm.mailbox import DIED, Mailbox
 from shm.nap import Nap
 from shm.pulse import Pulse
@@ -40,7 +41,6 @@ from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError
 
 SUPERVISOR_CHECK_NS = 100_000_000
-LOCKSTEP_SERVE_NS = 200_000
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
 MOST_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
@@ -69,16 +69,17 @@ class Me:
         self.pulse.field("pid")[...] = os.getpid()
         self.pulse.show("STARTING")
         self.clock: WallClock | LockstepClock
-        if self.document.clock == "lockstep":
-            self.clock = LockstepClock(system, self.pulse)
-        else:
+        if self.document.clock == WALL:
             self.clock = WallClock(_spin_ns(self.document, kind, name))
+        else:
+            self.clock = LockstepClock(system, name)
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
         period_ns = round(self.row.period_s * 1e9)
         self.pulse.field("pauses")[...] = 0
         self._bell, self._nap = self.pulse.bell(), self.pulse.nap()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
+        self._beat = self.pulse.field("heartbeat_ns")
         self._supervisor = Pulse(system, "supervisor")
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
         self._check_at = 0
@@ -200,11 +201,12 @@ class Me:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
         return 0 if self.clock.simulated else self.now_ns
 
-    def tick(self, serve: Callable[[int], None] | None = None, news: Callable[[], bool] | None = None,
+    def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
         """End this cycle, wait for the next one; False when the process must end.
 
-        `serve(timeout_ns)` is called while waiting, for processes that also answer sockets. `news()` true begins the
+        `serve(timeout_ns)` is called while waiting, for processes that also answer sockets: see
+        `LockstepClock.serve_until`. `news()` true begins the
         next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). Who has
         nothing to do sleeps through so many `periods` instead of one.
         """
@@ -215,7 +217,7 @@ class Me:
         elif serve is None:
             self.clock.sleep_until(deadline, self._stopped)
         elif isinstance(self.clock, LockstepClock):
-            self._serve_lockstep(self.clock, deadline, serve)
+            self.clock.serve_until(deadline, self._stopped, serve)
         else:
             while (left := deadline - self.clock.now_ns()) > 0 and not self._stop:
                 serve(left)
@@ -226,24 +228,19 @@ class Me:
 
     def _wait_for_news(self, deadline: int, news: Callable[[], bool]) -> None:
         clock, found = self.clock, False
-        if isinstance(clock, LockstepClock):  # nothing wakes who waits for simulated time
-            while not found and (now := clock.now_ns()) < deadline and not self._stopped():
-                clock.sleep_until(min(deadline, now + QUICKEST_NS), self._stopped)
-                found = news()
+        if isinstance(clock, LockstepClock):
+            clock.sleep_until(deadline, self._stopped, news)
         else:
             while not found and (left := deadline - clock.now_ns()) > 0 and not self._stop:
                 found = self._nap.sleep(news, left)
-            clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
+        clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
         if (now := clock.now_ns()) < deadline:
             self._pacing.early(now)
 
-    def _serve_lockstep(self, clock: LockstepClock, deadline: int, serve: Callable[[int], None]) -> None:
-        clock.announce(deadline)
-        while clock.now_ns() < deadline and not self._stopped():
-            serve(LOCKSTEP_SERVE_NS)
-
     def _stopped(self) -> bool:
         now = monotonic_ns()
+        if self.clock.simulated:
+            self._beat[...] = now  # who waits for time lives as well
         if now >= self._check_at:
             self._check_at = now + SUPERVISOR_CHECK_NS
             if now - self._supervisor.get("heartbeat_ns") > self._lost_ns:
@@ -254,6 +251,8 @@ class Me:
         """The end of this process."""
         gc.unfreeze()  # or extension modules see their objects leak at exit
         gc.enable()
+        if isinstance(self.clock, LockstepClock):
+            self.clock.close()
         self.pulse.close()
 
 

@@ -28,20 +28,42 @@ class Nap:
 
     def sleep(self, news: Callable[[], bool], timeout_ns: int) -> bool:
         """Sleep until roused or `timeout_ns`; returns `news()`. May return early without it."""
-        futex = self._futex
-        futex.value = 1  # P1
-        self._fence()  # P2
+        self.begin()
         try:
             if news():  # P3
                 return True
-            futex.wait(1, timeout_ns)  # P4
+            self.wait(timeout_ns)  # P4
         finally:
-            futex.value = 0
+            self.end()
         return news()
+
+    def begin(self) -> None:
+        """We sleep, as far as others can see; look for news before `wait`, then `end`."""
+        self._futex.value = 1  # P1
+        self._fence()  # P2
+
+    def wait(self, timeout_ns: int) -> None:
+        """Until roused or so long."""
+        self._futex.wait(1, timeout_ns)
+
+    def end(self) -> None:
+        """We are awake."""
+        self._futex.value = 0
+
+    @property
+    def sleeps(self) -> bool:
+        """It sleeps, and nobody has woken it."""
+        return self._futex.value == 1
 
     def rouse(self) -> None:
         """Wake the sleeper if it sleeps; call after the news is out."""
         self._fence()  # Q2
-        if self._futex.value:  # Q3
-            self._futex.value = 0  # Q4
-            self._futex.wake_sleepers()
+        self.wake()
+
+    def wake(self) -> bool:
+        """`rouse` without its fence, where there is one already; returns whether it slept."""
+        if not self._futex.value:  # Q3
+            return False
+        self._futex.value = 0  # Q4
+        self._futex.wake_sleepers()
+        return True

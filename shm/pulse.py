@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.doorbell import PLACES, Bell, Futex, Waiter
+from shm.doorbell import PLACES, Bell, Waiter
 from shm.layout import cut_text, schema_of
 from shm.nap import Nap
 from shm.ring import attach
@@ -31,14 +31,11 @@ CONTROL = Topic(
     fields=(
         Field("flags", "(16,)u1", "", "bell: place k is waiting (W: its waiter)"),
         Field("counters", "(16,)<u4", "", "bell: place k was rung (W: the instance)"),
-        Field("turn", "<u4", "", "lock-step: counts finished cycles, a futex word"),
         Field("nap", "<u4", "", "1: sleeps until there is news, a futex word (W: the instance; 0: who has news)"),
         Field("state", "u1", "", "place in STATES"),
         Field("pid", "<u4", "", "process"),
         Field("period_ns", "<i8", "ns", "nominal period, 0: event driven"),
-        Field("heartbeat_ns", "<i8", "ns", "monotonic time of the last cycle"),
-        Field("done_ns", "<i8", "ns", "lock-step: simulated time up to which all is done"),
-        Field("next_ns", "<i8", "ns", "lock-step: simulated time it wants to be woken at"),
+        Field("heartbeat_ns", "<i8", "ns", "monotonic time of the last cycle; in simulated time also of looks at it"),
         Field("cycles", "<u8", "", "cycles since start"),
         Field("missed", "<u8", "", "deadlines missed since start"),
         Field("overruns", "<u8", "", "cycles whose work took longer than the period, since start"),
@@ -116,10 +113,6 @@ class Pulse:
     def waiter(self) -> Waiter:
         """A waiting place, for others; needs write access."""
         return Waiter(self.segment, _offset(self.segment, "flags"), _offset(self.segment, "counters"))
-
-    def turn(self) -> Futex:
-        """The lock-step word."""
-        return Futex(self.segment, _offset(self.segment, "turn"))
 
     def nap(self) -> Nap:
         """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""

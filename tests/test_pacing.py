@@ -118,7 +118,7 @@ def test_lock_step_cycles_lie_on_their_phase(page: Page, now: int, phase: int) -
     pacing.begin(now, True)
     begun = loop(pacing, now, [0] * 3)
     assert [b % PERIOD for b in begun] == [phase] * 3
-    assert 0 < begun[0] - now <= PERIOD and page["heartbeat_ns"] == begun[-1]
+    assert 0 < begun[0] - now <= PERIOD and page["heartbeat_ns"] == 0, "that is real time"
 
 
 @pytest.mark.parametrize("away", [-400_000, -1000, 1000, 499_000])

@@ -239,7 +239,7 @@ def client(system: str) -> Turn:
 def waiter(system: str) -> Turn:
     """Times from the ring of the bell to the waiter running, asleep before."""
     page = Pulse(system, "ringer", write=True)
-    place, rung, stamp, heard = page.waiter(), page.field("cycles"), page.field("heartbeat_ns"), page.field("done_ns")
+    place, rung, stamp, heard = page.waiter(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
     seen = 0
 
     def news() -> bool:
@@ -266,7 +266,7 @@ def waiter(system: str) -> Turn:
 def ringer(system: str) -> Turn:
     """Ring the bell when the waiter has heard the last ring and gone to sleep."""
     page = Pulse(system, "ringer", write=True)
-    bell, rung, stamp, heard = page.bell(), page.field("cycles"), page.field("heartbeat_ns"), page.field("done_ns")
+    bell, rung, stamp, heard = page.bell(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
     flags = page.field("flags")
     rings = 0
 

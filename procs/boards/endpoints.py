@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import select
 import socket
 import struct
 import time
@@ -27,6 +26,7 @@ from procs.boards.mishaps import Mishaps
 from procs.lib.document import Bus
 from procs.lib.wire import MULTICAST, UDP_PORT, Buffer
 from procs.udp_holders import holders
+from shm.lockstep import wait_for_wakeup
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
@@ -67,13 +67,17 @@ class Endpoints:
     """All sockets of the buses."""
 
     def __init__(self, buses: tuple[Bus, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
-                 mishaps: Mishaps | None = None, addressee: Addressee = lambda bus, address: None) -> None:
-        """OSError when an address is taken. Receive times are the kernel's; in lock-step they are `now_ns()`.
+                 mishaps: Mishaps | None = None, addressee: Addressee = lambda bus, address: None,
+                 wakeup: socket.socket | None = None) -> None:
+        """OSError when an address is taken. Receive times are the kernel's; in simulated time they are `now_ns()`.
+
+        `wakeup` ends waiting, too; whatever comes there is thrown away.
 
         `addressee` tells which board of a bus at 0.0.0.0 has an address (four bytes); None: none.
         """
         self._answer, self._now_ns, self._simulated = answer, now_ns, simulated
         self._mishaps, self._addressee = mishaps or Mishaps(len(buses)), addressee
+        self._wakeup = wakeup
         self._doors: list[Door] = []
         try:
             for number, bus in enumerate(buses):
@@ -111,11 +115,14 @@ class Endpoints:
         self._doors.append(Door(group, number, GROUP, self._doors[-len(bus.controllers)].sock, (base, base + BLOCK)))
         _join(group, bus.address)
 
-    def serve(self, timeout_ns: int) -> None:
-        """Wait at most so long for datagrams; answer one of every socket that has one, in the order they arrived."""
+    def serve(self, timeout_ns: int) -> bool:
+        """Wait at most so long for datagrams; answer one of every socket that has one, in the order they arrived.
+
+        Returns whether there was any.
+        """
         if self._mishaps.active:
             timeout_ns = min(timeout_ns, self._mishaps.next_ns - self._now_ns())
-        ready = select.select(self._files, (), (), max(timeout_ns, 0) * 1e-9)[0]
+        ready = wait_for_wakeup(self._files, self._wakeup, timeout_ns)
         if len(ready) == 1:
             self._reply(*self._receive(self._numbers[ready[0]]))
         elif ready:
@@ -125,6 +132,7 @@ class Endpoints:
         if self._mishaps.active:
             for _, reply, receiver in self._mishaps.due(self._now_ns()):
                 self._send_to(reply, receiver)
+        return bool(ready)
 
     def _receive(self, number: int) -> Arrival:
         door = self._doors[number]

@@ -73,7 +73,7 @@ class Loop(runtime.Loop):
         world.on_step = publisher.publish
         self._orders, self._mailbox = Orders.of(system, world, plant), me.mailbox()
         self._endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
-                                    world.board_at)
+                                    world.board_at, me.clock.wakeup)
         self._skipped = 0
         publisher.publish()
 

@@ -18,7 +18,7 @@ from procs.lib import wire
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
 SETUP_TIMEOUT_MS: Final = 20
-SIMULATED_TIMEOUT_MS: Final = 2000  # simulated time stands still while we wait: only a lost peer may end the wait
+SIMULATED_TIMEOUT_MS: Final = 1000  # simulated time stands still while we wait: only a lost peer may end the wait
 SETUP_TRIES: Final = 5
 MAX_SEQUENCE: Final = 0xFFFF
 MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come

@@ -38,6 +38,10 @@ from procs.lib.tasks import TaskRow as TaskRow
 
 T = TypeVar("T")
 
+WALL = "wall"  # real time
+PACED = "paced"  # simulated time, never faster than real time
+LOCKSTEP = "lockstep"  # simulated time, as fast as the machine allows
+
 
 @dataclass(frozen=True, slots=True)
 class Linear:
@@ -253,7 +257,7 @@ class System:
 
     name: str
     source: str
-    clock: str  # wall or lockstep
+    clock: str  # WALL, PACED or LOCKSTEP
     ios: tuple[Io, ...]
     arms: tuple[Arm, ...]
     emulation: Emulation | None

@@ -50,6 +50,11 @@ class Judge:
         self._silences: dict[str, _Silence] = {}
         self._last_ns: int | None = None
 
+    def forget(self, names: Iterable[str]) -> None:
+        """The silence of these has another cause than themselves: it begins anew."""
+        for name in names:
+            self._silences.pop(name, None)
+
     def beat(self, now_ns: int, members: Iterable[Member]) -> Iterator[Verdict]:
         """One beat, at real time `now_ns`; who is not among the members is forgotten."""
         passed_ns = 0 if self._last_ns is None else now_ns - self._last_ns

@@ -17,7 +17,7 @@ from types import FrameType
 
 from procs import lifecycle
 from procs.lib.config import load_system
-from procs.lib.document import Process, System
+from procs.lib.document import WALL, Process, System
 from procs.lib.paths import log_folder
 from procs.manifest import hung_s, late_s, proc
 from procs.realtime import realtime
@@ -28,8 +28,9 @@ from procs.supervisor.judge import HUNG, LATE, Judge, Member
 from procs.udp_holders import holders
 from shm import directory
 from shm.audit import Audit
-from shm.clock import Conductor, monotonic_ns, pause
+from shm.clock import monotonic_ns, pause
 from shm.events import Events
+from shm.lockstep import Timekeeper
 from shm.mailbox import Mailbox
 from shm.pulse import Pulse
 from shm.ring import RingWriter
@@ -37,9 +38,7 @@ from shm.segment import Make, SegmentError
 
 BEAT_S = 0.02
 BARRIER_S = 60.0
-LOCKSTEP_BUDGET_NS = 10_000_000
-LOCKSTEP_GIVE_UP_NS = 20_000_000
-LOCKSTEP_SLOWER = 10.0  # nothing moves while time stands, and io waits 2 s there for a reply that does not come
+ASKING_LONGER = 1.5  # in simulated time io waits for the boards' reply: they are judged first
 BUS_PORT = 1394
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 log = logging.getLogger("supervisor")
@@ -89,8 +88,8 @@ class Supervisor:
         highest = max((p.priority for p in system.processes), default=0)
         row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
         self.pulse.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
-        self.conductor = Conductor(system.name, make) if system.clock == "lockstep" else None
-        self.size += self.conductor.size if self.conductor is not None else 0
+        self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
+        self.size += self.keeper.size if self.keeper is not None else 0
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns)
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
@@ -109,7 +108,7 @@ class Supervisor:
 
     def now_ns(self) -> int:
         """The system's time."""
-        return self.conductor.now_ns if self.conductor is not None else monotonic_ns()
+        return self.keeper.now_ns() if self.keeper is not None else monotonic_ns()
 
     def beat(self) -> None:
         """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
@@ -158,17 +157,12 @@ class Supervisor:
         return done() if to_the_end or not self.stopping else False
 
     def let_time_pass(self) -> None:
-        """One beat's worth of time: sleep on the wall clock, conduct in lock-step."""
-        if self.conductor is None:
+        """One beat's worth of real time. In simulated time say who takes part: whoever runs."""
+        if self.keeper is None:
             pause(BEAT_S)
             return
-        players = [c.pulse for c in self.children if c.ready]
-        end = monotonic_ns() + LOCKSTEP_BUDGET_NS
-        if not players:
-            pause(BEAT_S)
-        while players and monotonic_ns() < end:
-            if not self.conductor.advance(players, LOCKSTEP_GIVE_UP_NS):
-                return
+        self.keeper.admit([child.row.name for child in self.children if child.ready])
+        self.keeper.let_pass(BEAT_S)
 
     def run(self, seconds: float | None) -> None:
         """Watch until asked to stop, or for so many seconds of real time."""
@@ -224,21 +218,23 @@ class Supervisor:
             elif verdict.what == HUNG:
                 log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
                 child.kill_hung(seconds)
+                if self.keeper is not None and name == self.keeper.table.server:
+                    self.judge.forget(self.keeper.table.asking)
             else:
                 log.info("%s resumes after %.2f s", name, seconds)
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
     def _members(self) -> Iterator[Member]:
-        """Who is to be judged: all that run on the wall clock; in lock-step the one that holds time up."""
-        conductor = self.conductor
+        """Who is to be judged: all that run. Simulated time is late for nobody; it waits for who hangs."""
+        keeper = self.keeper
         for child in self.children:
             if child.state != lifecycle.RUNNING or not child.ready:
                 continue
-            hung_ns = hung_s(child.row) * 1e9
-            if conductor is None:
-                yield Member(child.row.name, int(child.pulse.get("heartbeat_ns")), late_s(child.row) * 1e9, hung_ns)
-            elif child.row.name == conductor.held_up_by:
-                yield Member(child.row.name, conductor.now_ns, math.inf, LOCKSTEP_SLOWER * hung_ns)
+            name, mark, hung_ns = child.row.name, int(child.pulse.get("heartbeat_ns")), hung_s(child.row) * 1e9
+            if keeper is None:
+                yield Member(name, mark, late_s(child.row) * 1e9, hung_ns)
+            else:
+                yield Member(name, mark, math.inf, hung_ns * (ASKING_LONGER if name in keeper.table.asking else 1.0))
 
     def _show(self) -> None:
         for i, child in enumerate(self.children):

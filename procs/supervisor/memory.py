@@ -9,12 +9,13 @@ import os
 import socket
 from typing import Any, Final
 
-from procs.lib.document import Cart, Io, Process, System, to_json
+from procs.lib.document import PACED, WALL, Cart, Io, Process, System, to_json
 from procs.manifest import proc
 from shm import directory
-from shm.clock import create_clock, monotonic_ns, pause
+from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from shm.faults import create_faults, robot_component
+from shm.lockstep import Table, create_clock
 from shm.mailbox_map import create_mailbox
 from shm.owners import SERVICE_USER
 from shm.pulse import create_control
@@ -182,7 +183,14 @@ def trust(service_user: str) -> None:
 def needed(system: System) -> int:
     """Bytes of shared memory the system takes."""
     total = directory.create_document(system.name, len(to_json(system)), size_of) + _create_rest(system, size_of)
-    return total + (create_clock(system.name, size_of) if system.clock == "lockstep" else 0)
+    return total + (0 if system.clock == WALL else create_clock(system.name, simulated(system), size_of))
+
+
+def simulated(system: System) -> Table:
+    """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
+    members = [row for row in system.processes if proc(row.kind).module]
+    return Table(tuple(row.name for row in members), next((row.name for row in members if row.kind == "boards"), ""),
+                 tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
 
 def create_all(system: System, make: Make = create) -> int:

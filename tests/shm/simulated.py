@@ -29,7 +29,7 @@ from tests.shm.process import PLAIN, REAL, Actor, Address
 FIRST = 4096
 FLAGS_AT, COUNTERS_AT, DATA_AT = FIRST, FIRST + 64, FIRST + 128
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "doorbell", "mailbox_map", "received", "mailbox", "place", "nap")
+MODULES = ("order", "ring", "doorbell", "mailbox_map", "received", "mailbox", "place", "nap", "lockstep")
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
@@ -47,6 +47,8 @@ SMALL = (
     ("doorbell", "PLACES = 16", "PLACES = 1"),
     ("doorbell", "UNHEARD = 16", "UNHEARD = 2"),
     ("doorbell", "UNHURRIED = 1024", "UNHURRIED = 1"),
+    ("lockstep", "words[monotonic], words[local] = monotonic_ns(), local_ns()", "pass"),  # nobody here looks at them
+    ("lockstep", "words[advances] = (words[advances] + 1) % WORDS", "pass"),
 )
 Change = tuple[str, str, str]  # module, old text, new text
 
@@ -230,7 +232,8 @@ class Real:
             assert module in MODULES
         with patch.dict(sys.modules):
             read = (self._read(m, changes) for m in MODULES)
-            self.order, self.ring, self.doorbell, self._map, _, self.mailbox, self.place, self._naps = read
+            self.order, self.ring, self.doorbell, self._map, _, self.mailbox, self.place, *rest = read
+            self._naps, self.lockstep = rest
         self._join()
 
     def on(self, me: Actor) -> Real:
@@ -274,6 +277,9 @@ class Real:
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
         doorbell.full_fence = self._naps.full_fence = lambda: lambda: self.me.fence()
         self._naps.Futex = doorbell.Futex
+        steps = self.lockstep
+        steps.Places, steps.full_fence, steps.monotonic_ns, steps.local_ns = (
+            doorbell.Places, doorbell.full_fence, lambda: 7, lambda: 7)
 
     def writer(self, depth: int) -> Any:
         """A RingWriter."""
@@ -306,6 +312,21 @@ class Real:
     def nap(self) -> Any:
         """A Nap, in the first word of the bell's counters."""
         return self._naps.Nap(self._page(), COUNTERS_AT)
+
+    def member(self, name: str, table: Any) -> Any:
+        """A Member of simulated time."""
+        return self.lockstep.Member(*self._clock(table), name)
+
+    def keeper(self, table: Any) -> Any:
+        """Steps, as the supervisor has them."""
+        return self.lockstep.Steps(*self._clock(table))
+
+    def _clock(self, table: Any) -> Any:
+        page = Segment(self, "clock", "clock", self.lockstep.SCHEMA, 1)
+        page.header.info.clear()
+        page.header.info.update(table.to_info())
+        naps = [self._naps.Nap(self._page(), COUNTERS_AT + 4 * place) for place in range(len(table.members))]
+        return page, naps, lambda: None
 
     def _page(self) -> Segment:
         return Segment(self, "page", "control", PAIR, 1, range(FLAGS_AT, FLAGS_AT + self.doorbell.PLACES))

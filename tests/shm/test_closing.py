@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from shm import directory
-from shm.clock import Conductor, LockstepClock
+from shm.lockstep import LockstepClock, Table, Timekeeper
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.place import take_place
@@ -30,6 +30,7 @@ def with_page(make: Callable[[Pulse], object]) -> Callable[[str], Ends]:
     return both
 
 
+TABLE = Table(("PSM1",), "PSM1")
 ENDS: dict[str, Callable[[str], Ends]] = {
     "ring writer": lambda system: (directory.writer(system, "PSM1", "setpoint", "arm"),),
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
@@ -37,9 +38,8 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "place": lambda system: (take_place(system, "PSM1"),),
     "waiter": with_page(Pulse.waiter),
     "bell": with_page(Pulse.bell),
-    "turn": with_page(Pulse.turn),
-    "conductor": lambda system: (Conductor(system),),
-    "lock-step clock": lambda system: (Conductor(system), *with_page(lambda page: LockstepClock(system, page))(system)),
+    "timekeeper": lambda system: (Timekeeper(system, TABLE),),
+    "lock-step clock": lambda system: (Timekeeper(system, TABLE), LockstepClock(system, "PSM1")),
 }
 
 

@@ -21,8 +21,8 @@ from hypothesis import strategies as st
 from procs.lib.document import System, from_json
 from shm import directory
 from shm.client import Client
-from shm.clock import Conductor, LockstepClock, create_clock
 from shm.layout import LayoutError, schema_from_json
+from shm.lockstep import LockstepClock, Table, create_clock
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.pulse import Pulse, create_control
@@ -115,12 +115,8 @@ def use_control() -> None:
 
 
 def use_clock() -> None:
-    pulse = Pulse(SYSTEM, "boards", write=True)
-    with contextlib.suppress(SegmentError):
-        clock = LockstepClock(SYSTEM, pulse)
+    with contextlib.suppress(SegmentError), contextlib.closing(LockstepClock(SYSTEM, "boards")) as clock:
         clock.sleep_until(clock.now_ns() + 1, lambda: True)
-        clock._segment.close()
-    pulse.close()
 
 
 def use_document() -> None:
@@ -137,12 +133,13 @@ def some_records() -> None:
             writer.publish(i)
 
 
+TABLE = Table(("boards",))
 KINDS = {kind.name: kind for kind in (
     Kind("ring", OWNER, "state", some_records, read_ring),
     Kind("writer", OWNER, "state", some_records, write_ring),
     Kind("mailbox", "PSM1", "mailbox", lambda: create_mailbox(SYSTEM, "PSM1", "arm"), use_mailbox),
     Kind("control", "PSM2", "control", lambda: create_control(SYSTEM, "PSM2"), use_control),
-    Kind("clock", OWNER, "clock", lambda: create_clock(SYSTEM), use_clock),
+    Kind("clock", OWNER, "clock", lambda: create_clock(SYSTEM, TABLE), use_clock),
     Kind("document", OWNER, "document", lambda: directory.publish_document(SYSTEM, b'{"name":"a"}' * 9),
          use_document),
 )}
@@ -338,18 +335,3 @@ def test_any_document_is_refused_or_harmless(templates: Templates, content: Any)
             from_json(directory.document(SYSTEM))
     finally:
         unlink(name)
-
-
-def test_the_conductor_keeps_a_time_of_its_own() -> None:
-    conductor = Conductor(SYSTEM)
-    try:
-        start = conductor.now_ns
-        for garbage in (-(2**63), 0, 2**63 - 1):
-            conductor._now[0] = garbage
-            assert conductor.now_ns == start
-            assert conductor.advance([], 1)
-            assert conductor.now_ns == conductor._now[0] == start + 1_000_000
-            start = conductor.now_ns
-    finally:
-        conductor.close()
-        unlink(segment_name(SYSTEM, OWNER, "clock"))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import clock, doorbell, faults, header, mailbox, mailbox_map, pulse, received, ring
+from shm import doorbell, faults, header, lockstep, mailbox, mailbox_map, pulse, received, ring
 from shm.commands import COMMANDS, code_of
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
@@ -162,14 +162,14 @@ def test_the_rules_give_the_offsets_of_every_topic(count: int) -> None:
     named = ("axes", "drives", "robots", "inputs", "outputs", "readers", "boards", "setups", "instances",
              "teleops", "arms", "components")
     dims = dict.fromkeys(named, count)
-    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, clock.SCHEMA,
+    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, lockstep.SCHEMA,
                    schema_of(faults.PAGE, dims)]:
         names = schema.dtype.names or ()
         assert laid_out(schema) == ({n: schema.offset(n) for n in names}, schema.dtype.itemsize, schema.stride)
 
 
 @pytest.mark.parametrize(("which", "schema"), [(0, pulse.SCHEMA), (1, COMMAND_SCHEMA), (2, REPLY_SCHEMA),
-                                               (3, clock.SCHEMA)])
+                                               (3, lockstep.SCHEMA)])
 def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
     dtypes = dict(re.findall(r'"name":"([^"]*)","dtype":"([^"]*)"', schema.text.decode()))
     dtypes = {"sequence": "<u8", "stamp_ns": "<i8"} | {n: d.replace(",)", ",)") for n, d in dtypes.items()}
@@ -184,7 +184,7 @@ SENTENCES = [
     ", ".join(f"{i} {outcome}" for i, outcome in received.OUTCOMES.items()),
     f"The first {header.TEXT_AT} bytes", f"offset of slot 0: {header.TEXT_AT} + both texts, in whole pages",
     f"the schema text, which begins at {header.TEXT_AT}", f"`st_blocks` · {header.BLOCK} ≥ size",
-    f"in whole cache lines of {LINE}", f"Simulated time begins at {clock.EPOCH_NS} ns",
+    f"in whole cache lines of {LINE}", f"Simulated time begins at {lockstep.EPOCH_NS} ns",
     f"A control page has {doorbell.PLACES} places", f"Try 0 to {doorbell.PLACES - 1} until", "Mode 0600, or 0660",
     f"After {doorbell.UNHEARD} rings that nobody heard",
     f"otherwise it looks again {doorbell.UNHURRIED} rings later",

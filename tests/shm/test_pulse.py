@@ -76,5 +76,5 @@ def test_one_segment_is_not_another(page: str, world: Any) -> None:
 def test_futex_words_are_aligned_and_apart() -> None:
     from shm.pulse import SCHEMA
 
-    assert SCHEMA.offset("counters") % 4 == 0 and SCHEMA.offset("turn") % 4 == 0
+    assert SCHEMA.offset("counters") % 4 == 0 and SCHEMA.offset("nap") % 4 == 0
     assert len({f.name for f in CONTROL.fields}) == len(CONTROL.fields)

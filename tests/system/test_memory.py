@@ -23,9 +23,9 @@ import tools.systems
 from procs.lib.config import load_system
 from procs.lib.document import System
 from procs.supervisor import memory
-from shm.clock import Conductor
 from shm.directory import systems
 from shm.layout import schema_of
+from shm.lockstep import Timekeeper
 from shm.owners import SERVICE_USER
 from shm.pulse import Pulse
 from shm.segment import FOLDER, Segment, SegmentError, SegmentFull, create, names_of, path_of, segment_name, unlink
@@ -85,10 +85,10 @@ def test_the_total_is_known_before(system: System) -> None:
 def test_the_clock_of_a_lock_step_counts_too(system: System) -> None:
     simulated = dataclasses.replace(system, clock="lockstep")
     total = memory.create_all(simulated)
-    conductor = Conductor(system.name)
-    conductor.close()
+    keeper = Timekeeper(system.name, memory.simulated(simulated))
+    keeper.close()
     memory.remove_all(system.name)
-    assert memory.needed(simulated) == total + conductor.size
+    assert memory.needed(simulated) == total + keeper.size
 
 
 def test_too_little_room_is_said_before_anything_is_made(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +173,7 @@ def test_modes_and_group_are_those_configured(system: System, umask: int, shared
     before = os.umask(umask)
     try:
         memory.create_all(system, make)
-        Conductor(system.name, make).close()
+        Timekeeper(system.name, memory.simulated(system), make).close()
     finally:
         os.umask(before)
     found = {(stat.S_IMODE(p.stat().st_mode), p.stat().st_gid) for p in paths(system.name)}

@@ -13,7 +13,7 @@ from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.supervisor import memory
 from procs.system import loop as system_loop
 from procs.teleop import loop as teleop_loop
-from shm.clock import Conductor
+from shm.lockstep import Timekeeper
 
 LOOPS = {"io": io_loop.Loop, "arm": arm_loop.Loop, "teleop": teleop_loop.Loop, "console": console_loop.Loop,
          "system": system_loop.Loop}
@@ -28,7 +28,7 @@ class Host:
         assert loaded.system is not None, loaded.errors
         self.name, self.document = name, loaded.system
         memory.create_all(loaded.system)
-        self._clock = Conductor(name)
+        self._clock = Timekeeper(name, memory.simulated(loaded.system))
         self.me = {row.name: runtime.Me(row.kind, name, row.name) for row in loaded.system.processes}
         self.loops = {name: LOOPS[me.kind](me) for name, me in self.me.items()}
 
@@ -43,7 +43,8 @@ class Host:
 
     def step(self) -> None:
         """One cycle of everybody."""
-        self._clock._now[0] = self._clock._time_ns = now_ns = self._clock.now_ns + STEP_NS
+        now_ns = self._clock.now_ns() + STEP_NS
+        self._clock._go(now_ns)
         for name, loop in self.loops.items():
             self.me[name].now_ns = now_ns
             loop.cycle(now_ns, 0)
@@ -62,7 +63,7 @@ class Host:
             loop.close()
             me: Any = self.me[name]
             me.give_back()
-            for part in (me.pulse, me.events._ring, me._supervisor, me.clock._segment):  # a process would just end
+            for part in (me.pulse, me.events._ring, me._supervisor, me.clock):  # a process would just end
                 part.close()
         self._clock.close()
         memory.remove_all(self.name)

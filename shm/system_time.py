@@ -1,0 +1,76 @@
+"""The time of a running system for programs that time does not wait for: tools, scripts, bridges."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from shm.clock import monotonic_ns, pause
+from shm.lockstep import NEVER, SCHEMA, Table, clock_page
+from shm.segment import names_of
+
+WALL, PACED, LOCKSTEP = "wall", "paced", "lockstep"
+SHORTEST_S: Final = 2e-4  # between two looks at simulated time
+LONGEST_S: Final = 0.02
+
+
+class SystemTime:
+    """Real on the wall clock, else the system's own. Close it."""
+
+    def __init__(self, system: str) -> None:
+        """Attach; a system that has no clock page, or is not there, has the wall clock."""
+        self.clock = WALL
+        """WALL, PACED or LOCKSTEP."""
+        self._page = clock_page(system) if (system, "supervisor", "clock") in names_of(system) else None
+        if self._page is not None:
+            self.clock = PACED if Table.of_info(self._page.header.info).paced else LOCKSTEP
+            first = self._page.header.first
+            self._words, self._now = self._page.words(), (first + SCHEMA.offset("now_ns")) // 8
+            self._speed = self._page.view[first + SCHEMA.offset("speed") :][:8].cast("d")
+            self._page.at_close(self._speed.release)
+
+    @property
+    def simulated(self) -> bool:
+        """It is the system's own."""
+        return self._page is not None
+
+    @property
+    def speed(self) -> float:
+        """Of the last second: 0.62 where 0.62 s passed for the system while 1 s passed really."""
+        return 1.0 if self._page is None else float(self._speed[0])
+
+    def now_ns(self) -> int:
+        """The system's time, as its records are stamped."""
+        return monotonic_ns() if self._page is None else min(self._words[self._now], NEVER)
+
+    def pause(self, seconds: float, real_s: float | None = None) -> None:
+        """Sleep so long in the system's time; `real_s` in real time at most (it may stand still)."""
+        self.pause_until(self.now_ns() + round(seconds * 1e9), real_s)
+
+    def pause_until(self, deadline_ns: int, real_s: float | None = None) -> None:
+        """Until the system's time has come; `real_s` in real time at most."""
+        end = None if real_s is None else monotonic_ns() + round(real_s * 1e9)
+        while (left := (deadline_ns - self.now_ns()) * 1e-9) > 0.0:
+            if end is not None:
+                if monotonic_ns() >= end:
+                    return
+                left = min(left, real_s or 0.0)
+            if self._page is not None:
+                # In lock-step nobody knows how fast it comes; paced it is never early.
+                left = max(SHORTEST_S, min(left if self.clock == PACED else SHORTEST_S, LONGEST_S))
+            pause(left)
+
+    def close(self) -> None:
+        """Unmap."""
+        if self._page is not None:
+            self._page.close()
+
+    def __enter__(self) -> SystemTime:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def speed_in_words(time: SystemTime) -> str:
+    """Which clock, and how fast: "paced, 0.62 of real time"."""
+    return "wall" if not time.simulated else f"{time.clock}, {time.speed:.2f} of real time"
