@@ -94,7 +94,8 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
     """A verb, or a group of them, under its name."""
     panel = PANELS[verb.moves]
     if verb.parts and not stub:
-        example = f"Example: trocar {verb.name} {verb.parts[0].name}"
+        examples = examples_of(verb)  # the shortest to read: what begins with our own name
+        example = f"Example: {next((text for text in examples if text.startswith('trocar')), examples[0])}"
         group = typer.Typer(name=verb.name, help=verb.text, epilog=example, no_args_is_help=True)
         for part in verb.parts:
             _add(group, part, stub=False)
@@ -127,6 +128,14 @@ def _load(door: str) -> Callable[..., Any]:
     module, function = door.split(":")
     loaded: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return loaded
+
+
+def examples_of(verb: Verb) -> list[str]:
+    """How a verb, or the verbs in it, are used, as help says it."""
+    if verb.parts:
+        return [example for part in verb.parts for example in examples_of(part)]
+    texts = (_load(verb.door).__doc__ or "").split("Example: ")[1:]
+    return [text.strip().splitlines()[0] for text in texts]
 
 
 def guarded(function: Callable[..., Any]) -> Callable[..., None]:

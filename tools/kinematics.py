@@ -77,7 +77,7 @@ def ik(kinematic: KinematicOption = None, tool: ToolOption = None, arm: ArmOptio
 
     Without a solution q is the seed. The seed may be left out: then it is the middle of the joints' ranges.
 
-    Example: trocar kinematics ik --arm arm/MTML.json < goals.jsonl
+    Example: trocar kinematics ik --arm arms/MTML-demo.yaml < goals.jsonl
     """
     offline = load(kinematic, tool, arm, path)
     chain = forward(offline)

@@ -32,7 +32,9 @@ def logs(
 ) -> int:
     """Print the newest lines the processes wrote; also after the system went down (then with --system).
 
-    Example: trocar logs PSM1 -n 50; who powered it: trocar logs PSM1 --commands
+    Example: trocar logs PSM1 -n 50
+
+    Example: trocar logs PSM1 --commands
     """
     if commands:
         for row in rows_of(system or chosen_system(), instance, lines):

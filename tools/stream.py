@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from procs.lib.document import Tool
+from procs.lib.paths import given_file, not_found
 from shm.client import begin
 from tools.errors import Misuse, Problem
 from tools.following import Follower, HeldUp, beats
@@ -38,14 +39,15 @@ def stream(
     Example: trocar stream PSM1 recorded.csv --rate 200 --for 10
     """
     name = chosen_system(system)
-    if not file.is_file():
-        raise Misuse(f"{file}: there is no such file")
+    given = given_file(file)
+    if not given.is_file():
+        raise Misuse(f"{file}: {not_found(file)}")
     arm_names(name, [arm])
     with Watch(name, arm) as watch, Remote(name, arm) as remote, progress(f"stream {file.name}") as say:
         if not watch.look() or watch.state != "ENABLED" or not watch.homed:
             raise Problem(f"{arm} is not homed; first: trocar home {arm}")
         has_jaw = watch.flag("has_jaw")
-        rows, cut, notes = _fitted(arm, read_setpoints(file, watch.count, has_jaw), has_jaw, tool_on(name, watch))
+        rows, cut, notes = _fitted(arm, read_setpoints(given, watch.count, has_jaw), has_jaw, tool_on(name, watch))
         for text in notes:
             note(text)
         remote.on_behalf(begin(name))  # the move to the first row and the stream are one command

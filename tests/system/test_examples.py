@@ -1,0 +1,124 @@
+"""Every example of the README and of each verb's help works as it stands, from a folder that is not ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.old import config, three
+from tests.system.robot import ROOT
+from tools.cli import VERBS, examples_of
+
+pytestmark = pytest.mark.slow
+
+SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
+ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
+ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
+ALONE = re.compile(r"trocar (demo|bench|up|down)\b")  # those that start a system, or end one
+EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
+
+
+class Person:
+    """Somebody at a shell, in a folder of their own, with a system that only they see."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.environment = {**os.environ, "PYTHONPATH": str(ROOT), "TROCAR_STATE": str(folder / "state")}
+        self.environment.pop("TROCAR_SYSTEM", None)
+
+    def types(self, line: str, timeout: float = 180.0) -> str:
+        """Run a line as it stands; fails when that does, or on a traceback. What never ends is ended by Ctrl-C."""
+        shell = subprocess.Popen(["bash", "-c", SHELL + line], cwd=self.folder, env=self.environment, text=True,
+                                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                 start_new_session=True)
+        try:
+            said, _ = shell.communicate(timeout=ENDLESS_S if ENDLESS.match(line) else timeout)
+        except subprocess.TimeoutExpired:
+            assert ENDLESS.match(line), f"{line}: not over after {timeout} s"
+            os.killpg(shell.pid, signal.SIGINT)
+            said, _ = shell.communicate(timeout=20)
+        fine = shell.returncode == 0 or (line == "trocar doctor" and "\nbad " in said)  # such is this machine
+        assert "Traceback" not in said and fine, f"{line} → {shell.returncode}:\n{said}"
+        return said
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Iterator[Person]:
+    one = Person(tmp_path)
+    one.environment["TROCAR_SYSTEM"] = f"x{os.getpid()}"
+    yield one
+    subprocess.run(["bash", "-c", SHELL + "trocar down"], cwd=tmp_path, env=one.environment, capture_output=True,
+                   check=False)
+
+
+def readme() -> list[list[str]]:
+    """The blocks of its section Use, line by line without remarks."""
+    section = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Use")[2].partition("\n## ")[0]
+    blocks = [re.findall(r"    (trocar .*)", block) for block in section.split("\n\n")]
+    return [[re.sub(r"\s{2,}# .*", "", line) for line in block] for block in blocks if block]
+
+
+def python_of_the_readme() -> str:
+    return (ROOT / "README.md").read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
+
+
+@pytest.mark.parametrize("number", range(len(readme())))
+def test_the_readme_works_as_it_stands(person: Person, number: int) -> None:
+    for line in readme()[number]:
+        person.types(line)
+        if line == "trocar stream PSM1 configs/recordings/psm-wave.csv --rate 200":
+            (person.folder / "script.py").write_text(python_of_the_readme())
+            person.types(f"{sys.executable} script.py")
+
+
+def files_of(examples: list[str], folder: Path) -> None:
+    """What the examples name as a person's own files."""
+    wave = (ROOT / "configs/recordings/psm-wave.csv").read_text()
+    goal = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -0.3], [0.0, 0.0, 0.0, 1.0]]
+    own = {"recorded.csv": wave, "goals.jsonl": json.dumps({"goal": goal}) + "\n",
+           "console-PSM1.json": json.dumps({"arms": []}),
+           "sawRobotIO1394-PSM1-28007.xml": config(three(attributes='HardwareVersion="QLA1" SN="28007"')).decode()}
+    (folder / "new").mkdir()
+    for name, text in own.items():
+        assert any(name in example for example in examples), f"no example names {name} any more"
+        (folder / name).write_text(text)
+
+
+def test_examples_of_help_work_on_the_demo(person: Person) -> None:
+    files_of(EXAMPLES, person.folder)
+    up, down = ([example for example in EXAMPLES if example.startswith(f"trocar {verb}")] for verb in ("up ", "down"))
+    for line in (*up, "trocar power-on", "trocar home"):
+        person.types(line)
+    for line in EXAMPLES:
+        if not ALONE.match(line) and not line.startswith("trocar bus") and "power-off" not in line:
+            person.types(line)
+    for line in ("trocar power-off", *down):
+        assert line in EXAMPLES
+        person.types(line)
+
+
+def test_examples_of_buses_work_with_boards_on_the_desk(person: Person) -> None:
+    """The boards of a real desk are at 169.254.0.100; here they are emulated, at an address of their own."""
+    address = f"127.77.{os.getpid() % 250}.16"
+    emulation = {"buses": {"desk": {"address": address, "controllers": {"0": {}}}}}
+    system = {"$id": "dvrk-system.schema.json", "$version": "1",
+              "trocar": {"boards": "emulated", "emulation": emulation}}
+    (person.folder / "desk.json").write_text(json.dumps(system))
+    person.types("trocar up desk.json --detach")
+    for line in EXAMPLES:
+        if line.startswith("trocar bus"):
+            there = re.sub(r"\budp(:\S+)?", f"udp:{address}", line)
+            person.types(f"{there} --yes" if "write" in there else there)  # it asks, but only at a terminal
+
+
+@pytest.mark.parametrize("line", [line for line in EXAMPLES if re.match("trocar (demo|bench)", line)])
+def test_examples_with_a_system_of_their_own_work(person: Person, line: str) -> None:
+    person.types(line)
