@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
-ALONE = re.compile(r"trocar (demo|bench|up|down)\b")  # those that start a system, or end one
+ALONE = re.compile(r"trocar (demo|bench|commission|up|down)\b")  # those that start a system, or end one
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
 
@@ -119,6 +119,6 @@ def test_examples_of_buses_work_with_boards_on_the_desk(person: Person) -> None:
             person.types(f"{there} --yes" if "write" in there else there)  # it asks, but only at a terminal
 
 
-@pytest.mark.parametrize("line", [line for line in EXAMPLES if re.match("trocar (demo|bench)", line)])
+@pytest.mark.parametrize("line", [line for line in EXAMPLES if re.match("trocar (demo|bench|commission)", line)])
 def test_examples_with_a_system_of_their_own_work(person: Person, line: str) -> None:
     person.types(line)

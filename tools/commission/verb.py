@@ -25,6 +25,7 @@ from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, note, progress, table
 from tools.supervising import Background, Request
+from tools.systems import system_file
 
 NAME: Final = "commission"
 CLOCK: Final = "clock=wall"  # a watchdog is measured
@@ -65,7 +66,7 @@ def commission(
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """
-    request = Request(file, system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
+    request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
     job = Job(request, _document(request), arm or [], yes, write)
     if stage and stage not in NAMES:
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
