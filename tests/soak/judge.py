@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 MORE = 1.2
 SLACK_M_S = 0.005
 SLACK_RAD_S = SLACK_M_S / SHORTEST_LEVER_M
+WRIST_M = 0.01  # a tip that turns on the spot swings its wrist so far behind it; what lags there shows at the tip
 LAG_NS = 250_000_000
 APART_NS = 300_000_000  # what goes on with pauses shorter than this is one violation
 
@@ -107,7 +108,7 @@ def too_fast(motion: Motion, asks: Iterable[Ask], motions: Sequence[Motion] = ()
     found = _grouped(motion, mode, (over.max(axis=1) > 0.0) & motion.powered, by_joint[rows, worst], most[rows, worst],
                      [f"joint {i} at the tip, m/s" for i in worst])
     # whose tip is led: of what its joints were asked for besides, all may add up
-    most_linear = MORE * (linear + (joints * motion.lever).sum(axis=1)) + SLACK_M_S
+    most_linear = MORE * (linear + WRIST_M * angular + (joints * motion.lever).sum(axis=1)) + SLACK_M_S
     most_angular = MORE * (angular + joints[:, :].sum(axis=1)) + SLACK_RAD_S
     for value, limit, what in ((motion.linear, most_linear, "tip, m/s"), (motion.angular, most_angular, "tip, rad/s")):
         found += _grouped(motion, mode, leads & motion.powered & (value > limit), value, limit, [what] * len(stamps))

@@ -156,6 +156,16 @@ def test_a_slave_may_go_as_fast_as_its_hand_and_no_lurch_more(world: World) -> N
     assert found.what.startswith("tip, m/s") and found.value > 0.145
 
 
+def test_a_slave_that_turns_with_its_hand_may_swing_its_wrist_and_no_more(world: World) -> None:
+    asked = ask("PSM1", leader="MTMR", scale=0.2)
+    world.part("MTMR", 6)[:] = 0.6e-3 * np.arange(SECOND)  # on the spot
+    assert world.robots["MTMR"].motion(world.truth, 0.001).linear.max() < 1e-6
+    world.part("PSM1", INSERTION)[:] += 0.0115e-3 * np.arange(SECOND)
+    assert world.too_fast("PSM1", asked) == []
+    world.part("PSM1", INSERTION)[:] += 0.002e-3 * np.arange(SECOND)
+    assert len(world.too_fast("PSM1", asked)) == 1
+
+
 def test_a_slave_whose_wrist_spins_is_seen(world: World) -> None:
     world.part("PSM1", ROLL)[:] = 5.9e-3 * np.arange(SECOND)
     assert any(found.what.startswith("tip, rad/s") for found in world.too_fast("PSM1", ask("PSM1", leader="MTMR")))
