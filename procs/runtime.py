@@ -27,7 +27,7 @@ from procs.manifest import late_s, proc
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration
 from procs.realtime import realtime
-from shm import directory
+from shm import directory, loglines
 from shm.audit import Audit
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
@@ -73,8 +73,8 @@ class Me:
             self.clock = WallClock(_spin_ns(self.document, kind, name))
         else:
             self.clock = LockstepClock(system, name)
-        self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns)
         self.log = logging.getLogger(name)
+        self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns, loglines.into(self.log))
         period_ns = round(self.row.period_s * 1e9)
         self.pulse.field("pauses")[...] = 0
         self._bell, self._nap = self.pulse.bell(), self.pulse.nap()
@@ -177,7 +177,6 @@ class Me:
         self.pulse.show("STARTING")
         self.pulse.field("pauses")[...] += 1
         self.events.warning("held-up", held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
-        self.log.warning("%s", held_up)
         self.held_up_ns = 0
         self._pauses.end()
         gc.collect()  # what is left of the old loop; all that is older is frozen
@@ -309,7 +308,7 @@ def process(kind: str) -> Iterator[Me]:
     arguments.add_argument("--system", required=True)
     arguments.add_argument("--name", required=True)
     chosen = arguments.parse_args()
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format=f"%(levelname)s {chosen.name}: %(message)s")
+    loglines.begin(sys.stderr)
     try:
         me = Me(kind, chosen.system, chosen.name)
     except (SegmentError, KeyError, ValueError) as error:

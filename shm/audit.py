@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from shm.layout import cut_text
+from shm.clock import local_ns, monotonic_ns
+from shm.layout import shorten
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
     from shm.received import Received
     from shm.ring import RingWriter
 
-NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id")
+NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id",
+         "monotonic_ns", "local_ns")
+REASON = 400  # bytes
 
 
 class Audit:
@@ -38,8 +41,9 @@ class Audit:
         elif self._stream is not None:
             self._stream = None
         origin = received.origin
-        values = (command.name.encode(), received.text.encode(), outcome.encode(), cut_text(reason, 199), origin.id,
-                  origin.generation, origin.program.encode(), received.pid, received.place, received.id)
+        values = (command.name.encode(), received.text.encode(), outcome.encode(), shorten(reason, REASON), origin.id,
+                  origin.generation, origin.program.encode(), received.pid, received.place, received.id,
+                  monotonic_ns(), local_ns())
         for field, value in zip(self._fields, values, strict=True):
             field[...] = value
         self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))

@@ -1,55 +1,79 @@
-"""Events of an instance: a ring with history, so that late comers see the last ones too."""
+"""Events of an instance: a ring with history, so that late comers see the last ones too.
+
+An error is data: severity, code, component, axis, board, value, limit, text, hint. `text` is one sentence that says by
+itself whom or what it is about, so that it is shown the same everywhere; the log has it, with its hint, uncut.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
-from shm.layout import cut_text
+from shm.clock import local_ns, monotonic_ns
+from shm.layout import cut_text, shorten
 from shm.ring import RingWriter
 
 STATUS, WARNING, ERROR = 1, 2, 3
 SEVERITIES = ("", "status", "warning", "error")
+NAMES = ("event", "severity", "code", "component", "axis", "board", "value", "limit", "text", "hint", "state",
+         "sub_state", "is_homed", "is_busy", "monotonic_ns", "local_ns")
+
+Log = Callable[[int, str], None]
+
+
+def sentence(text: str, component: str) -> str:
+    """`text`, beginning with the name of what it is about where it does not name it."""
+    return f"{component}: {text}" if component and component not in text else text
 
 
 class Events:
     """The writing end. Stamps increase strictly: clients compare them."""
 
-    def __init__(self, ring: RingWriter, now_ns: Callable[[], int]) -> None:
-        """`now_ns` is the process's clock."""
-        self._ring, self._now_ns = ring, now_ns
-        names = ("event", "severity", "code", "component", "axis", "value", "limit", "text", "state", "sub_state",
-                 "is_homed", "is_busy")
-        self._fields = {name: ring.field(name) for name in names}
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None) -> None:
+        """`now_ns` is the process's clock; `log` is given severity and whole text of every warning and error."""
+        self._ring, self._now_ns, self._log = ring, now_ns, log
+        self._fields = {name: ring.field(name) for name in NAMES}
+        self._room = {name: field.dtype.itemsize for name, field in self._fields.items()}
 
     def emit(
         self, event: str, text: str = "", *, severity: int = 0, code: str = "", component: str = "", axis: int = -1,
         value: float = math.nan, limit: float = math.nan, state: str = "", sub_state: str = "", is_homed: bool = False,
-        is_busy: bool = False,
+        is_busy: bool = False, board: int = -1, hint: str = "", repeated: bool = False,
     ) -> None:
-        """Write one event; texts longer than their field are cut between characters."""
-        for name, content in (("event", event), ("code", code), ("component", component), ("text", text),
-                              ("state", state), ("sub_state", sub_state)):
-            self._fields[name][...] = cut_text(content, self._fields[name].dtype.itemsize)
-        for name, number in (("severity", severity), ("axis", axis), ("value", value), ("limit", limit),
-                             ("is_homed", is_homed), ("is_busy", is_busy)):
-            self._fields[name][...] = number
+        """Write one event; sentences longer than their field end with "…", names are cut.
+
+        `repeated`: another process has told and logged it.
+        """
+        fields, room = self._fields, self._room
+        if severity:
+            text = sentence(text, component)
+        for name, content in (("event", event), ("code", code), ("component", component), ("state", state),
+                              ("sub_state", sub_state)):
+            fields[name][...] = cut_text(content, room[name])
+        fields["text"][...], fields["hint"][...] = shorten(text, room["text"]), shorten(hint, room["hint"])
+        for name, number in (("severity", severity), ("axis", axis), ("board", board), ("value", value),
+                             ("limit", limit), ("is_homed", is_homed), ("is_busy", is_busy),
+                             ("monotonic_ns", monotonic_ns()), ("local_ns", local_ns())):
+            fields[name][...] = number
         self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))
+        if severity >= WARNING and self._log is not None and not repeated:
+            self._log(severity, f"{text}; {hint}" if hint else text)
 
     def status(self, text: str, component: str = "") -> None:
         """Something a person may like to know."""
         self.emit("status", text, severity=STATUS, component=component)
 
     def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = math.nan,
-                limit: float = math.nan) -> None:
+                limit: float = math.nan, board: int = -1, hint: str = "") -> None:
         """Something a person should know; the robot goes on."""
         self.emit("warning", text, severity=WARNING, code=code, component=component, axis=axis, value=value,
-                  limit=limit)
+                  limit=limit, board=board, hint=hint)
 
     def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = math.nan,
-              limit: float = math.nan) -> None:
+              limit: float = math.nan, board: int = -1, hint: str = "") -> None:
         """Something failed; the robot has reacted."""
-        self.emit("error", text, severity=ERROR, code=code, component=component, axis=axis, value=value, limit=limit)
+        self.emit("error", text, severity=ERROR, code=code, component=component, axis=axis, value=value, limit=limit,
+                  board=board, hint=hint)
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, on every change and as the answer to every state command."""

@@ -19,6 +19,8 @@ import numpy as np
 from shm.topics import Topic
 
 LINE = 64
+MORE = "…".encode()
+LEAST_SENTENCE = 16  # bytes: with less room "…" would say nothing
 PAGE = 4096
 SHAPED = re.compile(r"^\((?P<shape>[^)]*)\)(?P<scalar>.+)$")
 MAX_STRIDE = 1 << 20
@@ -93,6 +95,15 @@ def cut_text(text: str, size: int) -> bytes:
     """UTF-8 of `text`, at most `size` bytes, cut between characters."""
     encoded = text.encode(errors="replace")
     return encoded if len(encoded) <= size else encoded[:size].decode(errors="ignore").encode()
+
+
+def shorten(text: str, size: int) -> bytes:
+    """UTF-8 of a sentence, at most `size` bytes; one that is longer ends with a whole word and "…"."""
+    if size < LEAST_SENTENCE or len(text.encode(errors="replace")) <= size:
+        return cut_text(text, size)
+    kept = cut_text(text, size - len(MORE)).decode()
+    whole, blank, _ = kept.rpartition(" ")
+    return ((whole if blank else kept).rstrip(" ,;:") + MORE.decode()).encode()
 
 
 def _filled(dtype: str, sizes: Mapping[str, int], topic: str, field: str) -> str:

@@ -68,7 +68,7 @@ from shm.audit import Audit
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.faults import Cell
-from shm.layout import cut_text
+from shm.layout import shorten
 from shm.mailbox_map import (
     COMMAND_HEAD,
     COMMAND_START,
@@ -334,7 +334,7 @@ class Mailbox:
         n = self._answered[place] + 1
         at = self._replies[place][n % REPLIES_DEPTH]
         words[at >> 3] = 0  # A1
-        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, cut_text(text, REPLY_TEXT))  # A2
+        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, shorten(text, REPLY_TEXT))  # A2
         words[at >> 3] = n  # A3
         self._answered[place] = words[self._answered_at[place]] = n  # A4
 

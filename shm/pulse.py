@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm.doorbell import PLACES, Bell, Waiter
-from shm.layout import cut_text, schema_of
+from shm.layout import schema_of, shorten
 from shm.nap import Nap
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
@@ -103,7 +103,7 @@ class Pulse:
 
     def show(self, state: str, error: str = "") -> None:
         """Set the lifecycle state (the instance; before it has begun, the supervisor)."""
-        self._record["error"][0] = cut_text(error, 399)
+        self._record["error"][0] = shorten(error, 399)
         self._record["state"][0] = STATES.index(state)
 
     def bell(self) -> Bell:

@@ -6,6 +6,7 @@ from typing import Any
 
 from shm import directory
 from tools.errors import Problem
+from tools.messages import time_of_day
 from tools.printing import plain
 
 AUDIT = "audit"
@@ -21,7 +22,7 @@ def rows_of(system: str, instance: str | None, most: int) -> list[dict[str, Any]
             ring.close()
     if not found and instance is not None and (instance, AUDIT) not in directory.rings(system):
         raise Problem(f"{instance}: there is no such process, or it takes no commands; trocar status lists them")
-    return sorted(found, key=lambda row: row["stamp_ns"])
+    return sorted(found, key=lambda row: row["monotonic_ns"])
 
 
 def _plain(row: Any) -> dict[str, Any]:
@@ -34,5 +35,5 @@ def in_words(row: dict[str, Any]) -> str:
     why = f" ({row['reason']})" if row["reason"] else ""
     whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
     through = f" by pid {row['pid']}" if row["pid"] else ""
-    return (f"{row['stamp_ns'] * 1e-9:.3f} {row['process']}: {asked}: {row['outcome']}{why}; "
+    return (f"{time_of_day(row['local_ns'])}  {row['process']}: {asked}: {row['outcome']}{why}; "
             f"{f'for {whose}' if row['origin'] else 'for nobody'}{through}")

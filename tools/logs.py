@@ -1,17 +1,18 @@
-"""`trocar logs [NAME]`: what the processes wrote to their output."""
+"""`trocar logs [NAME]`: what the processes wrote to their output, in the order in which they wrote it."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated
 
 import typer
 
 from procs.lib.paths import log_folder
 from shm.clock import pause
+from shm.loglines import Line, parsed
 from tools.asked import in_words, rows_of
 from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
@@ -32,6 +33,8 @@ def logs(
 ) -> int:
     """Print the newest lines the processes wrote; also after the system went down (then with --system).
 
+    Lines of several processes come in the order in which they were written.
+
     Example: trocar logs PSM1 -n 50
 
     Example: trocar logs PSM1 --commands
@@ -50,11 +53,11 @@ def logs(
     chosen = {instance: found[instance]} if instance is not None else found
     files = {name: path.open(errors="replace") for name, path in chosen.items()}
     try:
-        for name, file in files.items():
-            for line in deque(file, maxlen=lines):
-                _print(name, line, len(chosen) > 1, as_json)
+        for name, line in in_order({name: deque(file, maxlen=lines) for name, file in files.items()}):
+            _print(name, line, len(chosen) > 1, as_json)
         while follow:
-            _follow(files, len(chosen) > 1, as_json)
+            for name, line in in_order({name: file.readlines() for name, file in files.items()}):
+                _print(name, line, len(chosen) > 1, as_json)
             pause(POLL_S)
     except KeyboardInterrupt:
         return 0
@@ -71,22 +74,31 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-def _follow(files: Mapping[str, TextIO], several: bool, as_json: bool) -> None:
-    for name, file in files.items():
-        for line in file:
-            _print(name, line, several, as_json)
+def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, Line]]:
+    """Lines of several processes by their stamps; one without goes with the line before it."""
+    found: list[tuple[float, str, Line]] = []
+    for name, each in lines.items():
+        since_s = 0.0
+        for line in map(parsed, each):
+            since_s = line.monotonic_s or since_s
+            found.append((since_s, name, line))
+    found.sort(key=lambda row: row[0])
+    return [(name, line) for _, name, line in found]
 
 
-def _print(name: str, line: str, several: bool, as_json: bool) -> None:
+def _print(name: str, line: Line, several: bool, as_json: bool) -> None:
     if as_json:
-        emit({"process": name, "line": line.rstrip("\n")})
+        emit({"process": name, "local": line.local or None, "monotonic_s": line.monotonic_s or None,
+              "level": line.level or None, "line": line.text})
     else:
-        print(f"{name}: {line.rstrip()}" if several else line.rstrip(), flush=True)
+        when = line.local[11:23]
+        print("  ".join(part for part in (when, name if several else "", line.level, line.text) if part), flush=True)
 
 
 def tail(path: Path, lines: int) -> str:
-    """The newest lines of a file, empty when there is none."""
+    """The newest lines of a file without their stamps, empty when there is none."""
     if not path.exists():
         return ""
     with path.open(errors="replace") as file:
-        return "".join(deque(file, maxlen=lines)).rstrip()
+        newest = map(parsed, deque(file, maxlen=lines))
+        return "\n".join(f"{line.level} {line.text}".lstrip() for line in newest).rstrip()

@@ -22,7 +22,8 @@ from tools.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
 ONE_JOINT = ("jaw", "gripper")
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
-MESSAGE = ("severity", "code", "component", "axis", "value", "limit", "text")
+MESSAGE = ("severity", "code", "component", "axis", "board", "value", "limit", "text", "hint")
+STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
 JS = ("position", "velocity", "effort")
 
 
@@ -85,6 +86,17 @@ class Source:
         rows = self._reader.last(count)
         return [{name: plain(row[name]) for name in self._reader.dtype.names or ()} for row in rows]
 
+    def kept(self, count: int) -> list[dict[str, Any]]:
+        """The newest events of this name that the ring keeps, oldest first; all of them with the name `events`."""
+        rows = self.history(1 << 20)
+        ours = [row for row in rows if self.entry.kind != EVENT or row["event"] == self.entry.event]
+        return ours[-count:] if count else ours
+
+    def as_row(self) -> dict[str, Any]:
+        """The record last read, whole."""
+        head = {"stamp_ns": self.stamp_ns, "sequence": self.sequence}
+        return head | {name: plain(self._fields[name]) for name in self._names}
+
     def _is_ours(self) -> bool:
         return bool(plain(self._fields["event"].item()) == self.entry.event)
 
@@ -138,18 +150,9 @@ class Source:
         if self.entry.kind == RECORD:
             return head | {name: plain(self._fields[name]) for name in self._names}
         if self.entry.kind == EVENT:
-            return head | self._event()
+            return event_as_dict(self.entry.event, self.as_row())
         return head | {"valid": self.valid} | self._view()
 
-    def _event(self) -> dict[str, Any]:
-        name = self.entry.event
-        if name in FLAGS:
-            return {FLAGS[name]: bool(self._fields["value"][()])}
-        shown = OPERATING_STATE if name == "operating_state" else MESSAGE
-        found = {key: plain(self._fields[key]) for key in shown}
-        if found.get("axis") == -1:
-            found["axis"] = None
-        return found
 
     def _view(self) -> dict[str, Any]:
         kind, valid = self.entry.kind, self.valid
@@ -181,6 +184,16 @@ class Source:
         self.close()
 
 
+def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
+    """An event of this name as JSON knows it: what belongs to it, and its stamps; no axis or board is None."""
+    stamps = {key: row[key] for key in STAMPS if key in row}
+    if name in FLAGS and "value" in row:
+        return stamps | {FLAGS[name]: bool(row["value"])}
+    shown = OPERATING_STATE if name == "operating_state" else MESSAGE
+    found = {key: row[key] for key in shown}
+    return stamps | found | {key: None for key in ("axis", "board") if found.get(key) == -1}
+
+
 def open_topic(system: str, topic: str) -> Source:
     """The topic of this name, open; Problem names the nearest ones when there is none."""
     return Source(system, find(system, topic))
@@ -193,5 +206,6 @@ def state_as_event(system: str, instance: str) -> dict[str, Any] | None:
             with Source(system, entry) as source:
                 if source.newest():
                     record = source.as_dict()
-                    return {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
+                    known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
+                    return known | {"event": "operating_state", "severity": 0, "monotonic_ns": 0, "local_ns": 0}
     return None

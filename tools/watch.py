@@ -13,6 +13,7 @@ from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.errors import Problem
+from tools.messages import text_of
 from tools.printing import plain
 from tools.systems import instances_of_kind, is_lockstep, unknown
 from tools.topics import writer_gone
@@ -127,9 +128,9 @@ class Watch:
         kept: NDArray[Any] = self._events.last(1024)
         ours = kept[kept["sequence"] > self._since]
         for event in (b"error", b"warning"):
-            texts = ours["text"][ours["event"] == event]
-            if len(texts):
-                return str(plain(bytes(texts[-1])))
+            rows = ours[ours["event"] == event]
+            if len(rows):
+                return text_of({name: plain(rows[-1][name]) for name in rows.dtype.names})
         return ""
 
     def close(self) -> None:

@@ -35,6 +35,7 @@ from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
+from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
 
@@ -56,7 +57,7 @@ class Surroundings:
     state: Fields  # the arm's own records, still as a predecessor left them
     setpoint: Fields
     reports: Reports
-    fault_text: Callable[[int], str]
+    fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
     reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
@@ -80,7 +81,7 @@ class Arm:
         duties = Duties(self.io, around.sender, arm.robot, self._io_refused, has_brakes=around.has_brakes)
         self.control = control = Control(
             arm, first, self.io, duties, machine, around.reports, cartesian, record,
-            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_text, around.motors)
+            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_report, around.motors)
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
         frame = arm.reference_frame or f"{arm.name}_base"
@@ -103,7 +104,7 @@ class Arm:
             State.CALIBRATING: Calibrating(control),
             State.BIASED: Biased(control),
             State.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
-            State.HOMED: Homed(control, self.look_after, self.checks_tracking),
+            State.HOMED: Homed(control, self.look_after, self.checks_tracking, self.misses),
             State.MANUAL: Manual(control, self.is_clutched),
             State.PAUSED: Paused(control, self.checks_tracking),
             State.FAULT: Fault(control),
@@ -137,6 +138,10 @@ class Arm:
     def is_ready(self) -> bool:
         """Homed altogether: what the arm carries is engaged, too."""
         return True
+
+    def misses(self) -> str:
+        """What a person has to do before a homed arm `is_ready`; empty: nothing."""
+        return ""
 
     def unhome(self) -> None:
         """Forget what homing found."""
@@ -227,7 +232,12 @@ class Arm:
         if self._started or self._predecessor is None:  # till then its state stands, should we die as well
             control.record.show_state((machine.state, machine.desired, self._is_home(), machine.is_busy,
                                        control.homed_generation, control.motion.mode, control.motion.space))
+            control.record.show_reason(self._reason())
         control.record.show_motion(control.gravity.effort)
+
+    def _reason(self) -> str:
+        """In FAULT why, else what is waited for."""
+        return self.machine.fault_text if self.state is State.FAULT else self._stages[self.state].waits
 
     def _start(self) -> None:
         """The first fresh record of io: take over what a predecessor left, or begin anew."""
@@ -235,7 +245,7 @@ class Arm:
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
         begin = beginning(self._predecessor, io)
-        machine.reason = begin.reason
+        machine.reason = machine.fault_text = begin.reason
         control.motion.hold(io.setpoint, Mode.NONE)
         control.held = begin.state is State.ENABLED
         if State.HOMED in (begin.state, begin.paused):
@@ -257,9 +267,9 @@ class Arm:
                 self.machine.forget_wish("io does not answer")
             self._epoch = io.epoch
             return
-        code, reason = trouble(state, io, self._epoch, control.driving, self._around.fault_text)
-        if code:
-            self.machine.fault(code, reason)
+        found = trouble(state, io, self._epoch, control.driving, self._around.fault_report)
+        if found.code:
+            self.machine.fault(found)
 
     def _rest_on(self, setup: SetupBase) -> None:
         """The set-up joints put the base somewhere else, or are not to be trusted any more."""

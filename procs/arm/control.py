@@ -22,6 +22,7 @@ from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.streams import Stream
 from procs.arm.supervision import Generations
 from procs.lib.document import Arm
+from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request
 
 Array = NDArray[np.float64]
@@ -60,11 +61,11 @@ class Control:
 
     def __init__(self, arm: Arm, joints: Joints, io: Readings, duties: Duties, machine: Machine, reports: Reports,
                  cartesian: Cartesian, record: ArmRecord, setpoint: SetpointRecord,
-                 fault_text: Callable[[int], str], motors: Sequence[float] = ()) -> None:
+                 fault_report: Callable[[int], FaultReport], motors: Sequence[float] = ()) -> None:
         """`motors`: see `EffortLimits`."""
         self.arm, self.joints, self.io, self.duties, self.machine = arm, joints, io, duties, machine
         self.reports, self.cartesian, self.record, self.setpoint = reports, cartesian, record, setpoint
-        self.fault_text = fault_text
+        self.fault_report = fault_report
         self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)
         self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)

@@ -19,7 +19,7 @@ from procs.arm.mtm import Mtm
 from procs.arm.psm import Psm
 from procs.arm.setup_base import SetupBase, place_of
 from procs.lib.document import Arm, Io
-from procs.lib.faults import fault_of
+from procs.lib.faults import FaultReport, reported
 from procs.manifest import proc
 from shm.ring import RingReader
 
@@ -78,22 +78,21 @@ def readings(ring: RingReader, io: Io, reader: str) -> Callable[[], Reading]:
     return newest
 
 
-def fault_text(io: LastGood, events: RingReader, robot: str) -> Callable[[int], str]:
-    """What io has just said about a fault of `robot`, in its own words, else the words of the fault table.
+def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
+    """What io has just told about a fault of `robot`, else what the fault table says.
 
     io's events come after its record, so that they are not always there yet; `io` reads the record.
     """
 
-    def text(number: int) -> str:
-        fault = fault_of(number)
-        if fault is None:
-            return f"io reports fault {number}"
+    def report(number: int) -> FaultReport:
+        known = reported(number)
         for row in events.since(io.stamp_ns - RECENT_NS)[::-1]:
-            if row["code"] == fault.code.encode() and row["component"] in (robot.encode(), b""):
-                return str(row["text"].decode(errors="replace")).removeprefix(f"{robot}: ")
-        return fault.text
+            if row["code"] == known.code.encode() and row["component"] == robot.encode():
+                return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]),
+                                   int(row["board"]), float(row["value"]), float(row["limit"]), known.hint)
+        return known
 
-    return text
+    return report
 
 
 def place_in(io: Io, arm: Arm) -> tuple[int, int]:
@@ -149,7 +148,7 @@ class Loop(runtime.Loop):
         self.arm = TYPES[arm.type](arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
-            me.events, fault_text(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
+            me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
             setup_base=setup_base(me, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")

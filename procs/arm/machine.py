@@ -17,6 +17,7 @@ from procs.arm.states import (
     follow,
     refusal,
 )
+from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request
 
 
@@ -32,7 +33,7 @@ class Machine:
         self.state = State.DISABLED
         self.desired = State.DISABLED
         self.paused = State.ENABLED
-        self.reason = ""
+        self.reason = self.fault_text = ""
         self.moving = False
         self._desired_before = State.ENABLED
         self._pending: tuple[Request, Event] | None = None
@@ -66,10 +67,11 @@ class Machine:
         if target is not self.state:
             self._set(target)
 
-    def fault(self, code: str, reason: str) -> None:
+    def fault(self, found: FaultReport) -> None:
         """Something went wrong: say it, and stop driving the arm."""
-        self.reason = reason
-        self.reports.error(code, f"{self.name}: {reason}", self.name)
+        self.reason, self.fault_text = found.words, found.text
+        self.reports.error(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board,
+                           found.hint)
         self.fire(Event.PROBLEM)
 
     def place(self, state: State, paused: State = State.ENABLED) -> None:

@@ -40,7 +40,7 @@ class ArrivedHomed(Homed):
     """An arm comes to be homed with all engaged that need not be turned for it: nobody sees it half done."""
 
     def __init__(self, psm: Psm) -> None:
-        super().__init__(psm.control, psm.look_after, psm.checks_tracking)
+        super().__init__(psm.control, psm.look_after, psm.checks_tracking, psm.misses)
         self._psm = psm
 
     def enter(self) -> None:
@@ -112,6 +112,18 @@ class Psm(Arm):
     def is_ready(self) -> bool:
         """See Arm."""
         return self.adapter.is_settled and self.tool.is_settled
+
+    def misses(self) -> str:
+        """See Arm."""
+        if self.tool.waits and self.detection.asks:
+            how = self.control.arm.tool_detection
+            return (f"instrument not named (tool_detection {how}): trocar send {self.control.arm.name} "
+                    "set_tool_type NAME")
+        if self.tool.waits and self.detection.tool is None:
+            return "the instrument's memory to be read"
+        if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
+            return "sterile adapter not seen under the instrument: look at its switch, or emulate_adapter_present 1"
+        return ""
 
     # adapter and instrument
 

@@ -11,6 +11,7 @@ from procs.arm.readings import ROWS, Fields, Readings
 from procs.arm.stack import stacked
 from procs.arm.states import PUBLISHED, State
 from procs.arm.supervision import Generations
+from shm.layout import shorten
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class ArmRecord:
             field("control_mode"), field("control_space"), field("bias_generation"))
         self._ratios = (field("trajectory_ratio"), field("trajectory_ratio_v"), field("trajectory_ratio_a"))
         self._gravity = field("gravity_effort")
+        self._reason, self._why = field("reason"), "?"
         self._shown: Shown | None = None
         self._was_valid = True
         field("simulated")[...] = simulated
@@ -80,6 +82,12 @@ class ArmRecord:
         self._generation[...] = generation
         self._mode[...] = mode
         self._space[...] = space
+
+    def show_reason(self, reason: str) -> None:
+        """Why it is in FAULT, or what it waits for."""
+        if reason != self._why:
+            self._why = reason
+            self._reason[...] = shorten(reason, self._reason.dtype.itemsize)
 
     def show_motion(self, gravity: Array) -> None:
         """Joint values; zero and invalid unless powered, biased and fresh. `gravity` (size,): efforts against it."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from procs.arm.readings import Readings
 from procs.arm.states import UP, State
-from procs.lib.faults import AMPLIFIER, POWER_TIMEOUT
+from procs.lib.faults import AMPLIFIER, NO_FAULT, POWER_TIMEOUT, FaultReport
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
@@ -28,28 +28,28 @@ class Generations:
 
 
 def trouble(
-    state: State, io: Readings, epoch: int, driving: Generations | None, fault_text: Callable[[int], str]
-) -> tuple[str, str]:
-    """Code and reason of what is wrong, empty when nothing is.
+    state: State, io: Readings, epoch: int, driving: Generations | None, fault_report: Callable[[int], FaultReport]
+) -> FaultReport:
+    """What is wrong; NO_FAULT when nothing is.
 
     `epoch` is the life of io that was powered on; `driving` is None until the joint controller was seen to follow us.
     """
     if state in UNWATCHED:
-        return "", ""
+        return NO_FAULT
     if not io.fresh:
-        return "io-silent", "io does not answer"
+        return FaultReport("io-silent", "io does not answer")
     if io.epoch != epoch:
-        return "io-restarted", "io was restarted"
+        return FaultReport("io-restarted", "io was restarted")
     if io.problem and not (state is State.POWERING and io.problem in POWER_PROBLEMS):
-        return "io-fault", fault_text(io.problem)
+        return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
-        return "power-loss", "detected power loss (actuators)"
+        return FaultReport("power-loss", "detected power loss (actuators)")
     if driving is None:
-        return "", ""
+        return NO_FAULT
     if not io.pid_enabled.item():
-        return "pid-off", "the joint controller was switched off"
+        return FaultReport("pid-off", "the joint controller was switched off")
     if io.pid_generation.item() != driving.pid:
-        return "pid-off", "the joint controller was switched off and on again"
+        return FaultReport("pid-off", "the joint controller was switched off and on again")
     if io.bias_generation.item() != driving.bias and state is not State.SETTING_ROLL:
-        return "bias-changed", "the encoders were set anew while the joint controller was on"
-    return "", ""
+        return FaultReport("bias-changed", "the encoders were set anew while the joint controller was on")
+    return NO_FAULT

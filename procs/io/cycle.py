@@ -182,7 +182,7 @@ class RobotIo:
         age_ns, limit_s = now_ns - self._good_ns, self._oldest_ns * 1e-9
         if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
             self._missed_ns = now_ns
-            self.reports.warn(faults.READ_MISSED, self._blamed(), value=age_ns * 1e-9, limit=limit_s)
+            self.reports.warn(faults.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
         if age_ns <= self._oldest_ns:
             return
         # what was told already is told again to a robot that was asked to power on meanwhile
@@ -191,15 +191,15 @@ class RobotIo:
             blamed = self._blamed()
             for robot in range(len(self.robots.names)):
                 if not self._lost or again[robot]:
-                    self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, detail=blamed)
+                    self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, boards=blamed)
             self._lost = True
 
-    def _blamed(self) -> str:
+    def _blamed(self) -> tuple[int, ...]:
         """Boards with bad reads since the last time somebody asked."""
         counts = self._port.counters.board_bad_reads
         rows = np.flatnonzero(counts > self._bad_by_board)
         self._bad_by_board = counts.copy()
-        return "board " + ", ".join(str(self.robots.board_ids[row]) for row in rows) if len(rows) else ""
+        return tuple(self.robots.board_ids[row] for row in rows)
 
     def _control(self, now_ns: int) -> None:
         """In-cycle tasks and the joint controllers, on this very sample."""

@@ -100,9 +100,8 @@ def main() -> None:
 def _tell(me: runtime.Me, events: list[Event], consoles: list[Nap]) -> None:
     for event in events:
         me.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
-                       component=event.component, axis=event.axis, value=event.value, limit=event.limit)
-        if event.kind in ("warning", "error"):
-            me.log.log(SEVERITY[event.kind] * 10 + 10, "%s: %s", event.component or me.name, event.text)
+                       component=event.component, axis=event.axis, value=event.value, limit=event.limit,
+                       board=event.board, hint=event.hint)
     if any(event.kind == "button" for event in events):
         for console in consoles:
             console.rouse()

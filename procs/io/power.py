@@ -21,7 +21,7 @@ from procs.io.brakes import Brakes
 from procs.io.outputs import Outputs
 from procs.io.port import Port
 from procs.io.record import Flags, Record
-from procs.io.reports import Reports
+from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
 from procs.lib import blocks, faults, registers
 
@@ -191,13 +191,15 @@ class Power:
         supply, record, reports = self._supplies[robot], self._record, self._reports
         age_ns = now_ns - supply.start_ns
         if record.watchdog[robot] and (supply.watchdog_clear or age_ns > FAULT_GRACE_NS):
-            reports.trip(faults.WATCHDOG, robot)
+            reports.trip(faults.WATCHDOG, robot, boards=self._with(robot, registers.STATUS_WATCHDOG))
         if record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
-            reports.trip(faults.POWER_FAULT, robot)
+            reports.trip(faults.POWER_FAULT, robot, boards=self._with(robot, registers.STATUS_MV_FAULT))
         words = self._now[self._rows[robot]]
         supplied = int(np.bitwise_and.reduce(words)) & GOOD == GOOD and len(words) > 0
         if not supplied and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
-            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot)
+            rows = self._rows[robot][words & GOOD != GOOD]
+            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot,
+                         boards=tuple(self._robots.board_ids[row] for row in rows))
         if record.powered[robot] and not record.amps_on[robot]:
             self._judge_amps(robot, now_ns, age_ns)
         else:
@@ -217,7 +219,12 @@ class Power:
             late = age_ns > POWER_GRACE_NS
         if late:
             off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5) & self._switched[robot]
-            self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)))
+            self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)), detail=also(off))
+
+    def _with(self, robot: int, bit: int) -> tuple[int, ...]:
+        """Boards of a robot whose status has this bit."""
+        rows = self._rows[robot]
+        return tuple(self._robots.board_ids[row] for row in rows[(self._now[rows] & np.uint32(bit)) != 0])
 
     def _wake_at(self, when_ns: int) -> None:
         self._wake_ns = min(self._wake_ns, when_ns)

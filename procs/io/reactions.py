@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs.io import wording
 from procs.io.brakes import Brakes
 from procs.io.devices import Bias, Power
 from procs.io.follow import Follow
@@ -57,7 +58,14 @@ class Reactions:
                         self._reports.trip(faults.SHARED_BOARD, other)
 
     def _tell(self, trip: Trip) -> None:
-        fault = trip.fault
-        text = f"{fault.text}{f' ({trip.detail})' if trip.detail else ''}; {fault.hint}"
-        self._reports.events.append(
-            Event("error", text, fault.code, self._robots.names[trip.robot], trip.axis, trip.value, trip.limit))
+        fault, robots, name = trip.fault, self._robots, self._robots.names[trip.robot]
+        axis, boards, unit = "", trip.boards, fault.unit
+        if trip.axis >= 0:
+            drive = int(robots.of_robot[trip.robot][trip.axis])
+            axis, boards = robots.title(trip.robot, trip.axis), boards or robots.boards_of(drive)
+            unit = robots.unit(drive) if unit == faults.JOINT else unit
+        text = wording.sentence(wording.place(name, axis, boards), fault.text,
+                                wording.figures(fault, trip.value, trip.limit, unit), trip.detail)
+        kind = "warning" if fault.severity == faults.WARNING else "error"
+        self._reports.events.append(Event(kind, text, fault.code, name, trip.axis, trip.value, trip.limit,
+                                          boards[0] if boards else -1, fault.hint))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.io import wording
 from procs.lib import faults
 from procs.lib.faults import Fault
 
@@ -23,11 +24,16 @@ class Event:
     axis: int = -1
     value: float = math.nan
     limit: float = math.nan
+    board: int = -1
+    hint: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """One fault found in this cycle: robot and axis by place (axis within the robot, -1: none)."""
+    """One fault found in this cycle: robot and axis by place (axis within the robot, -1: none).
+
+    `boards` are those to blame where that is not the axis's alone.
+    """
 
     fault: Fault
     robot: int
@@ -35,6 +41,7 @@ class Trip:
     value: float = math.nan
     limit: float = math.nan
     detail: str = ""
+    boards: tuple[int, ...] = ()
 
 
 def also(bad: NDArray[np.bool_]) -> str:
@@ -56,13 +63,16 @@ class Reports:
         """Something a person may like to know."""
         self.events.append(Event("status", text, component=component, axis=axis))
 
-    def warn(self, fault: Fault, component: str, axis: int = -1, value: float = math.nan,
-             limit: float = math.nan, sender: str = "") -> None:
+    def warn(self, fault: Fault, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
+             boards: tuple[int, ...] = ()) -> None:
         """A warning of the fault table, in whose text `sender` takes its place; nothing is switched off."""
-        text = f"{fault.text.replace(faults.SENDER, sender)}; {fault.hint}"
-        self.events.append(Event("warning", text, fault.code, component, axis, value, limit))
+        measured = wording.figures(fault, value, limit, fault.unit)
+        text = wording.sentence(wording.place(component, boards=boards), fault.text.replace(faults.SENDER, sender),
+                                measured)
+        board = boards[0] if boards else -1
+        self.events.append(Event("warning", text, fault.code, component, -1, value, limit, board, fault.hint))
 
     def trip(self, fault: Fault, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
-             detail: str = "") -> None:
+             detail: str = "", boards: tuple[int, ...] = ()) -> None:
         """A fault of the table; what it switches off is off before anything is written."""
-        self.trips.append(Trip(fault, robot, axis, value, limit, detail))
+        self.trips.append(Trip(fault, robot, axis, value, limit, detail, boards))

@@ -148,7 +148,7 @@ class Safety:
         elif now_ns - self._warm_ns[robot] >= WARM_REPEAT_NS:
             axis = int(np.argmax(celsius))
             self._warm_ns[robot] = now_ns
-            self._reports.warn(faults.TEMPERATURE_HIGH, self._robots.names[robot], axis, float(celsius[axis]), WARM_C)
+            self._reports.trip(faults.TEMPERATURE_HIGH, robot, axis, float(celsius[axis]), WARM_C)
 
     def _check_overflow(self, robot: int, fine: Flags) -> None:
         if fine.all():

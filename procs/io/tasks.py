@@ -31,7 +31,6 @@ from procs.lib.pid import Pid
 from procs.lib.tasks import Sample, Task, TaskMaker, TaskRobot
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
-LONGEST_REASON: Final = 85  # characters: an event has room for 200 bytes, hint and all
 
 Element = TypeVar("Element", bound=np.generic)
 
@@ -151,7 +150,7 @@ class Tasks:
         """No more of this one, nor what it has written in this cycle."""
         each.patience = 0
         each.row.fill(0.0)
-        self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}"[:LONGEST_REASON])
+        self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}")
 
 
 def _sample(axes: slice, samples: Samples, record: Record) -> Sample:

@@ -64,11 +64,11 @@ class Reports(Protocol):
         """Something a person may like to know."""
 
     def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-                limit: float = ...) -> None:
+                limit: float = ..., board: int = -1, hint: str = "") -> None:
         """Something a person should know."""
 
     def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-              limit: float = ...) -> None:
+              limit: float = ..., board: int = -1, hint: str = "") -> None:
         """Something failed."""
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:

@@ -17,6 +17,7 @@ from procs.suj.reference import CarriedTip
 from procs.suj.setups import Fields, Setups
 from procs.suj.si import Si
 from shm.faults import NoFaults, OwnCell
+from shm.layout import shorten
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 
@@ -40,7 +41,7 @@ class SetupJoints:
         self.machine = Machine(cart.name, reports, classic or NoPower(), self._enter)
         self._commands = Commands(cart, setups, self.machine, source, classic, self._refer)
         self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
-                                                      "is_busy", "simulated", "reference_arm")}
+                                                      "is_busy", "simulated", "reference_arm", "reason")}
         self._before = _text(self._shown["sub_state"].item())
         self._was_homed = bool(self._shown["is_homed"].item())
         self._begun_ns = 0
@@ -118,7 +119,7 @@ class SetupJoints:
     def _show(self) -> None:
         machine, shown = self.machine, self._shown
         told = (machine.state, machine.desired, machine.is_homed, machine.is_busy, self._reference,
-                self._setups.valid.tobytes())
+                self._setups.valid.tobytes(), machine.waits)
         if told == self._told:
             return
         self._told = told
@@ -127,6 +128,7 @@ class SetupJoints:
         shown["sub_state"][...] = machine.state.encode()
         shown["desired_state"][...] = machine.desired.encode()
         shown["is_homed"][...], shown["is_busy"][...] = machine.is_homed, machine.is_busy
+        shown["reason"][...] = shorten(machine.waits, shown["reason"].dtype.itemsize)
         shown["simulated"][...] = self._source is None or self._cart.emulated
         shown["reference_arm"][...] = self._setups.names[self._reference].encode() if self._reference >= 0 else b""
 

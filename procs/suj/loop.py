@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procs import runtime
 from procs.lib.cart import CLASSIC, SI, Cart
-from procs.lib.faults import fault_of
+from procs.lib.faults import reported
 from procs.lib.requests import Origin
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
@@ -79,8 +79,7 @@ def tips(me: runtime.Me, cart: Cart) -> list[CarriedTip | None]:
 
 def fault_text(number: int) -> str:
     """A fault of the fault table in words."""
-    fault = fault_of(number)
-    return f"{fault.text}; {fault.hint}" if fault is not None else f"io reports fault {number}"
+    return reported(number).words
 
 
 class Loop(runtime.Loop):

@@ -133,6 +133,13 @@ class Machine:
             self._pending.done(str(self.state))
             self._pending = None
 
+    @property
+    def waits(self) -> str:
+        """In FAULT why, else what is waited for; empty: nothing."""
+        if self.state is State.FAULT:
+            return self.reason
+        return "motor power and amplifiers" if self.state is State.POWERING else ""
+
     def fault(self, reason: str) -> None:
         """Something went wrong: say it, and let the brakes hold."""
         self.reason = reason

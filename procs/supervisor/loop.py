@@ -26,10 +26,11 @@ from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.judge import HUNG, LATE, Judge, Member
 from procs.udp_holders import holders
-from shm import directory
+from shm import directory, loglines
 from shm.audit import Audit
 from shm.clock import monotonic_ns, pause
 from shm.events import Events
+from shm.layout import shorten
 from shm.lockstep import Timekeeper
 from shm.mailbox import Mailbox
 from shm.pulse import Pulse
@@ -91,7 +92,7 @@ class Supervisor:
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
         self.size += self.keeper.size if self.keeper is not None else 0
         self.beat()
-        self.events = Events(self._writes("events"), self.now_ns)
+        self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
         self._state = self._writes("state")
         self._rows = tuple(row for row in system.processes if proc(row.kind).module)  # others are not ours to start
@@ -198,8 +199,7 @@ class Supervisor:
             how = child.reap()
             if how:
                 planned = "restarting" if child.restart_at_ns else "not restarted"
-                log.warning("%s ended: %s; %s", child.row.name, how, planned)
-                self.events.warning("process_ended", f"{child.row.name} ended: {how}; {planned}", child.row.name)
+                self.events.warning("process-ended", f"{child.row.name} ended: {how}; {planned}", child.row.name)
                 self._show()
             if child.restart_when_due():
                 log.info("%s started again (pid %d)", child.row.name, child.pid)
@@ -213,7 +213,6 @@ class Supervisor:
             name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
             if verdict.what == LATE:
                 text = f"{name} is late: silent for {seconds:.2f} s, allowed are {allowed_s:g} s"
-                log.warning("%s", text)
                 self.events.warning("process-late", text, name, value=seconds, limit=allowed_s)
             elif verdict.what == HUNG:
                 log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
@@ -240,7 +239,7 @@ class Supervisor:
         for i, child in enumerate(self.children):
             values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
                       "lifecycle": child.state.encode(), "pid": child.pid, "restarts": child.restarts,
-                      "exit_reason": child.reason.encode()[:120]}
+                      "exit_reason": shorten(child.reason, 120)}
             for name, value in values.items():
                 self._state.field(name)[i] = value
         self._state.publish(self.now_ns())
@@ -349,7 +348,7 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Exit code 0: stopped as asked, 1: configuration, set-up or a death without return."""
     chosen = arguments()
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    loglines.begin(sys.stderr)
     name = chosen.system or "trocar"
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,

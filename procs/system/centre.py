@@ -28,17 +28,18 @@ class Source:
     def __init__(self, name: str, ring: Ring) -> None:
         """From the next event on."""
         self.name, self.ring = name, ring
-        names = ("severity", "code", "axis", "value", "limit", "text")
+        names = ("severity", "code", "axis", "board", "value", "limit", "text", "hint")
         self._fields = {key: ring.field(key) for key in names}
 
     def repeat(self, events: Events) -> int:
         """Write the present event once more as the system's; its severity, 0: not a message."""
         severity = int(self._fields["severity"])
         if severity in KINDS:
-            code, text = (self._fields[key].item().decode(errors="replace") for key in ("code", "text"))
+            code, text, hint = (self._fields[key].item().decode(errors="replace") for key in ("code", "text", "hint"))
             events.emit(KINDS[severity], text, severity=severity, code=code, component=self.name,
                         axis=int(self._fields["axis"]), value=float(self._fields["value"]),
-                        limit=float(self._fields["limit"]))
+                        limit=float(self._fields["limit"]), board=int(self._fields["board"]), hint=hint,
+                        repeated=True)
         return severity
 
 

@@ -11,7 +11,7 @@ from procs.system.climb import Arm
 from procs.system.commands import Commands
 from procs.system.sound import Sound
 from shm.events import Events
-from shm.layout import cut_text
+from shm.layout import shorten
 
 
 class Record:
@@ -27,7 +27,7 @@ class Record:
         self._told = [""] * len(arms)
         field("calibration_mode")[...] = calibration_mode
         field("arm")[...] = [arm.name.encode() for arm in arms]
-        field("sound")[...] = cut_text(sound.name, field("sound").dtype.itemsize)
+        field("sound")[...] = shorten(sound.name, field("sound").dtype.itemsize)
 
     def fill(self, commands: Commands, centre: Centre) -> None:
         """How things are now."""
@@ -41,7 +41,7 @@ class Record:
             fields[name][...] = value
         fields["task"][...] = climb.goal.encode() if climb is not None else b""
         waiting = climb.waiting if climb is not None else ""
-        fields["waiting"][...] = cut_text(waiting, fields["waiting"].dtype.itemsize)
+        fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
     def _tell(self, place: int, arm: Arm) -> None:
         """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shm.layout import shorten
+
 Fields = Callable[[str], NDArray[Any]]
 
 
@@ -37,5 +39,5 @@ class TeleopRecord:
         if self._told != (state, desired, reason):
             self._told = (state, desired, reason)
             self._state[...], self._desired[...] = state.encode(), desired.encode()
-            self._reason[...] = reason.encode()[: self._room].decode(errors="ignore").encode()
+            self._reason[...] = shorten(reason, self._room)
             self._busy[...] = state != desired

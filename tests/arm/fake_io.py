@@ -15,6 +15,7 @@ from procs.arm.detection import Reading
 from procs.arm.joints import AXES as JOINT_AXES
 from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
+from procs.lib.faults import FaultReport
 from shm.client import Reply
 from shm.layout import schema_of
 from shm.origins import Origin
@@ -255,11 +256,11 @@ class FakeReports:
         self.events.append(("status", text))
 
     def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-                limit: float = 0.0) -> None:
+                limit: float = 0.0, board: int = -1, hint: str = "") -> None:
         self.events.append(("warning", code, text))
 
     def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-              limit: float = 0.0) -> None:
+              limit: float = 0.0, board: int = -1, hint: str = "") -> None:
         self.events.append(("error", code, text))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
@@ -332,7 +333,7 @@ class Rig:
         self.reports = FakeReports()
         self.arm = self.kind(self.document, Surroundings(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
-            self.reports, lambda code: f"fault number {code}",
+            self.reports, lambda code: FaultReport("io-fault", f"fault number {code}"),
             gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading))
 
     def press(self, name: str, on: bool = True) -> None:

@@ -11,6 +11,7 @@ from procs.arm.arm import Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import TYPES, gripper_in, place_in
 from procs.lib.document import System
+from procs.lib.faults import FaultReport
 from shm.client import Reply
 from shm.topics import ARM_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record
@@ -47,7 +48,7 @@ class OnBoards:
         self.arm: Any = TYPES[self.document.type](self.document, Surroundings(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
-            self.setpoint.field, self.reports, lambda code: f"fault number {code}",
+            self.setpoint.field, self.reports, lambda code: FaultReport("io-fault", f"fault number {code}"),
             gripper=gripper_in(io, self.document), motors=motor_efforts(robot)))
 
     def send(self, name: str, values: Any, text: str) -> int:

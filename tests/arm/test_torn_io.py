@@ -12,6 +12,7 @@ from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
 from procs.arm.psm import Psm
 from procs.arm.readings import SILENT_NS
+from procs.lib.faults import FaultReport
 from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
@@ -42,7 +43,7 @@ class TornRig(Rig):
         super().start_arm()
         self.arm = Psm(self.document, Surroundings(
             self.seen.field, 1, 2, {}, False, self.io, self.state.field, self.setpoint.field, self.reports,
-            lambda code: f"fault number {code}"))
+            lambda code: FaultReport("io-fault", f"fault number {code}")))
 
     def step(self, *requests: Any) -> None:
         self.now_ns += self.period_ns

@@ -212,7 +212,7 @@ def test_bad_reads_for_the_watchdog_time_are_a_fault() -> None:
     assert stand.record.pid_enabled[0]
     stand.run(2)
     assert stand.codes == ["BAD_READS"]
-    assert "board 0, 1" in next(e.text for e in stand.core.reports.events if e.kind == "error")
+    assert "PSM1, boards 0, 1: " in next(e.text for e in stand.core.reports.events if e.kind == "error")
     assert not stand.record.pid_enabled[0]
     assert not stand.record.power_wanted[0]
     assert (stand.dac() & 0xFFFF == 0x8000).all()

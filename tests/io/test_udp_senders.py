@@ -153,7 +153,7 @@ def test_a_stranger_is_reported_once() -> None:
         return [event.text for event in stand.core.reports.events if event.code == "foreign-datagrams"]
 
     (text,) = sends("127.0.0.1:4444")
-    assert text.startswith("datagrams from 127.0.0.1:4444 are ignored") and stand.record.valid
+    assert text.startswith("IO1: datagrams from 127.0.0.1:4444 are ignored") and stand.record.valid
     assert sends("127.0.0.1:4444") == sends("127.0.0.1:4445") == []
     stand.clock.ns += 120_000_000_000
     assert len(sends("127.0.0.1:4445")) == 1

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from shm import directory
+from shm.clock import local_ns, monotonic_ns
 from shm.events import ERROR, STATUS, WARNING, Events
 from shm.ring import RingReader
 from shm.topics import EVENTS
@@ -71,8 +72,37 @@ def test_texts_are_cut_not_refused(ends: tuple[Events, RingReader]) -> None:
     events, reader = ends
     events.emit("e" * 99, "ü" * 500, code="c" * 99, component="d" * 99, state="s" * 99, sub_state="t" * 99)
     (record,) = reader.last(1)
-    assert record["text"].decode() == "ü" * 100
+    assert record["text"].decode() == "ü" * 198 + "…"
     assert [len(record[n]) for n in ("event", "code", "component", "state", "sub_state")] == [32, 32, 24, 16, 40]
+
+
+def test_a_long_sentence_ends_with_a_whole_word_and_the_log_has_the_rest(ends: tuple[Events, RingReader]) -> None:
+    logged: list[tuple[int, str]] = []
+    _, reader = ends
+    events = Events(ends[0]._ring, lambda: 5000, lambda severity, text: logged.append((severity, text)))
+    text = "PSM1: " + "blocked joint " * 40 + "end"
+    events.error("TRACKING", text, "PSM1", hint="look for a collision")
+    events.status("nothing for the log", "PSM1")
+    record = reader.last(2)[0]
+    assert record["text"].decode().endswith(("blocked…", "joint…")) and len(record["text"]) <= 400
+    assert logged == [(ERROR, f"{text}; look for a collision")]
+
+
+def test_a_sentence_names_once_whom_it_is_about(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    for text in ("too hot", "PSM1: too hot", "PSM1 axis 2, board 6: too hot"):
+        events.warning("hot", text, "PSM1")
+    assert [text.decode() for text in reader.last(3)["text"]] == [
+        "PSM1: too hot", "PSM1: too hot", "PSM1 axis 2, board 6: too hot"]
+
+
+def test_an_event_says_when_by_both_clocks(ends: tuple[Events, RingReader]) -> None:
+    events, reader = ends
+    before = monotonic_ns(), local_ns()
+    events.status("now")
+    after = monotonic_ns(), local_ns()
+    (record,) = reader.last(1)
+    assert before[0] <= record["monotonic_ns"] <= after[0] and before[1] <= record["local_ns"] <= after[1]
 
 
 def test_a_late_comer_sees_the_last_events(world: Any, ends: tuple[Events, RingReader]) -> None:

@@ -207,7 +207,7 @@ VALUES = "self._view, at, monotonic_ns(), n, *whose, code, count, by.encode(), e
 PACK = f"            COMMANDS_OF[count].pack_into(\n                {VALUES})  # M2\n"
 SENT = "        self._count = self._words[self._sent] = n  # M3\n"
 A1, A3 = "        words[at >> 3] = 0  # A1\n", "        words[at >> 3] = n  # A3\n"
-A2 = "        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, cut_text(text, REPLY_TEXT))  # A2\n"
+A2 = "        REPLY_BODY.pack_into(self._view, at + REPLY_START, number, outcome, shorten(text, REPLY_TEXT))  # A2\n"
 A4 = "        self._answered[place] = words[self._answered_at[place]] = n  # A4\n"
 FULL = "n - self._known > COMMANDS_DEPTH"
 OVERTAKEN = {"verbs": "send1 send1 poll", "rounds": 2}

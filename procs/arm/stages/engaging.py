@@ -61,4 +61,4 @@ class Engaging(Driving):
         reason = control.motion.move(self._goals[self._next], control.io.velocity, control.now_ns)
         self._next += 1
         if reason:
-            control.machine.fault("engaging-plan", f"engaging {self._what}: {reason}")
+            self.fail("engaging-plan", f"engaging {self._what}: {reason}")

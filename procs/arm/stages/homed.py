@@ -16,10 +16,11 @@ from procs.arm.states import Event
 class Homed(Stage):
     """Commands are followed; what io clips is told, and what the arm has on it is looked after."""
 
-    def __init__(self, control: Control, look_after: Callable[[], None], checks_tracking: bool) -> None:
-        """`look_after` is called every cycle: buttons and what the arm carries."""
+    def __init__(self, control: Control, look_after: Callable[[], None], checks_tracking: bool,
+                 misses: Callable[[], str]) -> None:
+        """`look_after` is called every cycle: buttons and what the arm carries. `misses`: see Arm."""
         super().__init__(control)
-        self._look_after, self._checks_tracking = look_after, checks_tracking
+        self._look_after, self._checks_tracking, self._misses = look_after, checks_tracking, misses
         self._limited = b""
 
     def enter(self) -> None:
@@ -44,6 +45,11 @@ class Homed(Stage):
             self._limited = limited
             self._say_limited()
         self._look_after()
+
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return self._misses()
 
     def _say_limited(self) -> None:
         joints, axes = self.control.joints, self.control.io.at_limit.nonzero()[0]
@@ -74,3 +80,8 @@ class Manual(Stage):
         if not self._pressed():
             control.stop(control.io.setpoint, Mode.POSITION, "the clutch was released")
             control.machine.fire(Event.RELEASED)
+
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return "the clutch on the arm to be released"

@@ -57,6 +57,11 @@ class Calibrating(Stage):
             duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
             self._asked = True
 
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return "io to set the encoders from the potentiometers" if self._asked else ""
+
     def _done(self) -> None:
         self.control.must_bias = False
         self.control.machine.fire(Event.BIASED)
@@ -108,6 +113,13 @@ class Driving(Stage):
         elif self.is_late:
             self.fail("io-switch", "io does not switch the joint controller on")
 
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        if self._begun:
+            return ""
+        return "brakes to let go" if self.control.duties.pid.settled else "io to switch the joint controller on"
+
     def _is_ready(self) -> bool:
         control, duties = self.control, self.control.duties
         if not (duties.pid.settled and duties.limits.settled and duties.tracking.settled):
@@ -145,7 +157,7 @@ class Homing(Driving):
             control.status(f"moving into the joint limits: {control.joints.named(outside)}")
         reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
         if reason:
-            control.machine.fault("homing-plan", f"homing: {reason}")
+            self.fail("homing-plan", f"homing: {reason}")
 
     def drive(self) -> None:
         """See Driving."""

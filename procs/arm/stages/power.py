@@ -40,6 +40,11 @@ class Disabled(Stage):
         elif self.is_late:
             self.fail("io-switch", "io does not get ready for power-on")
 
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return "io to get ready for power-on" if self.control.machine.goes_on else ""
+
 
 class Powering(Stage):
     """Power was asked for; one more try where the first is not enough."""
@@ -61,8 +66,10 @@ class Powering(Stage):
         gave_up = io.problem in POWER_PROBLEMS and duties.no_fault.wanted is None
         if self.is_late or gave_up:
             if self._tries >= TRIES:
-                said = f": {control.fault_text(io.problem)}" if io.problem else ""
-                self.fail("power-timeout", f"failed to enable power{said}")
+                if io.problem:
+                    control.machine.fault(control.fault_report(io.problem))
+                else:
+                    self.fail("power-timeout", "failed to enable power")
                 return
             self._tries += 1
             duties.want_no_fault(True)
@@ -70,6 +77,11 @@ class Powering(Stage):
             self.within(POWER_NS)
         elif duties.no_fault.settled:
             duties.want_no_fault(False)
+
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return f"motor power and amplifiers (try {self._tries} of {TRIES})"
 
 
 class Enabled(Stage):

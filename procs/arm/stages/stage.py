@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs.arm.control import Control
+from procs.lib.faults import FaultReport
 
 NEVER_NS: Final = 1 << 62
 SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this, also when it refused once, see duties
@@ -23,6 +24,11 @@ class Stage:
     def run(self) -> None:
         """Once a cycle while in it."""
 
+    @property
+    def waits(self) -> str:
+        """What the arm waits for in this state, in words that follow "PSM1 waits: "; empty: for nothing."""
+        return ""
+
     def within(self, time_ns: int) -> None:
         """Something has to come true within this time from now."""
         self.deadline_ns = self.control.now_ns + time_ns
@@ -35,7 +41,7 @@ class Stage:
     def fail(self, code: str, text: str) -> None:
         """FAULT, with what io said to the requests that failed."""
         why = self.control.duties.refusals
-        self.control.machine.fault(code, f"{text} (io says: {why})" if why else text)
+        self.control.machine.fault(FaultReport(code, f"{text} (io says: {why})" if why else text))
 
 
 def let_go(control: Control) -> None:

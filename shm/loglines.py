@@ -1,0 +1,75 @@
+"""Lines of log files, with stamps that order them, and events, across processes.
+
+    2026-11-22 20:50:01.123456 5012.345678 WARNING PSM1 axis 2 (insertion), board 6: …
+
+Local date and time, CLOCK_MONOTONIC in seconds, severity, message. Who wrote it is the name of the file. Lines without
+stamps (tracebacks, what libraries print) belong to the line before them.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TextIO
+
+from shm.clock import monotonic_ns
+from shm.events import ERROR, WARNING, Log
+
+LINE = re.compile(r"(?P<local>\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+) (?P<seconds>\d+\.\d+) "
+                  r"(?P<level>[A-Z]+) (?P<text>.*)")
+LEVELS = {WARNING: logging.WARNING, ERROR: logging.ERROR}
+
+
+class Stamped(logging.Formatter):
+    """One record as a line; a name that the line has anyhow is not said twice."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """See the module."""
+        local = datetime.fromtimestamp(record.created).isoformat(" ", "microseconds")
+        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_said(self, record)}"
+
+
+class Plain(logging.Formatter):
+    """The same for a terminal, where lines come as they are written."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Severity and message."""
+        return f"{record.levelname} {_said(self, record)}"
+
+
+def _said(formatter: logging.Formatter, record: logging.LogRecord) -> str:
+    text = record.getMessage().removeprefix(f"{record.name}: ")
+    return f"{text}\n{formatter.formatException(record.exc_info)}" if record.exc_info else text
+
+
+def begin(stream: TextIO) -> None:
+    """What this process logs goes to `stream` from now on."""
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(Plain() if stream.isatty() else Stamped())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+def into(logger: logging.Logger) -> Log:
+    """Where events are written besides their ring."""
+    return lambda severity, text: logger.log(LEVELS[severity], "%s", text)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One message; `local` is empty and `monotonic_s` 0 where it has no stamps."""
+
+    text: str
+    level: str = ""
+    local: str = ""
+    monotonic_s: float = 0.0
+
+
+def parsed(line: str) -> Line:
+    """A line of a log file."""
+    line = line.rstrip("\n")
+    found = LINE.fullmatch(line)
+    if found is None:
+        return Line(line)
+    return Line(found["text"], found["level"], found["local"], float(found["seconds"]))

@@ -1,0 +1,49 @@
+"""Lines of logs: stamps of both clocks, whom they are about said once, tracebacks whole."""
+
+from __future__ import annotations
+
+import io
+import logging
+import sys
+
+import pytest
+
+from shm.clock import monotonic_ns
+from shm.events import ERROR
+from shm.loglines import Line, Stamped, into, parsed
+
+
+@pytest.fixture
+def log() -> tuple[logging.Logger, io.StringIO]:
+    out = io.StringIO()
+    handler = logging.StreamHandler(out)
+    handler.setFormatter(Stamped())
+    logger = logging.Logger("PSM1")
+    logger.addHandler(handler)
+    return logger, out
+
+
+def test_a_line_is_read_as_it_was_written(log: tuple[logging.Logger, io.StringIO]) -> None:
+    logger, out = log
+    before = monotonic_ns() * 1e-9
+    into(logger)(ERROR, "PSM1 axis 2 (insertion), board 6: too far")
+    line = parsed(out.getvalue())
+    assert (line.level, line.text) == ("ERROR", "PSM1 axis 2 (insertion), board 6: too far")
+    assert before - 1e-5 <= line.monotonic_s <= monotonic_ns() * 1e-9 + 1e-5 and len(line.local) == 26
+
+
+def test_the_name_of_the_log_is_not_said_in_it(log: tuple[logging.Logger, io.StringIO]) -> None:
+    logger, out = log
+    logger.warning("PSM1: held up")
+    assert parsed(out.getvalue()).text == "held up"
+
+
+def test_a_traceback_follows_its_line(log: tuple[logging.Logger, io.StringIO]) -> None:
+    logger, out = log
+    try:
+        raise ValueError("no")
+    except ValueError:
+        logger.error("ended by an error", exc_info=sys.exc_info())
+    first, *rest = out.getvalue().splitlines()
+    assert parsed(first).text == "ended by an error" and rest[-1] == "ValueError: no"
+    assert parsed(rest[-1]) == Line("ValueError: no")

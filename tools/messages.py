@@ -1,0 +1,43 @@
+"""Events as people read them: one line each, with the time of day, the same in every verb."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from shm.events import SEVERITIES, STATUS
+from tools.printing import number
+
+
+def time_of_day(local_ns: int) -> str:
+    """Local time: 20:50:01.123; a dash when there is none."""
+    return datetime.fromtimestamp(local_ns * 1e-9).time().isoformat("milliseconds") if local_ns > 0 else "–"
+
+
+def severity(value: int) -> str:
+    """A severity as a word; empty for what is no message."""
+    return SEVERITIES[value] if 0 <= value < len(SEVERITIES) else ""
+
+
+def kind_of(row: Mapping[str, Any]) -> str:
+    """What sort of event: status, warning with its code, error with its code, or the event's name."""
+    word = severity(int(row["severity"]))
+    return f"{word} {row['code']}".strip() if word else str(row["event"])
+
+
+def text_of(row: Mapping[str, Any]) -> str:
+    """What it says, with the hint."""
+    if int(row["severity"]) >= STATUS:
+        return f"{row['text']}; {row['hint']}" if row.get("hint") else str(row["text"])
+    if row["state"]:
+        flags = [word for word, on in (("homed", row["is_homed"]), ("busy", row["is_busy"])) if on]
+        inner = "" if row["sub_state"] == row["state"] else f" ({row['sub_state']})"
+        return ", ".join([f"{row['state']}{inner}", *flags])
+    value = "" if row["value"] is None else number(float(row["value"]), "g")
+    return " ".join(part for part in (str(row["component"]), str(row["text"]), value) if part)
+
+
+def line(row: Mapping[str, Any]) -> str:
+    """One event on one line."""
+    return f"{time_of_day(int(row['local_ns']))}  {kind_of(row)}  {text_of(row)}".rstrip()
