@@ -34,15 +34,15 @@ from tools.client.provider import Handler, Provider
 from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
-from tools.errors import Problem, Refused
+from tools.errors import Clipped, Problem, Refused
 from tools.systems import chosen_system
 from tools.version import VERSION as __version__
 from tools.watch import arm_document
 
 __all__ = [
-    "Arm", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle", "Mtm",
-    "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "__version__", "arm", "ecm", "mtm", "provide",
-    "psm", "suj", "system",
+    "Arm", "Clipped", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle",
+    "Mtm", "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "__version__", "arm", "ecm", "mtm",
+    "provide", "psm", "suj", "system",
 ]
 
 A = TypeVar("A", bound=Arm)

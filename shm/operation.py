@@ -89,7 +89,7 @@ SYSTEM_STATE = Topic(
         Field("arm_homed", "(arms,)?", "", "homed, and powered"),
         Field("arm_busy", "(arms,)?", "", "a move or a transition is under way"),
         Field("task", "S16", "", "power_on or home while it is under way, else empty"),
-        Field("waiting", "S160", "", "what that waits for"),
+        Field("waiting", "S400", "", "what that waits for"),
         Field("calibration_mode", "?", "", "potentiometers and currents are being calibrated: some checks are off"),
         Field("volume", "<f8", "", "of beeps and speech, 0 to 1"),
         Field("sound", "S32", "", "programs that make sounds; none: it is silent"),

@@ -6,7 +6,7 @@ Faulty arms are disabled first. Everything is judged by the arms' own state reco
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from shm.client import begin
@@ -22,6 +22,8 @@ POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 LIMITS_S = {ENABLED: 7.0, HOMED: 60.0, DISABLED: 7.0}
 LOCKSTEP_SLOWER = 10.0  # simulated time may pass this much slower than real time
+PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
+Tell = Callable[[str], None]
 NEXT_WORD = {ENABLED: "enable", HOMED: "home", DISABLED: "disable"}
 
 
@@ -43,6 +45,9 @@ class Climb:
     problem: str = ""
     asked: list[str] = field(default_factory=list)
     deadline_ns: int = 0
+    _waits: str = ""
+    _told: str = ""
+    _since_ns: int = 0
 
     def step(self, now_ns: int) -> None:
         """Look, and ask for the next thing once."""
@@ -64,7 +69,9 @@ class Climb:
             if word and word not in self.asked:
                 self._ask(word, now_ns)
             else:
-                self._check_time(now_ns, f"it is {state} ({self.watch.text('sub_state')})")
+                waits = self.waits
+                self._check_time(now_ns, f"it waits: {waits}" if waits else
+                                 f"it is {state} ({self.watch.text('sub_state')})")
 
     def _reached(self, state: str, busy: bool) -> bool:
         if self.goal == DISABLED:
@@ -103,20 +110,42 @@ class Climb:
         self.deadline_ns = self.deadline_ns or self._deadline(now_ns, self.goal)
         if now_ns >= self.deadline_ns:
             error = self.watch.last_error()
-            self._fail(f"not {self.goal} in time; {how}" + (f": {error}" if error else ""))
+            known = f": {error}" if error and not how.startswith("it waits") else ""
+            self._fail(f"not {self.goal} in time; {how}{known}")
 
     def _fail(self, why: str) -> None:
         self.over, self.problem = True, why.removeprefix(f"{self.watch.name}: ")
+
+    @property
+    def waits(self) -> str:
+        """What the arm waits for, in its own words; empty: for nothing."""
+        return "" if self.watch.state == "FAULT" else self.watch.text("reason")
 
     def line(self) -> str:
         """The arm in a word or two, for a progress line."""
         return f"{self.watch.name} {self.watch.text('sub_state') or self.watch.state}"
 
+    def news(self, now_ns: int) -> str:
+        """What a person is told: what it has waited for for a second by now; empty: nothing new."""
+        waits = "" if self.over else self.waits
+        if waits != self._waits:
+            self._waits, self._since_ns = waits, now_ns
+        if not waits or waits == self._told or now_ns - self._since_ns < PATIENCE_NS:
+            return ""
+        self._told = waits
+        return f"{self.watch.name} waits: {waits}"
 
-def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say) -> dict[str, str]:
+
+def untold(text: str) -> None:
+    """News that nobody wants to hear."""
+
+
+def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say,
+          tell: Tell = untold) -> dict[str, str]:
     """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
 
-    All that it asks of them is one command: no step of it is carried out after a fault.
+    All that it asks of them is one command: no step of it is carried out after a fault. `tell` is given what an arm
+    waits for, once it has waited for a second.
     """
     slow, whole = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0, begin(system)
     with contextlib.ExitStack() as stack:
@@ -131,6 +160,8 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
             for climb in climbs:
                 if not climb.over:
                     climb.step(monotonic_ns())
+            for news in filter(None, [climb.news(monotonic_ns()) for climb in climbs]):
+                tell(news)
             say(", ".join(climb.line() for climb in climbs), sum(c.over for c in climbs) / len(climbs))
             pause(POLL_S)
         return {climb.watch.name: climb.problem for climb in climbs}

@@ -13,10 +13,13 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console, Group
 from rich.live import Live
+from rich.text import Text
 
 from shm.segment import SegmentError
+from tools import standing
 from tools.errors import Problem
 from tools.listing import measured
+from tools.messages import kind_of, text_of, time_of_day
 from tools.options import SystemOption
 from tools.printing import made_table, number
 from tools.processes import COLUMNS, RIGHT, cells, lives
@@ -26,7 +29,6 @@ from tools.views import Source
 
 WINDOW_S = 0.4
 EVENTS_SHOWN = 6
-SEVERITY = ("", "status", "warning", "error")
 
 
 def attach(
@@ -55,15 +57,20 @@ def _page(system: str, entries: list[Entry]) -> Group:
     records = [entry for entry in entries if entry.kind == RECORD]
     rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["trouble"])
              for row in measured(system, records, WINDOW_S)]
+    processes = lives(system)
+    found = standing.standings(system, processes)
+    first = standing.first_thing(processes, found)
     return Group(
-        made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in lives(system)], RIGHT),
-        made_table("arms", ("arm", "state", "homed", "busy", "joints"), list(_arms(system, entries))),
-        made_table("newest events", ("from", "event", "about", "text"), _events(system, entries)),
+        made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in processes], RIGHT),
+        made_table("", standing.COLUMNS, [standing.cells(one) for one in found]),
+        Text(f"first: {first}" if first else "all well"),
+        made_table("joints", ("arm", "busy", "rad, m"), list(_joints(system, entries))),
+        made_table("events, newest first", ("at", "from", "event", "text"), _events(system, entries)),
         made_table("topics", ("topic", "Hz", "longest ms", "trouble"), rates, ("Hz", "longest ms")),
     )
 
 
-def _arms(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
+def _joints(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
     for entry in entries:
         if entry.kind == EVENT and entry.event == "operating_state":
             with contextlib.suppress(Problem, SegmentError), contextlib.ExitStack() as stack:
@@ -76,8 +83,7 @@ def _arms(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
                 view = stack.enter_context(Source(system, joints))
                 good = view.newest() and view.valid
                 values = " ".join(f"{q:+.4f}" for q in view.part("position")) if good else "–"
-                yield (entry.instance, f"{row['state']} ({row['sub_state']})", _yes(row["is_homed"]),
-                       _yes(row["is_busy"]), values)
+                yield entry.instance, _yes(row["is_busy"]), values
 
 
 def _yes(flag: bool) -> str:
@@ -89,15 +95,13 @@ def _events(system: str, entries: list[Entry]) -> list[tuple[str, ...]]:
     for entry in entries:
         if entry.ring == "events" and entry.kind == RECORD:
             with contextlib.suppress(SegmentError), Source(system, entry) as source:
-                found += [(int(row["stamp_ns"]), _event(entry.instance, row)) for row in source.history(EVENTS_SHOWN)]
-    return [row for _, row in sorted(found)[-EVENTS_SHOWN:]]
+                found += [(int(row["monotonic_ns"]), _event(entry.instance, row))
+                          for row in source.history(EVENTS_SHOWN)]
+    return [row for _, row in sorted(found, reverse=True)[:EVENTS_SHOWN]]
 
 
 def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:
-    severity = SEVERITY[row["severity"]] if row["severity"] < len(SEVERITY) else ""
-    kind = severity or row["event"]
-    text = row["text"] or f"{row['state']} {row['sub_state']}".strip()
-    return instance, kind, row["component"], text
+    return time_of_day(int(row["local_ns"])), instance, kind_of(row), text_of(row)
 
 
 @contextlib.contextmanager

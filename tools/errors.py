@@ -11,5 +11,9 @@ class Misuse(Exception):
     """The verb was used wrongly: exit code 2."""
 
 
+class Clipped(UserWarning):
+    """A move was carried out with another goal: what lay beyond the limits of a joint was brought into them."""
+
+
 class Refused(Problem):
     """The component took the command and refused it, or failed to carry it out; the message is its reason."""

@@ -9,7 +9,7 @@ import typer
 from tools.arms import DISABLED, ENABLED, HOMED, bring
 from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, progress, table
+from tools.printing import emit, note, progress, table
 from tools.systems import chosen_system
 from tools.watch import powered_names
 
@@ -59,7 +59,7 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     if not names:
         raise Problem(f"system {name} has no arms")
     with progress(f"{goal}…") as say:
-        problems = bring(name, names, goal, timeout, say)
+        problems = bring(name, names, goal, timeout, say, note)
     if as_json:
         for arm, problem in problems.items():
             emit({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None})

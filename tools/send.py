@@ -48,7 +48,8 @@ def send(
     if as_json:
         emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
     elif good:
-        print(reply.outcome + (f": {reply.text}" if reply.text else ""))
+        colon = ", " if reply.text.startswith("clipped") else ": "  # done, clipped: insertion 5.000 → 0.240 m
+        print(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:
         raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
     return 0 if good else 1

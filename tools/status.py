@@ -1,30 +1,45 @@
-"""`trocar status`: the processes of a system."""
+"""`trocar status`: the processes of a system, its arms, tele-operations and consoles, and what to do first."""
 
 from __future__ import annotations
 
 import dataclasses
 
 from procs.rights import lacking
+from tools import standing
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
 from tools.processes import COLUMNS, RIGHT, cells, lives, remarks
+from tools.standing import first_thing, next_step, standings
 from tools.systems import chosen_system
 
 
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Show every process: state, rate, missed deadlines, restarts, why it last ended. Exit code 1: one is in trouble.
+    """Show every process, arm, tele-operation and console, and what to do first.
+
+    Processes with rates, missed deadlines, restarts and why they last ended; arms with state, homed, and why they are
+    in FAULT or what they wait for. The last line is "all well" or the first thing to do. Exit code 1: a process is in
+    trouble, or something is in FAULT.
 
     Example: trocar status --json
     """
     name = chosen_system(system)
-    found = lives(name)
+    processes = lives(name)
+    found = standings(name, processes)
+    first = first_thing(processes, found)
     if as_json:
-        emit({"system": name, "processes": [dataclasses.asdict(life) for life in found]})
+        emit({"system": name, "processes": [dataclasses.asdict(life) for life in processes],
+              "standings": [dataclasses.asdict(one) for one in found], "first": first})
     else:
-        table(f"system {name}", COLUMNS, [cells(life) for life in found], RIGHT)
-        for life in found:
+        table(f"system {name}", COLUMNS, [cells(life) for life in processes], RIGHT)
+        for life in processes:
             if remarks(life):
                 print(f" {life.name}: {remarks(life)}")
-        if rights := lacking({life.name: life.scheduling for life in found}):
+        if rights := lacking({life.name: life.scheduling for life in processes}):
             print(rights)
-    return 1 if any(life.trouble for life in found) else 0
+        table("", standing.COLUMNS, [standing.cells(one) for one in found])
+        print(f"first: {first}" if first else _well(next_step(found)))
+    return 1 if any(life.trouble for life in processes) or any(one.is_fault for one in found) else 0
+
+
+def _well(then: str) -> str:
+    return f"all well; next: {then}" if then else "all well"

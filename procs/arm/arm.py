@@ -32,7 +32,7 @@ from procs.arm.stages.homing import Biased, Calibrating, Homing
 from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from procs.arm.stages.stage import Stage
 from procs.arm.states import AT_HOME, PUBLISHED, Event, State
-from procs.arm.supervision import UNWATCHED, Generations, trouble
+from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
 from procs.lib.faults import FaultReport
@@ -58,6 +58,7 @@ class Surroundings:
     setpoint: Fields
     reports: Reports
     fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
+    power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
     reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
@@ -267,7 +268,8 @@ class Arm:
                 self.machine.forget_wish("io does not answer")
             self._epoch = io.epoch
             return
-        found = trouble(state, io, self._epoch, control.driving, self._around.fault_report)
+        found = trouble(state, io, self._epoch, control.driving, self._around.fault_report,
+                        self._around.power_report)
         if found.code:
             self.machine.fault(found)
 

@@ -82,7 +82,8 @@ class Control:
         self.now_ns = 0
         self.posed_ns, self._poses_from_ns = -STREAM_NS, 0
         """When a goal of a stream of poses was last followed."""
-        self._moves: dict[str, Request] = {}
+        self._moves: dict[str, tuple[Request, str]] = {}
+        """Under way, with what of the goal was clipped."""
         self._said_ns: dict[str, int] = {}
         self._episodes_ns: dict[str, int] = {}
         self.use(joints)
@@ -167,11 +168,11 @@ class Control:
         """Bring `goal` into the limits; which joints (size,) were outside."""
         return self.joints.clip(self.goal, self.here)
 
-    def _say_clipped(self, outside: NDArray[np.bool_]) -> str:
-        """What was clipped is in the answer, and once an episode a warning."""
+    def _say_clipped(self, outside: NDArray[np.bool_], asked: Array | None = None) -> str:
+        """What was clipped is in the answer, and once an episode a warning; from where to where, of goals `asked`."""
         if outside is self.joints.none or not outside.any():
             return ""
-        names = self.joints.named(outside)
+        names = self.joints.named(outside) if asked is None else self.joints.changed(outside, asked, self.goal)
         if self._clipped.is_news(outside, self.now_ns):
             self.warn("clipped", f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
@@ -268,15 +269,17 @@ class Control:
 
     def move(self, request: Request, space: Space, what: str = MOVE) -> None:
         """Move to `goal`; answers the request, now and at the end. Refused when it cannot be planned."""
-        text = self._say_clipped(self._clip())
+        asked = self.goal.copy()
+        outside = self._clip()
+        text = self._say_clipped(outside, asked)
         reason = self.motion.move(self.goal, self.io.velocity, self.now_ns)
         if reason:
             raise Refused(f"{request.name}: {reason}")
         self.motion.space = space
-        replaced = self._moves.pop(what, None)
+        replaced, _ = self._moves.pop(what, (None, ""))
         if replaced is not None:
             replaced.fail(f"replaced by a newer {what}")
-        self._moves[what] = request
+        self._moves[what] = request, text
         request.accept(text)
         self.machine.moving = True
         self.machine.publish()
@@ -287,9 +290,9 @@ class Control:
         if not machine.moving:
             return  # a move of the arm's own, nobody waits for it
         machine.moving = False
-        for request in self._moves.values():
+        for request, text in self._moves.values():
             if reached:
-                request.done()
+                request.done(text)  # who waits for the end only learns there that it is another goal
             else:
                 request.fail(reason)
         self._moves.clear()

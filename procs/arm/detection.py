@@ -114,8 +114,14 @@ class Detection:
         self._control.error("tool-type", f"instrument not known: {reason}")
         self._ask()
 
+    @property
+    def request(self) -> str:
+        """What a person is asked for."""
+        arm = self._control.arm
+        return f"instrument not named (tool_detection {arm.tool_detection}): trocar send {arm.name} set_tool_type NAME"
+
     def _ask(self) -> None:
         if not self.asks:
             self.asks = True
             self._control.reports.emit("tool_type_request")
-            self._control.warn("tool-type", "tool type requested from user: set_tool_type NAME:MODEL")
+            self._control.warn("tool-type", self.request)

@@ -118,6 +118,11 @@ class Joints:
         """The names of the joints of a mask (size,)."""
         return ", ".join(self.name(int(i)) for i in which.nonzero()[0])
 
+    def changed(self, which: NDArray[np.bool_], before: Array, after: Array) -> str:
+        """Joints of a mask (size,), and what became of their values: insertion 5.000 → 0.240 m."""
+        return ", ".join(f"{self.name(i)} {before[i]:.3f} → {after[i]:.3f} {self.unit(i)}"
+                         for i in which.nonzero()[0].tolist())
+
 
 def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     """The joint space of `arm` with an instrument, or without; ValueError when it cannot be driven."""

@@ -18,8 +18,10 @@ from procs.arm.joints import AXES
 from procs.arm.mtm import Mtm
 from procs.arm.psm import Psm
 from procs.arm.setup_base import SetupBase, place_of
-from procs.lib.document import Arm, Io
-from procs.lib.faults import FaultReport, reported
+from procs.arm.supervision import power_lost
+from procs.lib.document import Actuator, Arm, Brake, Io
+from procs.lib.faults import AMPLIFIER, FaultReport, reported
+from procs.lib.wording import axis_titles, boards_of, place, sentence
 from procs.manifest import proc
 from shm.ring import RingReader
 
@@ -79,9 +81,9 @@ def readings(ring: RingReader, io: Io, reader: str) -> Callable[[], Reading]:
 
 
 def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
-    """What io has just told about a fault of `robot`, else what the fault table says.
+    """What io has just told about a fault of `robot`, else what the fault table says. `io` reads the record.
 
-    io's events come after its record, so that they are not always there yet; `io` reads the record.
+    io tells its events before it publishes the record that shows the fault.
     """
 
     def report(number: int) -> FaultReport:
@@ -91,6 +93,29 @@ def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int
                 return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]),
                                    int(row["board"]), float(row["value"]), float(row["limit"]), known.hint)
         return known
+
+    return report
+
+
+def power_reports(io: LastGood, document: Io, number: int) -> Callable[[], FaultReport]:
+    """What io's record shows of amplifiers of a robot when power was lost: one alone that is off is named."""
+    robot, titles = document.robots[number], axis_titles(document)[number]
+    brakes = sum(len(each.actuators) for each in document.robots)
+    brakes += sum(len(each.brakes) for each in document.robots[:number])
+    first = sum(len(each.actuators) for each in document.robots[:number])
+    places = [*range(first, first + len(robot.actuators)), *range(brakes, brakes + len(robot.brakes))]
+    drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
+    enabled, on = io.field("amp_enabled"), io.field("amp_on")
+
+    def report() -> FaultReport:
+        wanted = [axis for axis, at in enumerate(places) if enabled[at]]
+        off = [axis for axis in wanted if not on[places[axis]]]
+        if not off or len(off) == len(wanted):  # the supply of all
+            return power_lost()
+        boards = boards_of(drives[off[0]])
+        also = f"also axis {', '.join(map(str, off[1:]))}" if off[1:] else ""
+        text = sentence(place(robot.name, titles[off[0]], boards), AMPLIFIER.text, also)
+        return FaultReport(AMPLIFIER.code, text, off[0], boards[0] if boards else -1, hint=AMPLIFIER.hint)
 
     return report
 
@@ -148,7 +173,8 @@ class Loop(runtime.Loop):
         self.arm = TYPES[arm.type](arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
-            me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot), gripper=gripper_in(io, arm),
+            me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot),
+            power_report=power_reports(self._io, io, number), gripper=gripper_in(io, arm),
             setup_base=setup_base(me, arm), motors=motor_efforts(io.robots[number]),
             reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")

@@ -116,9 +116,7 @@ class Psm(Arm):
     def misses(self) -> str:
         """See Arm."""
         if self.tool.waits and self.detection.asks:
-            how = self.control.arm.tool_detection
-            return (f"instrument not named (tool_detection {how}): trocar send {self.control.arm.name} "
-                    "set_tool_type NAME")
+            return self.detection.request
         if self.tool.waits and self.detection.tool is None:
             return "the instrument's memory to be read"
         if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from procs.arm.readings import Readings
 from procs.arm.states import UP, State
-from procs.lib.faults import AMPLIFIER, NO_FAULT, POWER_TIMEOUT, FaultReport
+from procs.lib.faults import AMPLIFIER, NO_FAULT, POWER_LOST, POWER_TIMEOUT, FaultReport
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
@@ -27,8 +27,14 @@ class Generations:
         return cls(int(io.bias_generation.item()), int(io.pid_generation.item()))
 
 
+def power_lost() -> FaultReport:
+    """That power went, when nobody knows more."""
+    return FaultReport("power-loss", "detected power loss (actuators)", hint=POWER_LOST.hint)
+
+
 def trouble(
-    state: State, io: Readings, epoch: int, driving: Generations | None, fault_report: Callable[[int], FaultReport]
+    state: State, io: Readings, epoch: int, driving: Generations | None, fault_report: Callable[[int], FaultReport],
+    power_report: Callable[[], FaultReport],
 ) -> FaultReport:
     """What is wrong; NO_FAULT when nothing is.
 
@@ -43,7 +49,7 @@ def trouble(
     if io.problem and not (state is State.POWERING and io.problem in POWER_PROBLEMS):
         return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
-        return FaultReport("power-loss", "detected power loss (actuators)")
+        return power_report()
     if driving is None:
         return NO_FAULT
     if not io.pid_enabled.item():

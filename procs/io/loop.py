@@ -78,13 +78,13 @@ class Loop(runtime.Loop):
         """See runtime.Loop."""
         core, port = self._core, self._port
         core.cycle(self._mailbox.drain(wall_ns))
+        if core.reports.events:  # before the record: who sees a fault there finds what is told of it
+            _tell(self.me, core.reports.events, self._consoles)
         self._out.publish(core.stamp_ns)
         if port is not None and core.good:
             self.me.latency(port.send_ns - port.recv_ns)
         while core.reports.changed:
             self._others[core.reports.changed.pop()].publish(core.stamp_ns)
-        if core.reports.events:
-            _tell(self.me, core.reports.events, self._consoles)
 
     def close(self) -> None:
         """All outputs zero, then the port is given back."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.io import wording
 from procs.io.brakes import Brakes
 from procs.io.devices import Bias, Power
 from procs.io.follow import Follow
 from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots
-from procs.lib import faults
+from procs.lib import faults, wording
 from shm.faults import OwnCell
 
 POWERING: Final = (faults.POWER_TIMEOUT, faults.AMPLIFIER)
@@ -62,7 +61,7 @@ class Reactions:
         axis, boards, unit = "", trip.boards, fault.unit
         if trip.axis >= 0:
             drive = int(robots.of_robot[trip.robot][trip.axis])
-            axis, boards = robots.title(trip.robot, trip.axis), boards or robots.boards_of(drive)
+            axis, boards = robots.titles[trip.robot][trip.axis], boards or wording.boards_of(robots.all[drive])
             unit = robots.unit(drive) if unit == faults.JOINT else unit
         text = wording.sentence(wording.place(name, axis, boards), fault.text,
                                 wording.figures(fault, trip.value, trip.limit, unit), trip.detail)

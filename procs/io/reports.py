@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io import wording
-from procs.lib import faults
+from procs.lib import faults, wording
 from procs.lib.faults import Fault
 
 

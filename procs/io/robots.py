@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from procs.io.port import Port
 from procs.io.record import Flags, Floats, Record
-from procs.lib import blocks, conversion, lookup, registers
+from procs.lib import blocks, conversion, lookup, registers, wording
 from procs.lib.blocks import Columns
 from procs.lib.document import Actuator, Brake, Encoder, Io, Linear
 from procs.lib.velocity import FirmwareVelocity, SoftwareVelocity
@@ -50,8 +50,8 @@ class Robots:
         drives: list[Actuator | Brake] = [*actuators, *brakes]
         self.actuators, self.brakes, self.all = tuple(actuators), tuple(brakes), tuple(drives)
         self.axes, self.drives = len(actuators), len(drives)
-        named = {pid.robot: {i: axis.name.replace("_", " ") for i, axis in enumerate(pid.axes)} for pid in io.pids}
-        self._axis_names: list[dict[int, str]] = [named.get(name, {}) for name in self.names]
+        self.titles = wording.axis_titles(io)
+        """Of every robot its axes, then its brakes, for people."""
         boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
         boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}
         self.board_ids = tuple(sorted(boards))
@@ -92,17 +92,6 @@ class Robots:
         """(robot, axis within the robot) of a drive; the brakes of a robot come after its actuators."""
         robot = int(self.robot_of_drive[drive])
         return robot, int(np.searchsorted(self.of_robot[robot], drive))
-
-    def title(self, robot: int, axis: int) -> str:
-        """An axis of a robot for people: `axis 2 (insertion)`, `axis 4 (brake 0)`; its number is that of commands."""
-        motors = self.slices[robot].stop - self.slices[robot].start
-        name = f"brake {axis - motors}" if axis >= motors else self._axis_names[robot].get(axis, "")
-        return f"axis {axis} ({name})" if name else f"axis {axis}"
-
-    def boards_of(self, drive: int) -> tuple[int, ...]:
-        """The board of a drive; none where there are no boards."""
-        board = self.all[drive].board_id
-        return (board,) if board >= 0 else ()
 
     def unit(self, drive: int) -> str:
         """Unit of a position: rad or m; empty where the file does not say."""

@@ -21,8 +21,9 @@ class ArmOnRing:
         """Nothing is known until `look`."""
         self.name = name
         self._ring, self._client = ring, client
-        self._fields = {key: ring.field(key) for key in ("state", "is_homed", "is_busy")}
+        self._fields = {key: ring.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
+        self.reason = ""
         self.refusals: list[str] = []
         """Of what was asked last."""
         self._asked = 0
@@ -32,6 +33,7 @@ class ArmOnRing:
         self.is_fresh = self._ring.newest() and now_ns - self._ring.stamp_ns <= STALE_NS
         if self.is_fresh:
             self.state = self._fields["state"].item().decode()
+            self.reason = self._fields["reason"].item().decode(errors="replace")
             self.is_homed, self.is_busy = bool(self._fields["is_homed"]), bool(self._fields["is_busy"])
         self.refusals += [reply.text for reply in self._client.poll()
                           if reply.id == self._asked and reply.outcome in ("refused", "failed")]

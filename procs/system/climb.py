@@ -21,6 +21,7 @@ class Arm(Protocol):
 
     name: str
     state: str
+    reason: str
     is_homed: bool
     is_busy: bool
     is_fresh: bool
@@ -60,9 +61,10 @@ class Step:
                 self._asked.append(word)
                 self._deadline_ns = now_ns + LIMITS_NS[word]
         elif arm.is_fresh and arm.state == "FAULT" and "enable" in self._asked:
-            self.problem = "went to FAULT"
+            self.problem = f"went to FAULT: {arm.reason}" if arm.reason else "went to FAULT"
         elif now_ns >= self._deadline_ns:
-            self.problem = f"is still {arm.state or 'without a state'}" if arm.is_fresh else "does not answer"
+            why = f": waits: {arm.reason}" if arm.reason else ""
+            self.problem = f"is still {arm.state or 'without a state'}{why}" if arm.is_fresh else "does not answer"
 
     def _reached(self) -> bool:
         arm = self.arm
@@ -106,7 +108,8 @@ class Climb:
     @property
     def waiting(self) -> str:
         """Who is not there yet, in words."""
-        left = [f"{one.arm.name} ({one.arm.state or 'silent'})" for one in self._steps if not one.is_over]
+        left = [f"{one.arm.name} ({one.arm.state or 'silent'}{f': {one.arm.reason}' if one.arm.reason else ''})"
+                for one in self._steps if not one.is_over]
         return f"waiting for {', '.join(left)}" if left else ""
 
     @property

@@ -17,6 +17,7 @@ from procs.arm.psm import Psm
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from procs.lib.faults import FaultReport
 from shm.client import Reply
+from shm.events import sentence
 from shm.layout import schema_of
 from shm.origins import Origin
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
@@ -257,11 +258,11 @@ class FakeReports:
 
     def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
                 limit: float = 0.0, board: int = -1, hint: str = "") -> None:
-        self.events.append(("warning", code, text))
+        self.events.append(("warning", code, sentence(text, component)))
 
     def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
               limit: float = 0.0, board: int = -1, hint: str = "") -> None:
-        self.events.append(("error", code, text))
+        self.events.append(("error", code, sentence(text, component)))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         self.events.append(("operating_state", state, str(sub_state), is_homed, is_busy))

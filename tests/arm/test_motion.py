@@ -203,8 +203,10 @@ def test_goals_beyond_the_limits_are_clipped_and_told(rig: Rig, name: str) -> No
     rig.go((1.5, 0.0, 0.23, 0.0, 0.0, 0.0))
     rig.reports.events.clear()
     request = rig.send(name, (9.0, 0.0, 0.5, 0.0, 0.0, 0.0))
-    assert request.replies[0][1] == "clipped: yaw, insertion"
+    changes = " 9.000 → 1.588 rad, insertion 0.500 → 0.240 m" if name == "move_jp" else ", insertion"
+    assert request.replies[0][1] == f"clipped: yaw{changes}"
     rig.run(4.0)
+    assert request.replies[-1] == ("done", f"clipped: yaw{changes}")
     assert rig.state["setpoint_position"][:3] == pytest.approx((1.588, 0.0, 0.24))
     assert len(rig.reports.of("warning")) == 1
 
@@ -277,7 +279,7 @@ def test_bare_arm_moves_in_seven_joints() -> None:
     rig = Rig(bare_arm()).homed()
     goal = (0.1, 0.2, 0.1, 0.3, -0.3, 0.2, 3.5)
     request = rig.send("move_jp", goal)
-    assert request.replies[0] == ("accepted", "clipped: disc_4")
+    assert request.replies[0] == ("accepted", "clipped: disc_4 3.500 → 3.002 rad")
     finish(rig, request)
     rig.step()
     assert rig.io.setpoint == pytest.approx((*goal[:6], np.radians(172)))

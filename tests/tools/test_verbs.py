@@ -229,10 +229,13 @@ def test_status_finds_stalled_and_failed_processes(played: Played) -> None:
 
 def test_attach_prints_one_page(played: Played) -> None:
     played.show_arm(state="ENABLED")
+    played.arm.field("reason")[...] = b"brakes to let go"
+    played.show_arm(state="ENABLED")
     played.events.error("x", "something broke")
+    played.events.error("y", "and another thing")
     text = run("attach", "--once", "--system", played.name).stdout
-    assert "PSM1/state" in text
-    assert "something broke" in text
+    assert "PSM1/state" in text and "brakes to let go" in text
+    assert 0 < text.index("and another thing") < text.index("something broke")  # newest first
 
 
 def answer(played: Played, how: str) -> threading.Thread:
@@ -353,7 +356,7 @@ def test_power_off_that_takes_too_long_says_so(played: Played) -> None:
 
 @pytest.mark.parametrize(("age_s", "io_age_s", "amp_on", "problem"), [
     (0.0, 0.0, False, None), (0.0, 0.0, True, "IO1 sees amplifiers that are on"),
-    (0.0, 1.0, False, "IO1: its last record is "), (2.0, 0.0, False, "its last record is "),
+    (0.0, 60.0, False, "IO1: its last record is "), (60.0, 0.0, False, "its last record is "),
     (0.0, None, False, "IO1 has not shown its state"),
 ])
 def test_power_is_off_when_io_sees_it(

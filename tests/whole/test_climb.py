@@ -15,7 +15,7 @@ class FakeArm:
     """An arm that takes its time; what it is asked for happens so many seconds later."""
 
     def __init__(self, name: str, state: str = "DISABLED", takes_s: float = 0.5) -> None:
-        self.name, self.state, self.takes_s = name, state, takes_s
+        self.name, self.state, self.takes_s, self.reason = name, state, takes_s, ""
         self.is_homed = self.is_busy = False
         self.is_fresh = True
         self.refusals: list[str] = []
@@ -85,6 +85,25 @@ def test_power_that_does_not_come_is_told_after_seven_seconds() -> None:
     stuck, fine = FakeArm("PSM1", takes_s=50.0), FakeArm("PSM2")
     climb, now = climbed(POWER_ON, stuck, fine)
     assert climb.problems == "PSM1: is still DISABLED" and fine.state == "ENABLED" and 7.0 <= now < 7.5
+
+
+def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
+    stuck = FakeArm("PSM1", "ENABLED", takes_s=500.0)
+    stuck.reason = "instrument not named"
+    climb = Climb(HOME, [stuck], SECOND, PERSON)
+    climb.step(SECOND)
+    assert climb.waiting == "waiting for PSM1 (ENABLED: instrument not named)"
+    climb.step(100 * SECOND)
+    assert climb.problems == "PSM1: is still ENABLED: waits: instrument not named"
+
+
+def test_an_arm_that_went_to_fault_tells_why() -> None:
+    broken = FakeArm("PSM1")
+    climb = Climb(POWER_ON, [broken], SECOND, PERSON)
+    climb.step(SECOND)
+    broken.state, broken.reason = "FAULT", "PSM1 axis 2 (insertion), board 6: off"
+    climb.step(2 * SECOND)
+    assert climb.problems == "PSM1: went to FAULT: PSM1 axis 2 (insertion), board 6: off"
 
 
 def test_silent_arm_is_told_and_others_go_on() -> None:

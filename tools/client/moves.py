@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 from numpy.typing import ArrayLike
@@ -9,10 +10,11 @@ from numpy.typing import ArrayLike
 from shm.client import Reply
 from shm.clock import monotonic_ns, pause
 from tools.client.values import numbers
-from tools.errors import Refused
+from tools.errors import Clipped, Refused
 from tools.remote import ENDINGS, Remote
 
 POLL_S = 0.002
+CLIPPED = "clipped: "
 
 
 class MoveHandle:
@@ -22,6 +24,8 @@ class MoveHandle:
         """`first` is the first answer to its command."""
         self._remote, self._number, self._what = remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None
+        self.clipped = first.text.removeprefix(CLIPPED) if first.text.startswith(CLIPPED) else ""
+        """Joints whose goals lay beyond their limits, from where to where: insertion 5.000 → 0.240 m. Else empty."""
 
     def is_busy(self) -> bool:
         """Whether it still moves; Refused when it ended before its goal."""
@@ -38,9 +42,12 @@ class MoveHandle:
 
 
 def move(remote: Remote, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
-    """Send a command that takes its time; Refused with the reason."""
+    """Send a command that takes its time; Refused with the reason. A goal that is clipped is warned of (`Clipped`)."""
     words = " ".join(word for word in (remote.instance, text, command) if word)
-    return MoveHandle(remote, remote.ask(command, numbers(values), text), words)
+    handle = MoveHandle(remote, remote.ask(command, numbers(values), text), words)
+    if handle.clipped:
+        warnings.warn(f"{words} was clipped: {handle.clipped}", Clipped, stacklevel=3)
+    return handle
 
 
 def until(done: Callable[[], bool], timeout: float, what: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from procs.lib.document import Actuator, Brake, Io
 from procs.lib.faults import Fault
 
 
@@ -15,6 +16,23 @@ def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
         return where
     numbers = f"board{'s' if len(boards) > 1 else ''} {', '.join(map(str, boards))}"
     return f"{where}, {numbers}" if where else numbers
+
+
+def axis_titles(io: Io) -> list[list[str]]:
+    """Of every robot its axes for people, `axis 2 (insertion)`, then its brakes; numbers are those of commands."""
+    named = {pid.robot: [axis.name.replace("_", " ") for axis in pid.axes] for pid in io.pids}
+    found = []
+    for robot in io.robots:
+        motors = len(robot.actuators)
+        names = named.get(robot.name, [""] * motors)[:motors]
+        names += [f"brake {i}" for i in range(len(robot.brakes))]
+        found.append([f"axis {i} ({name})" if name else f"axis {i}" for i, name in enumerate(names)])
+    return found
+
+
+def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
+    """The board of a motor or brake; none where there are no boards."""
+    return (drive.board_id,) if drive.board_id >= 0 else ()
 
 
 def figures(fault: Fault, value: float, limit: float, unit: str) -> str:

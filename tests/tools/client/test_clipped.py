@@ -1,0 +1,44 @@
+"""A move whose goal was clipped: on the handle, and a warning."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import pytest
+
+from shm.client import Reply
+from tools.client.moves import move
+from tools.errors import Clipped
+
+
+class FakeRemote:
+    """Answers a move: accepted, then done."""
+
+    instance = "PSM1"
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def ask(self, command: str, values: Any, text: str) -> Reply:
+        return Reply(7, "accepted", self._text)
+
+    def replies_to(self, number: int) -> list[Reply]:
+        return [Reply(number, "done", self._text)]
+
+
+def test_a_clipped_move_is_on_the_handle_and_warned_of() -> None:
+    remote: Any = FakeRemote("clipped: insertion 5.000 → 0.240 m")
+    with pytest.warns(Clipped, match=r"PSM1 move_jp was clipped: insertion 5\.000 → 0\.240 m") as caught:
+        handle = move(remote, "move_jp", (0.0, 0.0, 5.0))
+    handle.wait(1.0)
+    assert handle.clipped == "insertion 5.000 → 0.240 m" and len(caught) == 1
+
+
+def test_a_move_within_its_limits_warns_of_nothing() -> None:
+    remote: Any = FakeRemote("")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        handle = move(remote, "move_jp", (0.0, 0.0, 0.1))
+    handle.wait(1.0)
+    assert handle.clipped == ""

@@ -1,0 +1,140 @@
+"""What status says of arms and what to do first; what home waits for."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from shm.clock import monotonic_ns, pause
+from tests.tools.robot import Played, nothing_ages, robot
+from tools import cli
+from tools.arms import Climb
+from tools.processes import Life
+from tools.standing import Standing, first_thing, next_step
+
+APP = cli.build()
+NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
+OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should be on"
+
+
+@pytest.fixture
+def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+    nothing_ages(monkeypatch)
+    monkeypatch.setattr("tools.processes._stalled", lambda row, pulse: False)
+    with robot(world.name) as made:
+        yield made
+
+
+def status(played: Played, *words: str) -> Result:
+    return CliRunner().invoke(APP, ["status", *words, "--system", played.name])
+
+
+def test_status_ends_with_all_well(played: Played) -> None:
+    played.show_arm(state="ENABLED", homed=True)
+    shown = status(played)
+    assert shown.exit_code == 0 and shown.stdout.splitlines()[-1] == "all well"
+
+
+def test_arms_without_power_are_well_and_the_next_step_is_told(played: Played) -> None:
+    played.show_arm()
+    assert status(played).stdout.splitlines()[-1] == "all well; next: trocar home"
+
+
+def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(played: Played) -> None:
+    played.events.error("AMPLIFIER", OFF, "PSM1", 2, board=6, hint="check the motor cable")
+    played.events.status("PSM1: FAULT", "PSM1")
+    played.arm.field("reason")[...] = OFF.encode()
+    played.show_arm(state="FAULT")
+    shown = status(played)
+    assert shown.exit_code == 1
+    assert shown.stdout.splitlines()[-1] == f"first: {OFF}; check the motor cable. Then: trocar home PSM1"
+    (row,) = json.loads(status(played, "--json").stdout)["standings"]
+    assert (row["state"], row["homed"], row["reason"]) == ("FAULT", False, OFF)
+    assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("AMPLIFIER", 2, 6)
+
+
+def test_what_a_person_has_to_do_for_an_arm_comes_first(played: Played) -> None:
+    played.arm.field("reason")[...] = NAMED.encode()
+    played.show_arm(state="ENABLED")
+    shown = status(played)
+    assert shown.exit_code == 0 and shown.stdout.splitlines()[-1] == f"first: PSM1 waits: {NAMED}"
+
+
+def fault(name: str, code: str, stamp_ns: int) -> Standing:
+    return Standing(name, "arm", "FAULT", False, f"{name}: {code}", fault={
+        "code": code, "hint": "", "monotonic_ns": stamp_ns})
+
+
+def life(name: str, trouble: str = "") -> Life:
+    return Life(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, trouble, {})
+
+
+@pytest.mark.parametrize(("processes", "found", "first"), [
+    ([life("IO1", "dead"), life("PSM1")], [fault("PSM1", "io-silent", 5)], "IO1 is dead: trocar logs IO1"),
+    ([], [fault("PSM1", "SHARED_BOARD", 1), fault("PSM2", "AMPLIFIER", 2)],
+     "PSM2: AMPLIFIER. Then: trocar home PSM2 PSM1"),
+    ([], [fault("PSM1", "POWER_LOST", 3), fault("PSM2", "WATCHDOG", 2)], "PSM2: WATCHDOG. Then: trocar home PSM2 PSM1"),
+    ([life("PSM1")], [Standing("PSM1", "arm", "ENABLED HOMED", True)], ""),
+    ([], [Standing("A_B", "teleop", "ENABLED", None, "the operator to hold the master")], ""),
+])
+def test_the_cause_comes_before_what_follows_from_it(
+    processes: list[Life], found: list[Standing], first: str
+) -> None:
+    assert first_thing(processes, found) == first
+
+
+def test_no_next_step_while_some_arms_have_power() -> None:
+    arms = [Standing("PSM1", "arm", "DISABLED"), Standing("PSM2", "arm", "ENABLED HOMED", True)]
+    assert next_step(arms) == "" and next_step(arms[:1]) == "trocar home"
+
+
+def test_home_says_what_an_arm_waits_for(played: Played) -> None:
+    played.arm.field("reason")[...] = NAMED.encode()
+    played.show_arm(state="ENABLED")
+    stop = threading.Event()
+
+    def accept() -> None:
+        while not stop.is_set():
+            for command in played.mailbox.drain():
+                command.accept()
+            pause(0.001)
+
+    answering = threading.Thread(target=accept)
+    answering.start()
+    try:
+        shown = CliRunner().invoke(APP, ["home", "--timeout", "1.5", "--system", played.name])
+    finally:
+        stop.set()
+        answering.join()
+    assert shown.exit_code == 1
+    assert shown.stderr.splitlines().count(f"PSM1 waits: {NAMED}") == 1
+    assert NAMED in " ".join(shown.stdout.split())
+
+
+class Waiting:
+    """The record of an arm that waits."""
+
+    name, state = "PSM1", "ENABLED"
+
+    def __init__(self) -> None:
+        self.reason = ""
+
+    def text(self, field: str) -> str:
+        return self.reason
+
+
+def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
+    watch: Any = Waiting()
+    none: Any = None
+    climb, second = Climb(watch, none, none, "homed", 0.0), 10**9
+    watch.reason = "brakes to let go"
+    now = monotonic_ns()
+    assert climb.news(now) == "" and climb.news(now + second // 2) == ""
+    watch.reason = NAMED
+    told = [climb.news(now + k * second // 4) for k in range(4, 40)]
+    assert list(filter(None, told)) == [f"PSM1 waits: {NAMED}"]
