@@ -28,6 +28,8 @@ class Command:
     It stops something when its text is among `stops` ("*": any text), or its values are all 0 and `zero` is "stops".
     For stops there is always room in a mailbox; what was asked before one is not done after it. With "frees" zeros let
     go of something that a person brought up: that must not come late, but nobody needs to have asked for it.
+
+    `types` of arms that have it, none: all; others refuse it, and it is not listed for them.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Command:
     stops: tuple[str, ...] = ()
     zero: Literal["", "stops", "frees"] = ""
     level: bool = False
+    types: tuple[str, ...] = ()
 
     def is_stop(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
         """Whether it stops something and starts nothing."""
@@ -114,9 +117,12 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command("move_jr", "increment {n}", "", "move by these increments"),
         Command("move_cp", "x y z qx qy qz qw", "", "move to this tip pose, joints in a straight line"),
         Command("move_cr", "x y z qx qy qz qw", "", "move the tip by a shift and a turn about itself"),
-        Command("jaw/servo_jp", "position", "", "follow this jaw angle now"),
-        Command("jaw/move_jp", "position", "", "move the jaw to this angle"),
-        Command("jaw/servo_jf", "effort", "", "apply this jaw effort; from position control the arm goes limp"),
+        Command("jaw/servo_jp", "position", "", "follow this jaw angle now",
+                types=("PSM",)),
+        Command("jaw/move_jp", "position", "", "move the jaw to this angle",
+                types=("PSM",)),
+        Command("jaw/servo_jf", "effort", "", "apply this jaw effort; from position control the arm goes limp",
+                types=("PSM",)),
         Command("hold", "", "", "stay at the present set-point", stops=("*",)),
         Command("free", "", "", "zero efforts; gravity compensation stays"),
         Command("trajectory_j/set_ratio", "ratio", "", "speed and acceleration of moves, above 0 up to 1", moves=False),
@@ -131,13 +137,19 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                 moves=False),
         Command("actuator_to_joint_position", "position of every actuator", "", "joint positions", moves=False),
         Command("crtk_version", "", "", "version of the commands' meaning", moves=False),
-        Command("set_endoscope_type", "", "endoscope", "say which endoscope an ECM carries", moves=False),
+        Command("set_endoscope_type", "", "endoscope", "say which endoscope an ECM carries", moves=False,
+                types=("ECM",)),
         Command("lock_orientation", "qx qy qz qw, or none: as it is", "",
-                "in Cartesian effort mode: hold the orientation of a master's tip, the place stays free", zero="frees"),
-        Command("unlock_orientation", "", "", "let go of the orientation", zero="frees"),
-        Command("set_tool_type", "", "NAME:MODEL", "say which instrument is on, when asked"),
-        Command("emulate_adapter_present", "on", "", "act as if a sterile adapter were on; 0: its switch counts"),
-        Command("emulate_tool_present", "on", "", "act as if an instrument were on; 0: its switch counts"),
+                "in Cartesian effort mode: hold the orientation of a master's tip, the place stays free", zero="frees",
+                types=("MTM",)),
+        Command("unlock_orientation", "", "", "let go of the orientation", zero="frees",
+                types=("MTM",)),
+        Command("set_tool_type", "", "NAME:MODEL", "say which instrument is on, when asked",
+                types=("PSM",)),
+        Command("emulate_adapter_present", "on", "", "act as if a sterile adapter were on; 0: its switch counts",
+                types=("PSM",)),
+        Command("emulate_tool_present", "on", "", "act as if an instrument were on; 0: its switch counts",
+                types=("PSM",)),
     ),
     "suj": (
         Command("state_command", "", "enable|disable|home|unhome", "change the operating state", stops=("disable",)),

@@ -71,7 +71,7 @@ NAMELESS = Holder(0, "")
 def create_mailbox(system: str, instance: str, kind: str, make: Make = create) -> int:
     """Make the mailbox of an instance of `kind`; returns its size."""
     commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves, "stops": c.stops,
-                 "zero": c.zero == "stops"} for c in COMMANDS.get(kind, ())]
+                 "zero": c.zero == "stops", "types": c.types} for c in COMMANDS.get(kind, ())]
     info = {"kind": kind, "commands": commands}
     return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 

@@ -13,6 +13,7 @@ from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
+from tools.watch import document_of
 
 
 def send(
@@ -37,7 +38,7 @@ def send(
         raise unknown("component", component, owners)
     with Remote(name, component) as remote:
         if not command:
-            return _listed(component, remote.commands, as_json)
+            return _listed(component, _of_type(name, component, remote.commands), as_json)
         known = {str(row["name"]): row for row in remote.commands}
         if command not in known:
             raise unknown(f"command of {component}", command, known)
@@ -53,6 +54,13 @@ def send(
     else:
         raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
     return 0 if good else 1
+
+
+def _of_type(system: str, component: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those commands that an arm of this type has; of what is no arm, all."""
+    types = {arm.name: arm.type for arm in document_of(system).arms}
+    mine = types.get(component, "")
+    return [row for row in rows if not (mine and row.get("types")) or mine in row["types"]]
 
 
 def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:

@@ -18,12 +18,17 @@ from tools.systems import unknown
 
 SAID_BY_ALL = ("status", "warning", "error")
 SAID_BY_KIND = {
-    "arm": ("operating_state", "goal_reached", "tool_type", "tool_type_request", "endoscope_type", "arm_clutch",
-            "gripper/closed", "gripper/pinch", "orientation_locked"),
+    "arm": ("operating_state", "goal_reached"),
     "suj": ("operating_state",),
     "focus": ("locked", "focusing_in", "focusing_out"),
     "io": ("button", "tool_type", "operating_state"),
 }
+SAID_BY_TYPE = {
+    "PSM": ("tool_type", "tool_type_request", "arm_clutch"),
+    "ECM": ("endoscope_type", "arm_clutch"),
+    "MTM": ("gripper/closed", "gripper/pinch", "orientation_locked"),
+}
+SEEN_OF_TYPE = {"jaw": "PSM", "gripper": "MTM"}  # views of an arm that only one type has
 RECORD, EVENT = "record", "event"
 
 
@@ -94,10 +99,10 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
     rate = float(info.get("rate_hz", 0.0))
     fields = tuple(_field(row) for row in json.loads(text)["fields"])
     known = {f.name: f for f in fields}
-    kind = str(info.get("kind", ""))
+    kind, arm_type = str(info.get("kind", "")), str(info.get("type", ""))
     record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
     if ring == "events":
-        said = SAID_BY_KIND.get(kind, ()) + SAID_BY_ALL
+        said = SAID_BY_KIND.get(kind, ()) + SAID_BY_TYPE.get(arm_type, ()) + SAID_BY_ALL
         return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
     try:
         views = topic_of(kind, ring).views
@@ -107,6 +112,8 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
     for view in views:
         seen = tuple(known[name] for _, name in view.fields if name in known)
         if len(seen) < len(view.fields):  # another version's record
+            continue
+        if kind == "arm" and arm_type and SEEN_OF_TYPE.get(view.name.partition("/")[0], arm_type) != arm_type:
             continue
         if view.per:
             found += _of_each(view, instance, ring, rate, seen, dict(info.get(f"{view.per}s", {})))

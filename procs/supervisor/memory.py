@@ -9,7 +9,7 @@ import os
 import socket
 from typing import Any, Final
 
-from procs.lib.document import PACED, WALL, Cart, Io, Process, System, to_json
+from procs.lib.document import PACED, WALL, Arm, Cart, Io, Process, System, to_json
 from procs.manifest import proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -61,8 +61,13 @@ def sizes(system: System, process: Process) -> tuple[Dims, Info]:
         return {"inputs": len(row.inputs)}, {"inputs": list(row.inputs), "type": row.type}
     if process.kind in ("console", "system"):
         return _of_operation(system, process)
-    played = [arm.simulation for arm in system.arms if arm.name == process.name and arm.simulation != "NONE"]
-    return {}, {"simulation": played[0]} if played else {}
+    return {}, _of_arm(next((arm for arm in system.arms if arm.name == process.name), None))
+
+
+def _of_arm(arm: Arm | None) -> Info:
+    if arm is None:
+        return {}
+    return {"type": arm.type, **({"simulation": arm.simulation} if arm.simulation != "NONE" else {})}
 
 
 def _of_operation(system: System, process: Process) -> tuple[Dims, Info]:

@@ -1,0 +1,48 @@
+"""What an arm of one type has is not listed for another; the tables agree with what arms carry out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from shm.commands import COMMANDS
+from tests.arm.fake_io import Rig
+from tests.tools.robot import Played, robot
+from tools import cli
+
+APP = cli.build()
+
+
+@pytest.fixture
+def played(world: Any) -> Iterator[Played]:
+    with robot(world.name) as made:
+        yield made
+
+
+def listed(played: Played, *words: str) -> str:
+    result = CliRunner().invoke(APP, [*words, "--system", played.name])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_psm_lists_no_commands_of_masters_and_cameras(played: Played) -> None:
+    text = listed(played, "send", "PSM1")
+    assert "set_tool_type" in text and "jaw/move_jp" in text and "move_cp" in text
+    assert "set_endoscope_type" not in text and "lock_orientation" not in text
+
+
+def test_a_psm_lists_no_events_and_views_of_masters_and_cameras(played: Played) -> None:
+    text = listed(played, "list")
+    assert "PSM1/tool_type" in text and "PSM1/jaw/measured_js" in text and "PSM1/goal_reached" in text
+    for other in ("gripper", "endoscope_type", "orientation_locked"):
+        assert f"PSM1/{other}" not in text
+
+
+def test_the_types_of_commands_are_those_that_carry_them_out() -> None:
+    psm = Rig().arm._commands
+    for command in COMMANDS["arm"]:
+        if command.types:
+            assert (command.name in psm._rows) is ("PSM" in command.types), command.name
