@@ -37,7 +37,9 @@ def echo(
 
     Events are lines with the time of day. Exit code 1: nothing came in time.
 
-    Example: trocar echo PSM1/measured_js --once --json; trocar echo PSM1/events -n 20
+    Example: trocar echo PSM1/measured_js --once --json
+
+    Example: trocar echo PSM1/status -n 1
     """
     if once and count:
         raise Misuse("--once and --count say different things")
