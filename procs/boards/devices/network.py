@@ -1,5 +1,7 @@
 """What a board says of its network: IP address, Ethernet status and control, PHY requests, switch and debug blocks.
 
+The firmware is a released one: built without debug data, which its debug blocks say or, on V3, read as zeros.
+
 Nothing here happens by itself but the end of a PHY reset: until then the status shows no link (`linked`).
 """
 
@@ -9,14 +11,13 @@ from typing import Final
 
 from procs.boards.devices.phy import FirewirePhy, Ksz8851, Rtl8211
 from procs.lib import registers as reg
-from procs.lib import wire
 
 ETHERNET_DATA: Final = 0x4000
 FIREWIRE_DATA: Final = 0x5000
 IP_UNASSIGNED: Final = 0xFFFF_FFFF
 MULTICAST_IP: Final = 0xE000_0064  # 224.0.0.100
 SWITCH_NAME: Final = 0x3057_5345  # "ESW0" as the host has it in memory
-DEBUG_NAME: Final = 0x3047_4244  # "DBG0": no debug data; the digit is the top byte's
+NO_DEBUG_DATA: Final = 0x3047_4244  # "DBG0" as the host has it in memory
 
 # Ethernet status register
 FRAME_ERROR: Final = 1 << 28
@@ -53,17 +54,16 @@ LINK_TICKS: Final = 2000 * _MILLISECOND  # negotiation after a reset: plausible
 class Network:
     """The network side of one board."""
 
-    def __init__(self, fpga: int, firmware: int, board_id: int, node: int, *, debug: bool = False) -> None:
-        """As after power-up with the link up; `debug`: firmware built with debug data. ValueError for other FPGAs."""
+    def __init__(self, fpga: int, firmware: int, board_id: int, node: int) -> None:
+        """As after power-up with the link up. ValueError for other FPGAs."""
         if fpga not in (2, 3):
             raise ValueError(f"FPGA V{fpga}; allowed: 2 and 3")
         self.errors = 0  # bits of the status register, set by whoever sees the datagrams
         self.received = self.sent = 0  # datagrams, for the statistics
         self.others = 0  # ids of the boards beyond this one, for the statistics
-        self.generation = 0  # of the FireWire bus, for the debug data
         self.ip = IP_UNASSIGNED
         self.phy = FirewirePhy(node)
-        self._v3, self._rev_9, self._debug = fpga == 3, firmware >= 9, debug
+        self._v3, self._rev_9 = fpga == 3, firmware >= 9
         self._id, self._node = board_id, node
         self._up = _PORT_UP[9 if self._rev_9 else 8]
         self._chip = Ksz8851(board_id)
@@ -148,41 +148,16 @@ class Network:
     def _block(self, offset: int, tick: int) -> int:
         port, place = offset >> 8, offset & 0xFF
         if place >> 4 == 8:
-            return self._transfers(place & 0xF, tick)
-        if place >> 4 == 9 and not port:
-            return self._link_debug(place & 0xF)
+            return NO_DEBUG_DATA
+        if place >> 4 == 9 and not port:  # of the Ethernet chip; on V3 with Rev 9 there is none
+            return 0 if self._v3 and (self._rev_9 or place & 0xF >= 8) else NO_DEBUG_DATA
         if place >> 5 == 5 and not port and self._rev_9:
             return self._switch(tick)[place & 0x1F]
         if self._v3 and port in (1, 2) and place == 0xA0:
             return self._ports[port - 1].result(tick)
-        if self._v3 and self._rev_9:
-            if port in (1, 2) and place == 0xA1:
-                return self._resets[port - 1] << 16
-            if port == 4 and place >> 4 == 0xA and self._debug:
-                return self._real_time(place & 7)
+        if self._v3 and self._rev_9 and port in (1, 2) and place == 0xA1:
+            return self._resets[port - 1] << 16
         return 0
-
-    def _transfers(self, place: int, tick: int) -> int:
-        """Debug data of the transfers; without them every quadlet says so."""
-        if not self._debug:
-            return DEBUG_NAME
-        both = (self.received & 0x3FF) << 16 | self.received & 0x3FF
-        return {0: 2 << 24 | DEBUG_NAME, 1: tick & 0xFFFF_FFFF, 2: 0x1802_1000,  # idle, local, UDP
-                3: self._node << 26, 4: wire.HOST_ID, 6: both, 7: self.generation << 8}.get(place, 0)
-
-    def _link_debug(self, place: int) -> int:
-        """Debug data of the Ethernet chip: V2, and V3 before Rev 9."""
-        if self._v3:
-            return DEBUG_NAME if not self._rev_9 and place < 8 else 0
-        if not self._debug:
-            return DEBUG_NAME
-        return {0: 2 << 24 | DEBUG_NAME, 1: 1 << 27, 4: self.sent & 0xFF,
-                7: 1 << 24 | self.received & 0xFFFF}.get(place, 0)
-
-    def _real_time(self, place: int) -> int:
-        """Debug data of the interface between switch and transfers."""
-        return {0: 3 << 24 | DEBUG_NAME, 1: 1 << 24 | (self.received & 0xFF) << 16,
-                2: self.sent & 0xFF}.get(place, 0)
 
     def _switch(self, tick: int) -> list[int]:
         """Statistics of the Ethernet switch: ports Eth1, Eth2, processor, real-time."""

@@ -12,12 +12,12 @@ from procs.lib import registers as reg
 MS = 49152
 
 
-def v2(firmware: int = 8, *, debug: bool = False) -> Network:
-    return Network(2, firmware, 5, 1, debug=debug)
+def v2(firmware: int = 8) -> Network:
+    return Network(2, firmware, 5, 1)
 
 
-def v3(firmware: int = 9, *, debug: bool = False) -> Network:
-    return Network(3, firmware, 5, 1, debug=debug)
+def v3(firmware: int = 9) -> Network:
+    return Network(3, firmware, 5, 1)
 
 
 def status(board: Network, tick: int = 0) -> int:
@@ -201,23 +201,8 @@ def test_released_firmware_says_it_has_no_debug_data() -> None:
     assert block(v3(9), 0x4090, 16) == block(v3(9), 0x44A0, 16) == [0] * 16
 
 
-def test_debug_data_have_the_headers_the_tools_want() -> None:
-    board, old = v3(debug=True), v2(debug=True)
-    for each in (board, old):
-        each.received, each.sent, each.generation = 5, 6, 9
-        quads = block(each, 0x4080, 16)
-        assert quads[0].to_bytes(4, "little") == b"DBG2"
-        assert quads[1:] == [7, 0x1802_1000, 1 << 26, 0xFFD0, 0, 5 << 16 | 5, 9 << 8, *[0] * 8]
-        assert each.read(0x4081, 8) == 8  # the tick
-    assert board.read(0x44A0, 0).to_bytes(4, "little") == b"DBG3"
-    assert block(board, 0x44A1, 7) == [1 << 24 | 5 << 16, 6, 0, 0, 0, 0, 0]
-    assert old.read(0x4090, 0).to_bytes(4, "little") == b"DBG2"
-    assert block(old, 0x4091, 15) == [1 << 27, 0, 0, 6, 0, 0, 1 << 24 | 5, *[0] * 8]
-    assert old.read(0x44A0, 0) == 0
-
-
 def test_everything_else_reads_zero_and_swallows_writes() -> None:
-    for board in (v2(7), v2(9), v3(8), v3(9), v3(debug=True)):
+    for board in (v2(7), v2(9), v3(8), v3(9)):
         before = [board.read(address, 0) for address in range(0x4000, 0x6000)]
         for address in (0x00, 0x02, 0x4000, 0x40A0, 0x4FFF, 0x5000, 0x5200):
             board.write(address, 0xFFFF_FFFF, 0)
