@@ -204,3 +204,20 @@ def test_rows_of_a_table_are_one_an_actuator_with_4096_numbers(tmp_path: Path) -
     assert problem.key == "lookup" and "lookup[3]: 4095 entries" in problem.text
     (problem,) = _with_table(tmp_path, lambda table: table["lookup"].__setitem__(2, ["1"] * 4096))
     assert problem.key == "lookup" and "lookup[2]" in problem.text
+
+
+def test_two_consoles_with_masters_of_one_name_are_emulated(tmp_path: Path) -> None:
+    """The same master's files on two buses, as a site with two consoles has them."""
+    folder = stock.find("dvrk-site/jhu-dVRK")
+    row = {"type": "MTM", "serial": "22723", "name_on_IO": "MTML"}
+    system = {"$id": "dvrk-system.schema.json", "$version": 1,
+              "IOs": [{"name": name, "port": "udp"} for name in ("IO1", "IO2")],
+              "arms": [{"name": "MTML", "IO": "IO1", **row}, {"name": "MTML_trainee", "IO": "IO2", **row}]}
+    file = tmp_path / "system-two.json"
+    file.write_text(json.dumps(system))
+    loaded = load_system(file, search=[folder, stock.find("dvrk-share")], boards="emulated")
+    assert loaded.errors == () and loaded.system is not None
+    robots = {robot.name for io in loaded.system.emulated().ios for robot in io.robots}
+    assert {"IO1/MTML", "IO2/MTML"} <= robots and len(robots) == 4, "their grippers, too"
+    grippers = [loaded.system.emulated().arm(name).gripper for name in ("MTML", "MTML_trainee")]
+    assert [gripper.partition("/")[0] for gripper in grippers] == ["IO1", "IO2"]
