@@ -24,7 +24,7 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
     `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
     together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
     had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
-    the cores: no priority there.
+    the cores: no priority there, and no memory need be locked.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
@@ -38,7 +38,7 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
             notes.append(f"FIFO {row.priority}")
         except OSError:  # no right to it
             notes.append(NO_FIFO)
-    if locked:
+    if locked and clock == "wall":
         notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else NOT_LOCKED)
     if row.cpu is not None:
         try:

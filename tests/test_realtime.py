@@ -15,10 +15,10 @@ DEADLINE = 6
 FIFO_ASKED = Process(name="io", kind="io", period_s=1 / 1500, priority=1)
 
 
-def asked(clock: str, reserved: float) -> tuple[str, int]:
+def asked(clock: str, reserved: float, *, locked: bool = False) -> tuple[str, int]:
     """What a process says it got, and what the kernel says."""
     def child(send: Callable[[tuple[str, int]], None]) -> None:
-        notes = realtime(FIFO_ASKED, clock, locked=False, reserved=reserved)
+        notes = realtime(FIFO_ASKED, clock, locked=locked, reserved=reserved)
         send((notes, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
 
     receiver, sender = multiprocessing.Pipe(duplex=False)
@@ -46,5 +46,5 @@ def test_a_share_that_nobody_can_have_leaves_the_usual_priority() -> None:
     assert notes != "deadline" and policy != DEADLINE
 
 
-def test_in_lockstep_nobody_has_priority() -> None:
-    assert asked("lockstep", 0.8) == ("other", os.SCHED_OTHER)
+def test_in_lockstep_nobody_has_priority_or_locks_memory() -> None:
+    assert asked("lockstep", 0.8, locked=True) == ("other", os.SCHED_OTHER)

@@ -101,7 +101,7 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
             _add(group, part, stub=False)
         app.add_typer(group, name=verb.name, short_help=verb.text, rich_help_panel=panel)
         return
-    function = _stub if stub else guarded(_load(verb.door))
+    function = _stub if stub else guarded(loaded(verb.door))
     settings = {"ignore_unknown_options": True} if verb.raw else None
     app.command(verb.name, short_help=verb.text, rich_help_panel=panel, context_settings=settings)(function)
 
@@ -124,17 +124,18 @@ def _stub() -> None:
     """Stands for a verb that was not asked for."""
 
 
-def _load(door: str) -> Callable[..., Any]:
+def loaded(door: str) -> Callable[..., Any]:
+    """The function behind a verb, its module imported."""
     module, function = door.split(":")
-    loaded: Callable[..., Any] = getattr(importlib.import_module(module), function)
-    return loaded
+    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    return found
 
 
 def examples_of(verb: Verb) -> list[str]:
     """How a verb, or the verbs in it, are used, as help says it."""
     if verb.parts:
         return [example for part in verb.parts for example in examples_of(part)]
-    texts = (_load(verb.door).__doc__ or "").split("Example: ")[1:]
+    texts = (loaded(verb.door).__doc__ or "").split("Example: ")[1:]
     return [text.strip().splitlines()[0] for text in texts]
 
 

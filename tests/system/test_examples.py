@@ -9,13 +9,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
 from tests.old import config, three
 from tests.system.robot import ROOT
-from tools.cli import VERBS, examples_of
+from tools.cli import VERBS, Verb, examples_of, loaded
 
 pytestmark = pytest.mark.slow
 
@@ -103,6 +104,33 @@ def test_examples_of_help_work_on_the_demo(person: Person) -> None:
     for line in ("trocar power-off", *down):
         assert line in EXAMPLES
         person.types(line)
+
+
+JSON = {  # of the verbs that print JSON: one that works on the demo, with an arm that is homed
+    "up": "", "down": "", "demo": "", "bench": "", "commission": "",  # they start or end a system
+    "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
+    "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
+    "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
+    "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml", "convert": "convert console-PSM1.json --to .",
+    "doctor": "doctor", "power-off": "power-off PSM1",
+}
+
+
+def prints_json(verb: Verb) -> bool:
+    """Whether a verb, or one in it, takes --json."""
+    return any(map(prints_json, verb.parts)) if verb.parts else "as_json" in signature(loaded(verb.door)).parameters
+
+
+def test_json_is_one_object_a_line_for_every_verb(person: Person) -> None:
+    assert [verb.name for verb in VERBS if prints_json(verb) and verb.name not in JSON] == []
+    (person.folder / "console-PSM1.json").write_text(json.dumps({"arms": []}))
+    rows = person.types("trocar up demo.yaml --detach --json 2>/dev/null").splitlines()
+    person.types("trocar power-on; trocar home")
+    for verb in VERBS:
+        if JSON.get(verb.name):
+            rows += person.types(f"trocar {JSON[verb.name]} --json 2>/dev/null || true").splitlines()
+    rows += person.types("trocar down --json 2>/dev/null").splitlines()
+    assert len(rows) > len(JSON) and all(isinstance(json.loads(row), dict) for row in rows)
 
 
 def test_examples_of_buses_work_with_boards_on_the_desk(person: Person) -> None:
