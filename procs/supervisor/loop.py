@@ -356,7 +356,7 @@ def main() -> None:
     except SetupFailed as error:
         log.error("%s", error)
         sys.exit(1)
-    for problem in (*loaded.warnings, *loaded.errors):
+    for problem in (*loaded.errors, *loaded.warnings):  # what is in the way comes first
         log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
     if loaded.errors or loaded.system is None:
         log.error("nothing was started")

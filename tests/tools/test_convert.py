@@ -219,6 +219,7 @@ def test_a_folder_is_converted_whole_and_keeps_its_folders(tmp_path: Path) -> No
     to.mkdir()
     written(site / "io", config(three()), "sawRobotIO1394-PSM1-11111.xml")
     written(site, '{"a": 1}', "notes.json")
+    written(site, '{"arms": [{"name": "ECM", "measured_cp": []}]}', "suj-fixed.json")
     written(site, "<?xml version='1.0'?><opencv/>", "camera.xml")
     console(site, "A", arms=[CHAIN | {"io": "io/sawRobotIO1394-PSM1-11111.xml"}])
     rows = [json.loads(line) for line in run(site, "--to", to, "--json").stdout.splitlines()]

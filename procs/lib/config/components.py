@@ -11,8 +11,9 @@ KEY: Final = ("component_manager",)
 _THIRD_PARTY: Final = "docs/third-party-masters.md"
 # What the name of a component's class or library contains, in lower case, and what of ours does that job.
 _INSTEAD: Final = (
-    (("forcedimension", "sensable", "phantom", "novint", "falcon"),
+    (("forcedimension", "sensable", "phantom", "novint", "falcon", "haply", "psmove"),
      f"a program of yours in the place of an arm of type MTM_GENERIC ({_THIRD_PARTY})"),
+    (("from_ros",), f"a program of yours in the place of an arm of a _GENERIC type ({_THIRD_PARTY})"),
     (("keyboard", "joystick", "3dconnexion", "footpedal", "gamepad"),
      "emulate_clutch, emulate_camera and emulate_operator_present of a console, or a program with buttons "
      f"({_THIRD_PARTY})"),

@@ -30,12 +30,17 @@ _TELEOP_KEYS = {"psm-teleops", "ecm-teleop"}
 _INPUT_KEYS = {"console-inputs", "operator-present"}
 _BUS_KEYS = {"endoscope-focus", "custom-components", "component-manager", "io"}
 _ONLY_OLD = _TELEOP_KEYS | _INPUT_KEYS | _BUS_KEYS
+_SETUP_JOINTS = {"measured-cp", "DH", "primary-offsets", "simulated-position"}  # of their arms; no format has changed
 _ONLY_NEW = {"IOs", "consoles", "$id", "$version", "$schema"}
 
 
 def looks_like_console(data: dict[str, object]) -> bool:
-    """Whether an object is a console file: arms, and nothing that only today's files have."""
-    return not _ONLY_NEW & set(data) and ("arms" in data or bool(_ONLY_OLD & set(data)))
+    """Whether an object is a console file: arms, and nothing that only today's files, or set-up joints, have."""
+    arms = data.get("arms")
+    first = next((row for row in arms if isinstance(row, dict)), {}) if isinstance(arms, list) else {}
+    if _ONLY_NEW & set(data) or _SETUP_JOINTS & {str(key).replace("_", "-") for key in first}:
+        return False
+    return "arms" in data or bool(_ONLY_OLD & set(data))
 
 
 @dataclass(frozen=True, slots=True)
