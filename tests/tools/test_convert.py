@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from typer.testing import CliRunner, Result
 
 from procs.lib.config import check_file
+from tests import stock
 from tests.lib.test_convert_rob import TWO
 from tests.old import actuator, config, joint, pid, robot, three
 from tools import cli
@@ -228,3 +230,18 @@ def test_a_folder_is_converted_whole_and_keeps_its_folders(tmp_path: Path) -> No
     assert (to / system["arms"][0]["IO_file"]).samefile(to / "io" / "sawRobotIO1394-PSM1-11111.json")
     again = [json.loads(line) for line in run(site, "--to", to, "--json").stdout.splitlines()]
     assert [row["written"] for row in again] == [[], []], "what lies in the new folder is not old"
+
+
+def test_files_of_setup_joints_get_todays_names_and_consoles_find_them(tmp_path: Path) -> None:
+    today = stock.find("dvrk-site/jhu-daVinci/suj-ECM-1-2-3.json").read_text()
+    old = re.sub(r'"(\w+)"\s*:', lambda key: key.group().replace("_", "-").replace("SUJ", "suj"), today)
+    site, to = tmp_path / "site", tmp_path / "new"
+    site.mkdir()
+    to.mkdir()
+    written(site, old, "suj-1.json")
+    console(site, "A", arms=[{"name": "SUJ", "type": "SUJ", "simulation": "KINEMATIC", "kinematic": "suj-1.json"}])
+    done = run(site, "--to", to)
+    assert "wrote " + str(to / "suj-1.json") + ": set-up joints, Classic file, fine" in done.stdout, done.stdout
+    assert "converted: arms[0].primary-offsets → primary_offsets (today's name)" in done.stdout
+    system = json.loads((to / "system-A.json").read_text())
+    assert (system["arms"][0]["arm_file"], done.exit_code) == ("suj-1.json", 0)

@@ -85,7 +85,7 @@ class Arms:
         own = PurePosixPath(chain).suffix == ".rob" or stem in _CHAINS.get(family, ())
         if not chain or not own or not _JOINTED.match(kind):
             keys.lose("gravity-compensation", "belongs into the arm file, as gravity_compensation")
-            return chain
+            return keys.followed("kinematic", chain) if chain else ""
         new = f"{plain(f'{name}-{serial or self._system}')}.json"
         keys.converted("kinematic", chain, new, "the console named the chain itself: an arm file is made for it")
         self.files[new] = _ARM_FILES[family](keys, name, stem)

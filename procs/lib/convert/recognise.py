@@ -15,13 +15,14 @@ from procs.lib.convert.io_xml import convert_io
 from procs.lib.convert.pid_xml import convert_pid
 from procs.lib.convert.report import CONVERTED, LOST, Change, Reference, Report
 from procs.lib.convert.rob_text import convert_rob, looks_like_rob
+from procs.lib.convert.setup import convert_setup, looks_like_setup
 from procs.lib.convert.xmltext import Node, XmlError, parse_xml
 
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
 OTHER = "other"  # none of the old files, which no run over a folder needs to tell
-KINDS = "IO XML, PID XML, .rob, console*.json, arm files from before 2.4"
+KINDS = "IO XML, PID XML, .rob, console*.json, arm and SUJ files from before 2.4"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
 _JSON = re.compile(r"\s*(?:\{|//|/\*)")
@@ -139,8 +140,13 @@ def _from_arm(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
     return [Output(path.name, convert_arm(parsed, path.name, report))]
 
 
+def _from_setup(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    return [Output(path.name, convert_setup(parsed, report))]
+
+
 _Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, Report], list[Output]]]
 _READERS: tuple[_Reader, ...] = (
+    ("setup joints", looks_like_setup, _from_setup),
     ("console", looks_like_console, _from_console),
     ("arm", looks_like_arm, _from_arm),
 )
