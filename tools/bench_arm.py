@@ -26,6 +26,7 @@ from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.lib.poses import matrix_from_pose, pose_from_matrix
 from procs.supervisor import memory
 from shm.client import Client
+from tools.cleanup import Keeper
 from tools.errors import Problem
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class Bench:
         self._system = loaded.system
         self.now_ns = 1_000_000_000
         row = self._system.arms[0]
+        self._keeper = Keeper(self.name)
         memory.create_all(self._system)
         self._io_process = runtime.Me("io", self.name, row.io)
         self._arm_process = runtime.Me("arm", self.name, row.name)
@@ -89,6 +91,7 @@ class Bench:
         for process in (self._arm_process, self._io_process):
             process.close()
         memory.remove_all(self.name)
+        self._keeper.close()
 
     def send(self, name: str, values: Any = (), text: str = "") -> None:
         """A command for the arm's next cycle."""

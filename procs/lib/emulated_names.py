@@ -1,6 +1,6 @@
 """What robots and inputs are called on emulated boards: by their names, or IO/NAME where several buses have that name.
 
-One process plays the boards of all buses; two consoles may each have a robot MTML and a pedal clutch on their own bus.
+One process emulates the boards of all buses; two consoles may each have a robot MTML and a pedal clutch on their bus.
 """
 
 from __future__ import annotations

@@ -67,12 +67,16 @@ def test_a_verb_killed_with_its_supervisor_leaves_nothing(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ring", "boards"])
-def test_a_killed_measurement_leaves_no_shared_memory(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "prefix"), [("ring", "bench{}-"), ("boards", "bench{}-"), ("arm", "bench-arm-{}")])
+def test_a_killed_measurement_leaves_no_shared_memory(name: str, prefix: str, tmp_path: Path) -> None:
     folder = tmp_path / "temporary"
     folder.mkdir()
-    pid = killed(["bench", name], folder, lambda pid: any(parts[0].startswith(f"bench{pid}-") for parts in names_of()))
-    wait_for(lambda: not left(f"bench{pid}-", folder), 40, "nothing left")
+
+    def at_work(pid: int) -> bool:
+        return any(parts[0].startswith(prefix.format(pid)) for parts in names_of())
+
+    pid = killed(["bench", name], folder, at_work)
+    wait_for(lambda: not left(prefix.format(pid), folder), 40, "nothing left")
 
 
 def test_what_ends_well_needs_no_cleaning(world: World) -> None:
