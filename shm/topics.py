@@ -31,8 +31,8 @@ IO_STATE = Topic(
     rate_hz=1500,
     depth_s=3.0,
     fields=(
-        Field("valid", "?", "", "this cycle's sample arrived and decoded; false: the values are the last good ones"),
-        Field("age_ns", "<i8", "ns", "age of the last good sample when this record was written"),
+        Field("valid", "?", "", "this cycle's sample of every board arrived; false: values are the last good ones"),
+        Field("age_ns", "<i8", "ns", "age of the last good sample of every board when this was written"),
         Field("cycle", "<u8", "", "I/O cycles since start"),
         Field("read_ns", "<i8", "ns", "monotonic time when the read request went out"),
         Field("recv_ns", "<i8", "ns", "monotonic time when the last reply had been received"),
@@ -84,6 +84,8 @@ IO_STATE = Topic(
         Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
         Field("calibration_mode", "?", "", "potentiometers and currents are being calibrated: some checks are off"),
         Field("simulated", "(robots,)?", "", "KINEMATIC: there is no robot, positions are set-points; the rest is NaN"),
+        Field("robot_valid", "(robots,)?", "", "this cycle's sample of all its boards arrived: none of them is away"),
+        Field("sample_age_ns", "(robots,)<i8", "ns", "age of the last good sample of all its boards"),
         Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
         # inputs, outputs
         Field("input", "(inputs,)?", "", "debounced digital inputs, true: pressed"),

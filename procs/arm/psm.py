@@ -61,7 +61,8 @@ class Psm(Arm):
         self.tool = Fitted(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
                            always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
         self.detection = Detection(control, self._around.reading)
-        self._shown_name, self._sampled = field("tool"), self._around.field("valid")
+        self._shown_name, robot = field("tool"), self._around.robot
+        self._sampled = self._around.field("robot_valid")[robot : robot + 1].reshape(())
         self.cannula = Cannula(control)
         self._was_ready = False
         if before is None and self.detection.tool is not None:

@@ -45,7 +45,7 @@ class Readings:
         """Joint values are others than in the cycle before."""
         self._raw = b""
         self.input = field("input")
-        self.age_ns = field("age_ns")
+        self.age_ns = flag("sample_age_ns")
         self.at_limit, self.in_effort, self.encoder_set = axis("at_limit"), axis("effort_mode"), axis("encoder_set")
         self.power_wanted, self.powered, self.amps_on = flag("power_wanted"), flag("powered"), flag("amps_on")
         self.biased, self.biasing, self.bias_generation = flag("biased"), flag("biasing"), flag("bias_generation")

@@ -63,7 +63,8 @@ class BusPort:
         self._hub: discovery.Hub | None = None
         count = len(self.board_ids)
         self._make_rows(registers.AXES)
-        self.bad = np.zeros(count, np.bool_)  # boards to blame for the last bad read
+        self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
+        self.away = np.zeros(count, np.bool_)
         self.recv_ns = 0
         self.send_ns = 0
         self.counters = Counters(count)
@@ -117,6 +118,7 @@ class BusPort:
         self._nodes = ChainMap({info.board: info.node for info in boards})
         if self.board_ids:
             self._prepare(hub)
+        self.away[...] = False
         self.counters.clear()  # silent node numbers are no faults
         return boards
 
@@ -171,8 +173,8 @@ class BusPort:
             self._make_rows(width)
         self.hardware = tuple(info.hardware for info in wanted_boards)
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
-        rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, wanted, hub.board,
-                    self._query_wait_ns)
+        rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, self.away, wanted,
+                    hub.board, self._query_wait_ns)
         self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
         self._reader, self._writer = _parts(self._protocol, self._link, rows)
 
@@ -195,7 +197,7 @@ class BusPort:
         self._reader.ask()
 
     def read_all(self) -> bool:
-        """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample."""
+        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails."""
         if self._reader is None:
             raise self._not_ready()
         counters = self.counters

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
@@ -108,6 +109,11 @@ class RobotIo:
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
+        self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
+        self._whole_ns = self._good_ns
+        """When every board was last sampled."""
+        self._sampled_ns: NDArray[np.int64] = np.full(len(robots.names), self._good_ns, dtype=np.int64)
+        """When all boards of each robot were."""
         self._cycles = 0
         self._timing = Timing(io.name, io.period_s, record, self.reports, self._good_ns)
         self._strays, self._stranger, self._stranger_ns = 0, "", -STRANGER_REPEAT_NS
@@ -131,7 +137,7 @@ class RobotIo:
                 self._look(now_ns)
             else:
                 self._missed(now_ns)
-            self.record.valid[...] = good
+            self._show_validity(good, now_ns)
             self._commands.execute(commands, now_ns)
             if self.reports.trips:
                 self._reactions.act(now_ns)
@@ -175,6 +181,40 @@ class RobotIo:
             self._safety.set_encoder_zero.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
+
+    def _show_validity(self, good: bool, now_ns: int) -> None:
+        """Which robots were sampled in this cycle; those with a board that is away are told, and switched off."""
+        record, away = self.record, self._port.away
+        if not good:
+            record.valid[...] = record.robot_valid[...] = False
+        elif not (away.any() or self._away.any()):
+            record.valid[...] = record.robot_valid[...] = True
+            self._sampled_ns[...] = self._whole_ns = now_ns
+        else:
+            self._look_who_is_away(away)
+            record.robot_valid[...] = ~(self.robots.on_board & away).any(axis=1)
+            record.valid[...] = not away.any()
+            self._sampled_ns[record.robot_valid] = now_ns
+            self._whole_ns = self._whole_ns if away.any() else now_ns
+
+    def _look_who_is_away(self, away: Flags) -> None:
+        """Boards that have left the bus are faults of their robots alone; who is back is as after power-up."""
+        robots, ids = self.robots, self.robots.board_ids
+        left, back = away & ~self._away, self._away & ~away
+        self._away = away.copy()
+        # what was told already is told again to a robot that was asked to power on meanwhile
+        again = self.record.power_wanted & (self.record.fault == 0)
+        for robot, boards in enumerate(robots.on_board):
+            lacks = boards & away
+            if (boards & left).any() or (lacks.any() and again[robot]):
+                self.reports.trip(faults.BOARD_AWAY, robot,
+                                  boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
+            if (boards & back).any():
+                self._bias.forget(robot, back)
+        for row in np.flatnonzero(back).tolist():
+            self.reports.status(f"board {ids[row]} is back", self.io.name)
+        for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has inputs and outputs only
+            self.reports.warn(faults.READ_MISSED, self.io.name, boards=(ids[row],))
 
     def _missed(self, now_ns: int) -> None:
         """A bad read: tolerated for the watchdog time; nobody gets power until there is a good one."""
@@ -242,7 +282,8 @@ class RobotIo:
         record.recv_ns[...] = self._port.recv_ns
         record.write_ns[...] = self._port.send_ns
         end_ns = self._now_ns()
-        record.age_ns[...] = end_ns - self._good_ns
+        record.age_ns[...] = end_ns - self._whole_ns
+        np.subtract(end_ns, self._sampled_ns, record.sample_age_ns)
         self._timing.step(read_ns, end_ns, counters.waited_ns)
 
     def _report_stranger(self, now_ns: int) -> None:

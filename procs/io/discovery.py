@@ -15,6 +15,9 @@ PHY_PAUSE_MS: Final = 10
 FIRST_TRIES: Final = 10
 TOLD_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing
+NOWHERE: Final = 0x3E  # a node number that no board has
+PROBE_NS: Final = 1_000_000_000
+BUS_ENDS, TURNS = 2, 2  # silent nodes in a row; turns over the bus before a board is away
 RESCAN_SILENCES: Final = 2  # of nodes in one cycle: what a rescan may cost
 OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or its watchdogs trip
 
@@ -199,13 +202,21 @@ def _sample(link: Link, hub: Hub) -> bytes | None:
 
 
 class Rescan:
-    """Finds the nodes of the wanted boards again after a bus reset, a few nodes a cycle so that writes go on."""
+    """Finds the nodes of the wanted boards again after a bus reset, a few nodes a cycle so that writes go on.
 
-    def __init__(self, link: Link, nodes: dict[int, int]) -> None:
+    Nodes are numbered without gaps, so two that are silent one after the other are the end of the bus (one may be
+    waking up, or its reply was lost). A board that is not found in two turns is away, and the others go on without it;
+    the next reset, which its return brings, begins anew. As its replies may have been lost, or its device be opened
+    only later, one node is asked once a second. Without the hub nobody goes on.
+    """
+
+    def __init__(self, link: Link, nodes: dict[int, int], hub: int) -> None:
         self._link = link
-        self._nodes = nodes
+        self._nodes, self._hub = nodes, hub
         self.found: dict[int, int] = {}
-        self._node = 0
+        self.away: frozenset[int] = frozenset()
+        """Boards that were not found, once the others go on without them."""
+        self._node = self._silent = self._turns = self._probe_ns = 0
         self.active = False
 
     def start(self) -> None:
@@ -213,7 +224,7 @@ class Rescan:
         self._link.generation = self._link.seen_generation
         self._link.counters.bus_resets += 1
         self._link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 0)
-        self.found, self._node, self.active = {}, 0, True
+        self.found, self._node, self._silent, self._turns, self.active = {}, 0, 0, 0, True
 
     def advance(self) -> bool:
         """Ask further nodes; True when every board has its node again (in the map given at construction)."""
@@ -227,11 +238,41 @@ class Rescan:
                 return False
             if status is None:
                 silences += 1
-            elif registers.board_of(status) in self._nodes:
-                self.found[registers.board_of(status)] = self._node
+                self._silent += 1
+            else:
+                self._silent = 0
+                if registers.board_of(status) in self._nodes:
+                    self.found[registers.board_of(status)] = self._node
             if len(self.found) == len(self._nodes):
-                self._nodes.update(self.found)
-                self.active = False
-                return True
-            self._node = (self._node + 1) % NODES
+                return self._end()
+            self._node += 1
+            if self._silent == BUS_ENDS or self._node == NODES:
+                self._node, self._silent = 0, 0
+                self._turns += 1
+                if self._turns >= TURNS and self._hub in self.found:
+                    return self._end()
         return False
+
+    def probe(self) -> bool:
+        """Once a second ask a node for a board that is away; whether one was found."""
+        link = self._link
+        if not self.away or link.now_ns() - self._probe_ns < PROBE_NS:
+            return False
+        self._probe_ns = link.now_ns()
+        free = [node for node in range(len(self._nodes)) if node not in self.found.values()]
+        self._node = next((node for node in free if node > self._node), free[0])
+        status = link.read_quadlet(self._node, registers.STATUS, timeout_ms=link.cycle_timeout_ms, tries=1)
+        board = registers.board_of(status) if status is not None else -1
+        if board in self.away:
+            self.found[board] = self._node
+            self._end()
+        return board in self.found
+
+    def _end(self) -> bool:
+        """What was found is used from now on; always True."""
+        self.away = frozenset(self._nodes) - frozenset(self.found)
+        self._nodes.update(self.found)
+        self._nodes.update(dict.fromkeys(self.away, NOWHERE))
+        self.active = False
+        self._probe_ns = self._link.now_ns()
+        return True

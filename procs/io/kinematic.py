@@ -179,7 +179,7 @@ class KinematicIo:
         """One cycle; the caller publishes the record afterwards."""
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports
-        record.valid[...] = True
+        record.valid[...] = record.robot_valid[...] = True
         with np.errstate(all="ignore"):
             self._follow.receive(now_ns)
             self._commands.execute(commands, now_ns)

@@ -89,6 +89,8 @@ class Port(Protocol):
     """(n_boards, columns.width + 1): a command for every motor, and control, for the next write, as Rev 8 words.
 
     Control is zeroed once it is sent."""
+    away: NDArray[np.bool_]
+    """(n_boards,): boards that have left the bus: their rows stay as they were, samples of the others count."""
     recv_ns: int
     """When the last datagram of the last read arrived."""
     send_ns: int
@@ -127,7 +129,7 @@ class Port(Protocol):
         """Quadlets of one board, asked for once between two cycles; None without an answer in a cycle's time."""
 
     def read_all(self) -> bool:
-        """Sample every board into `blocks`; False (and `blocks` as it was) without a complete fresh sample.
+        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails.
 
         Asks first where nobody has."""
 

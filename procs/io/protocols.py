@@ -29,7 +29,7 @@ class Reader(Protocol):
         """Have the boards sample, where that is a step of its own."""
 
     def read(self) -> bool:
-        """True: `rows.blocks` holds a complete fresh sample."""
+        """True: `rows.blocks` holds a fresh sample of all boards but those that are away."""
 
 
 class Writer(Protocol):
@@ -44,7 +44,8 @@ class Bus:
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows = link, rows
-        self._rescan = Rescan(link, rows.nodes)
+        self._rescan = Rescan(link, rows.nodes, rows.hub)
+        self._away = self._rescan.away
 
     @property
     def is_lost(self) -> bool:
@@ -52,10 +53,8 @@ class Bus:
         return self._rescan.active
 
     def blame(self) -> bool:
-        """Note which boards were not found again so far. Always False."""
-        rows = self._rows
-        rows.bad[...] = [board not in self._rescan.found for board in rows.board_ids]
-        self._link.counters.board_bad_reads += rows.bad
+        """The nodes are not known again yet, which is no board's fault: bad are all. Always False."""
+        self._rows.bad[...] = True
         return False
 
     def settled(self) -> bool:
@@ -63,7 +62,15 @@ class Bus:
         link = self._link
         if link.seen_generation != link.generation and not link.by_board and not self._rescan.active:
             self._rescan.start()
-        return not self._rescan.active or self._rescan.advance()
+        if self._rescan.active and not self._rescan.advance():
+            return False
+        if self._rescan.away != self._away or self._rescan.probe():
+            self._away = self._rescan.away
+            self._rows.away[...] = [board in self._rescan.away for board in self._rows.board_ids]
+            if self._rows.away.all():  # there is but a hub that is none of ours
+                self._rescan.start()
+                return False
+        return True
 
 
 class QueryRead:
@@ -71,13 +78,19 @@ class QueryRead:
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows, self._bus = link, rows, Bus(link, rows)
-        self._blocks = HubBlocks(link, rows)
         self._time_mask = rows.layouts[-1].time_mask
-        self._least_wait_ns = QUERY_WAIT_NS * len(rows.board_ids)
-        self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
-        self._made_for = (-1, -1)
+        self._take_members()
+        self._made_for = (-1, -1, b"")
         self._reads: list[bytes] = []
         self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
+
+    def _take_members(self) -> None:
+        """Ask the boards that are there."""
+        rows = self._rows
+        members = np.flatnonzero(~rows.away).tolist()
+        self._blocks = HubBlocks(self._link, rows, members)
+        self._least_wait_ns = QUERY_WAIT_NS * len(members)
+        self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
 
     def ask(self) -> None:
         """Query all boards."""
@@ -86,7 +99,7 @@ class QueryRead:
         if not self._bus.settled() or not link.ready():
             return
         self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
-        if (link.generation, hub_node) != self._made_for:
+        if (link.generation, hub_node, self._rows.away.tobytes()) != self._made_for:
             self._prepare(hub_node)
         sequence = link.next_sequence()
         query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
@@ -97,9 +110,9 @@ class QueryRead:
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
-        link, now_ns, found, hub = self._link, self._link.now_ns, self._blocks, self._rows.hub
         if not self._asked:
             self.ask()
+        link, now_ns, found, hub = self._link, self._link.now_ns, self._blocks, self._rows.hub
         self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
         while now_ns() < ready_ns:
             pass
@@ -119,12 +132,13 @@ class QueryRead:
         return True
 
     def _prepare(self, hub_node: int) -> None:
-        """Read requests with every label, for this generation and hub."""
+        """Read requests with every label, for this generation, hub and boards."""
+        self._take_members()
         generation = self._link.generation
         self._control = bytes((0, generation))
         self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
                        for tl in range(wire.TL_COUNT)]
-        self._made_for = (generation, hub_node)
+        self._made_for = generation, hub_node, self._rows.away.tobytes()
 
     def _adapt_wait(self) -> None:
         """Next time, wait as long as the last board took this time, when that is longer than the rule."""
@@ -141,7 +155,7 @@ class SequentialRead:
         self._quads = [layout.read_quads for layout in rows.layouts]
         self._starts = rows.starts(self._quads)
         self._sample = np.zeros(sum(self._quads), np.uint32)
-        self._unpack = Unpack(rows, self._sample, self._starts, header=0)
+        self._unpack = Unpack(rows, self._sample, self._starts, 0, range(len(rows.board_ids)))
         self._statuses = [swapped(status) for status in statuses(rows).tolist()]
         self._board_mask = swapped(BOARD_MASK)
 
@@ -149,18 +163,19 @@ class SequentialRead:
         """Every board samples when it is read."""
 
     def read(self) -> bool:
-        """Sample board after board."""
+        """Sample board after board, but for those that are away."""
         rows, counters = self._rows, self._link.counters
         if not self._bus.settled():
             return self._bus.blame()
         dropped = counters.dropped
         for row, board in enumerate(rows.board_ids):
-            if not self._read_board(row, rows.nodes[board]):
+            if not rows.away[row] and not self._read_board(row, rows.nodes[board]):
                 rows.bad[...] = False
                 rows.bad[row] = True
                 counters.board_bad_reads[row] += counters.dropped == dropped  # else it was the bus
                 return False
         self._unpack.run()
+        rows.bad[...] = rows.away
         return True
 
     def _read_board(self, row: int, node: int) -> bool:
@@ -281,6 +296,8 @@ class SequentialWrite:
         groups.encode()
         done = True
         for row, board in enumerate(rows.board_ids):
+            if rows.away[row]:  # its node may be another's by now
+                continue
             at = groups.starts[row]
             data = bytes(groups.data[at : at + groups.sizes[row]])
             node = rows.nodes[board]

@@ -73,6 +73,8 @@ class Record:
         self.fault: NDArray[np.uint16] = field("fault")
         self.calibration_mode = field("calibration_mode")
         self.simulated: Flags = field("simulated")
+        self.robot_valid: Flags = field("robot_valid")
+        self.sample_age_ns: NDArray[np.int64] = field("sample_age_ns")
         self.board_period: Floats = field("board_period")
         self.input: Flags = field("input")
         self.output: Flags = field("output")

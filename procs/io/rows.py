@@ -30,7 +30,8 @@ class Rows:
     columns: blocks.Columns
     blocks: Quads  # (n, columns.count)
     out: Quads  # (n, columns.width + 1)
-    bad: NDArray[np.bool_]  # (n,) boards to blame for the last bad read
+    bad: NDArray[np.bool_]  # (n,) boards without a sample in the last read
+    away: NDArray[np.bool_]  # (n,) boards that have left the bus: they are not asked
     nodes: dict[int, int]  # board id to node; the hub is always in it
     hub: int  # board id
     query_wait_ns: int | None = None  # None: what the boards need
@@ -62,10 +63,10 @@ def statuses(rows: Rows) -> Quads:
 class Unpack:
     """Copies the read blocks of all boards out of a buffer, which holds them as the wire does, to `rows.blocks`."""
 
-    def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int) -> None:
-        """Blocks begin at quadlets `starts` of `raw`, each after a header of `header` quadlets."""
-        count, quads = len(rows.board_ids), [layout.read_quads for layout in rows.layouts]
-        self._alike = rows.alike and starts == sorted(starts)
+    def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int, members: Sequence[int]) -> None:
+        """Blocks of the rows `members` begin at quadlets `starts` of `raw`, each after `header` quadlets."""
+        count, quads = len(rows.board_ids), [rows.layouts[row].read_quads for row in members]
+        self._alike = rows.alike and starts == sorted(starts) and len(members) == count
         if self._alike:
             first, stride = starts[0] - header, header + quads[0]
             self._source = raw[first : first + count * stride].reshape(count, stride)[:, header:].view(BIG_QUAD)
@@ -73,8 +74,8 @@ class Unpack:
             return
         self._raw, self._flat = raw, rows.blocks.reshape(-1)
         self._from = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
-        self._to = np.concatenate([row * rows.columns.count + np.array(layout.columns(rows.columns.width))
-                                   for row, layout in enumerate(rows.layouts)])
+        self._to = np.concatenate([row * rows.columns.count + np.array(rows.layouts[row].columns(rows.columns.width))
+                                   for row in members])
         self._quads = np.zeros(len(self._from), np.uint32)
 
     def run(self) -> None:
@@ -87,33 +88,35 @@ class Unpack:
 
 
 class HubBlocks:
-    """The blocks of all boards as a hub sends them, each after a header that says which query it answers."""
+    """The blocks of boards as a hub sends them, each after a header that says which query it answers."""
 
-    def __init__(self, link: Link, rows: Rows) -> None:
-        self._link, self._rows = link, rows
-        count, first = len(rows.board_ids), rows.layouts[0]
-        self.mask_of_boards = sum(1 << board for board in rows.board_ids)
-        self.quads = [layout.hub_quads for layout in rows.layouts]
+    def __init__(self, link: Link, rows: Rows, members: Sequence[int]) -> None:
+        """Of the boards in rows `members`, at least one."""
+        self._link, self._rows, self._members = link, rows, list(members)
+        layouts = [rows.layouts[row] for row in members]
+        count, first = len(layouts), layouts[0]
+        self.mask_of_boards = sum(1 << rows.board_ids[row] for row in members)
+        self.quads = [layout.hub_quads for layout in layouts]
         self.length = 4 * (sum(self.quads) + 1)  # bytes
         self._size = self.length + wire.BLOCK_OVERHEAD_BYTES
         # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
-        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in rows.layouts],
-                               np.uint32)
+        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
         self._masked, self._expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
-        self._expected[:, 1] = statuses(rows).byteswap()
-        self._sizes = np.array([layout.header(0) for layout in rows.layouts], np.uint32).byteswap()
+        self._expected[:, 1] = statuses(rows)[self._members].byteswap()
+        self._sizes = np.array([layout.header(0) for layout in layouts], np.uint32).byteswap()
         self._sequence_bits = swapped(first.header(0xFFFF) ^ first.header(0))
         self._header = first.header
         self.order(range(count))
 
     def order(self, order: Sequence[int]) -> None:
-        """Blocks come in this order of rows."""
+        """Blocks come in this order of places among the members."""
         heads, at = [0] * len(self.quads), DATA_AT
-        for row in order:
-            heads[row] = at
-            at += self.quads[row]
+        for place in order:
+            heads[place] = at
+            at += self.quads[place]
         self._heads = np.array([(head, head + 1 + blocks.STATUS) for head in heads], np.intp)
-        self._unpack = Unpack(self._rows, self._link.rx_quads, [head + 1 for head in heads], header=1)
+        self._unpack = Unpack(self._rows, self._link.rx_quads, [head + 1 for head in heads], header=1,
+                              members=self._members)
         self.last_header_at = 4 * heads[order[-1]]
 
     def expect(self, sequence: int) -> None:
@@ -138,13 +141,15 @@ class HubBlocks:
     def take(self) -> None:
         """Copy the blocks to `rows.blocks`."""
         self._unpack.run()
+        self._rows.bad[...] = self._rows.away
 
     def blame(self) -> bool:
         """Note which blocks were not the wanted ones: wrong board, or the answer to another query. Always False."""
         counters, wrong = self._link.counters, self._masked != self._expected
-        np.any(wrong, axis=1, out=self._rows.bad)
-        counters.board_bad_reads += self._rows.bad
-        counters.board_sequence_errors += wrong[:, 0]
+        self._rows.bad[...] = self._rows.away
+        self._rows.bad[self._members] = np.any(wrong, axis=1)
+        counters.board_bad_reads[self._members] += self._rows.bad[self._members]
+        counters.board_sequence_errors[self._members] += wrong[:, 0]
         if wrong[:, 0].any():
             counters.sequence_errors += 1
         if wrong[:, 0].all():  # the reply to an earlier read
@@ -155,7 +160,7 @@ class HubBlocks:
     def blame_all(self) -> bool:
         """No board was asked. Always False."""
         self._rows.bad[...] = True
-        self._link.counters.board_bad_reads += 1
+        self._link.counters.board_bad_reads[self._members] += 1
         return False
 
     def blame_reply(self, size: int, hub: int) -> bool:
@@ -166,7 +171,7 @@ class HubBlocks:
             link.counters.stray += 1
             link.doubt()
         if size != DROPPED:  # else it was the bus
-            link.counters.board_bad_reads += 1
+            link.counters.board_bad_reads[self._members] += 1
         if size == TIMED_OUT and hub in rows.board_ids:
             link.counters.board_timeouts[rows.board_ids.index(hub)] += 1
         return False

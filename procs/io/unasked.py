@@ -19,7 +19,7 @@ class UnaskedRead:
     """One query by multicast, one reply that nobody asked for; when that is lost, hub memory is read."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
-        self._link, self._blocks = link, HubBlocks(link, rows)
+        self._link, self._blocks = link, HubBlocks(link, rows, range(len(rows.board_ids)))
         self._row_of = {board: row for row, board in enumerate(rows.board_ids)}
         self._hub, self._tl = rows.hub, 0
         self._asked = self._sent = False

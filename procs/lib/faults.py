@@ -115,6 +115,9 @@ PERIOD_LONG: Final = Fault(
 FOREIGN_DATAGRAMS: Final = Fault(
     26, "foreign-datagrams", WARNING, NOTHING, f"datagrams from {SENDER} are ignored: no controller is there",
     "find the program that sends them; on a network of their own nobody else reaches io or the controllers")
+BOARD_AWAY: Final = Fault(
+    27, "BOARD_AWAY", ERROR, POWER_OFF, "the controller has left the bus: it has no power, or its cable is out",
+    "check its supply and its cables; the other controllers are not affected; then power on and home")
 TASK_OVER_BUDGET: Final = Fault(
     31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
@@ -126,7 +129,8 @@ FAULTS: Final = (
     BAD_READS, READ_MISSED, CURRENT, SAFETY_AMP_DISABLE, TEMPERATURE, TEMPERATURE_HIGH, POTENTIOMETER, ENCODER_OVERFLOW,
     POWER_LOST, POWER_TIMEOUT, POWER_FAULT, WATCHDOG, AMPLIFIER, TRACKING, NOT_FINITE, ARM_LOST, ARM_LOST_POWER_OFF,
     BIAS_FAILED, SHARED_BOARD, POT_MISSING, CURRENT_ERROR, CALIBRATION_MODE,
-    CALIBRATION_MOTORS, PERIOD, PERIOD_LONG, FOREIGN_DATAGRAMS, TASK_OVER_BUDGET, TASK_FAILED,
+    CALIBRATION_MOTORS, PERIOD, PERIOD_LONG, FOREIGN_DATAGRAMS, BOARD_AWAY, TASK_OVER_BUDGET,
+    TASK_FAILED,
 )
 
 

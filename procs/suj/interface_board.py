@@ -60,7 +60,8 @@ class InterfaceBoard:
         self._volts = records.field("pot_voltage")[first : first + PLUGS]
         self._flags = {name: records.field(name)[place : place + 1].reshape(()) for name in (
             "power_wanted", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")}
-        self._valid, self._input = records.field("valid"), records.field("input")
+        self._input = records.field("input")
+        self._valid = records.field("robot_valid")[place : place + 1].reshape(())
         self.write_ns = records.field("write_ns")
         names = [row.name for row in io.digital_inputs]
         self._lines = np.array([names.index(name) for name in channel_inputs(robot)])

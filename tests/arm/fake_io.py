@@ -176,6 +176,7 @@ class FakeIo:
         self._control(setpoint)
         self.stamp_ns = now_ns
         self.record.set("valid", not self.blind)
+        self.record.set("robot_valid", not self.blind)
 
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:

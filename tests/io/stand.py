@@ -96,6 +96,7 @@ class FakePort:
         self.quadlets: list[tuple[int, int, int]] = []
         self.registers: dict[tuple[int, int], int] = {}
         self.lost_writes = 0
+        self.away = np.zeros(len(self.board_ids), dtype=bool)
         for row, board in enumerate(board_ids):
             self.live[row, blocks.STATUS] = 4 << 28 | board << 24
         self.live[:, blocks.TIMESTAMP] = TICKS - 1
@@ -133,7 +134,7 @@ class FakePort:
             self.counters.bad_reads += 1
             self.counters.board_bad_reads += 1
             return False
-        self.blocks[...] = self.live
+        self.blocks[~self.away] = self.live[~self.away]
         self.recv_ns = self.now_ns()
         return True
 

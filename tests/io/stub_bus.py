@@ -61,6 +61,7 @@ class StubBus:
 
     def __init__(self, boards, *, generation=3, hub=0, address="", bind="", port=0):
         self.boards = boards
+        self._mask = 0xFFFF
         self.generation = generation
         self.hub = boards[hub]
         self.address = address or own_address()
@@ -141,6 +142,7 @@ class StubBus:
             board.writes.append((request.address, request.value))
         if request.address == registers.QUERY:
             self.serial += 1
+            self._mask = request.value & 0xFFFF
             for board in self.boards:
                 if request.value >> board.board & 1:
                     self._memory[board.board] = self._hub_block(board, request.value >> 16)
@@ -156,7 +158,8 @@ class StubBus:
         return header.to_bytes(4, "big") + sample
 
     def _hub_memory(self):
-        return b"".join(self._memory[board] for board in sorted(self._memory)) + b"\x17\xf4\x1f\x08"
+        asked = (self._memory[board] for board in sorted(self._memory) if self._mask >> board & 1)
+        return b"".join(asked) + b"\x17\xf4\x1f\x08"
 
 
 def bus_of(count, firmware=8, **options):

@@ -105,12 +105,11 @@ def test_a_device_that_may_be_opened_only_later_is_opened_then():
     with FakeFirewire() as fake, fake.port() as port:
         port.discover()
         fake.take_away(3)
-        assert not port.read_all()
         fake.forbidden = {"/dev/fw13"}  # its permissions are set a moment after it has appeared
         fake.take_away(3, gone=False)
-        assert not any(port.read_all() for _ in range(8))
+        assert not any(port.read_all() and not port.away.any() for _ in range(8))
         fake.forbidden = set()
-        assert any(not select.poll().poll(10) and port.read_all() for _ in range(200))
+        assert any(not select.poll().poll(10) and port.read_all() and not port.away.any() for _ in range(400))
 
 
 def test_a_card_that_is_pulled_out_is_a_bad_cycle():

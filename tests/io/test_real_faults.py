@@ -18,7 +18,7 @@ FAULTS: tuple[tuple[str, Callable[[Incidents, Rig], None], set[str]], ...] = (
     ("supply", lambda hand, rig: hand.lose_supply("PSM1", True), {"POWER_LOST", "POWER_FAULT"}),
     ("amplifier", lambda hand, rig: hand.fail_amplifier("PSM1", 2, True), {"AMPLIFIER"}),
     ("encoder", lambda hand, rig: hand.jump_encoder("PSM1", 1, 200_000), {"POTENTIOMETER", "TRACKING"}),
-    ("board", lambda hand, rig: hand.take_away(rig.robots.board_ids[0], True), {"BAD_READS"}),
+    ("board", lambda hand, rig: hand.take_away(rig.robots.board_ids[0], True), {"BAD_READS", "BOARD_AWAY"}),
 )
 
 

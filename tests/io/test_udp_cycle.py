@@ -256,22 +256,41 @@ def test_a_bus_reset_is_followed(protocol):
         assert port.read_quadlet(3, registers.STATUS) >> 24 & 0xF == 3
 
 
-def test_a_board_lost_in_a_reset_stays_bad_and_writes_go_on(protocol):
+def test_a_board_lost_in_a_reset_is_away_and_the_others_go_on(protocol):
     with bus_of(3) as bus, port_to(bus, protocol) as port:
         port.discover()
         port._link.cycle_timeout_ms = 20  # a busy machine is no late board
+        assert eventually_reads(port)
         gone = bus.boards.pop()
         bus.generation = 4
-        assert not port.read_all()
+        kept = port.blocks[2].copy()
+        assert not port.read_all() and not port.away.any()
+        assert eventually_reads(port, tries=8)
+        assert port.away.tolist() == port.bad.tolist() == [False, False, True]
+        before = port.counters.timeouts, port.counters.dropped
+        port.blocks[:2] = 0
+        assert all(port.read_all() for _ in range(100))
+        assert (port.counters.timeouts, port.counters.dropped) == before, "the one that is away is not waited for"
+        assert (port.blocks[:, blocks.STATUS] >> 24 & 0xF).tolist() == [0, 1, 2] and (port.blocks[2] == kept).all()
         assert not port.counters.board_bad_reads.any(), "a bus reset is no board's fault"
-        assert not any(port.read_all() for _ in range(12))
-        assert port.bad.tolist() == [False, False, True]
-        assert port.counters.board_bad_reads.tolist() == [0, 0, 12]
         heard = len(bus.boards[0].commands)
         assert port.write_all()
         settle_broadcast(port, bus, heard)
         bus.boards.append(gone)
-        assert eventually_reads(port)
+        bus.generation = 5
+        assert any(port.read_all() and not port.away.any() for _ in range(50))
+
+
+def test_a_board_whose_replies_were_lost_after_a_reset_is_found_later(monkeypatch):
+    with bus_of(2) as bus, port_to(bus) as port:
+        port.discover()
+        port._link.cycle_timeout_ms = 20
+        monkeypatch.setattr("procs.io.discovery.PROBE_NS", 50_000_000)
+        gone = bus.boards.pop()
+        bus.generation = 4
+        assert eventually_reads(port) and port.away.tolist() == [False, True]
+        bus.boards.append(gone)  # no reset tells of it
+        assert any(not select.poll().poll(5) and port.read_all() and not port.away.any() for _ in range(200))
 
 
 def settle_broadcast(port, bus, heard):
