@@ -61,11 +61,11 @@ def _page(system: str, entries: list[Entry]) -> Group:
     found = standing.standings(system, processes)
     first = standing.first_thing(processes, found)
     return Group(
-        made_table(f"system {system} (q leaves)", COLUMNS, [cells(life) for life in processes], RIGHT),
-        made_table("", standing.COLUMNS, [standing.cells(one) for one in found]),
+        made_table(f"system {system} (q leaves)", standing.COLUMNS, [standing.cells(one) for one in found]),
         Text(f"first: {first}" if first else "all well"),
-        made_table("joints", ("arm", "busy", "rad, m"), list(_joints(system, entries))),
         made_table("events, newest first", ("at", "from", "event", "text"), _events(system, entries)),
+        made_table("", COLUMNS, [cells(life) for life in processes], RIGHT),
+        made_table("joints", ("arm", "busy", "rad, m"), list(_joints(system, entries))),
         made_table("topics", ("topic", "Hz", "longest ms", "trouble"), rates, ("Hz", "longest ms")),
     )
 
@@ -97,11 +97,14 @@ def _events(system: str, entries: list[Entry]) -> list[tuple[str, ...]]:
             with contextlib.suppress(SegmentError), Source(system, entry) as source:
                 found += [(int(row["monotonic_ns"]), _event(entry.instance, row))
                           for row in source.history(EVENTS_SHOWN)]
-    return [row for _, row in sorted(found, reverse=True)[:EVENTS_SHOWN]]
+    told: dict[tuple[str, ...], tuple[int, tuple[str, ...]]] = {}
+    for stamp_ns, row in sorted(found, reverse=True):
+        told[row[2:]] = stamp_ns, row  # the system repeats what others tell: who was first is shown
+    return [row for _, row in sorted(told.values(), reverse=True)[:EVENTS_SHOWN]]
 
 
 def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:
-    return time_of_day(int(row["local_ns"])), instance, kind_of(row), text_of(row)
+    return time_of_day(int(row["local_ns"])), instance, kind_of(row), text_of({**row, "hint": ""})
 
 
 @contextlib.contextmanager

@@ -32,8 +32,9 @@ def text_of(row: Mapping[str, Any]) -> str:
         return f"{row['text']}; {row['hint']}" if row.get("hint") else str(row["text"])
     if row["state"]:
         flags = [word for word, on in (("homed", row["is_homed"]), ("busy", row["is_busy"])) if on]
-        inner = "" if row["sub_state"] == row["state"] else f" ({row['sub_state']})"
-        return ", ".join([f"{row['state']}{inner}", *flags])
+        inner = "" if row["sub_state"] in (row["state"], "") else f" ({row['sub_state']})"
+        who = f"{row['component']} " if row["component"] else ""
+        return ", ".join([f"{who}{row['state']}{inner}", *flags])
     value = "" if row["value"] is None else number(float(row["value"]), "g")
     return " ".join(part for part in (str(row["component"]), str(row["text"]), value) if part)
 

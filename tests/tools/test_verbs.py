@@ -231,11 +231,13 @@ def test_attach_prints_one_page(played: Played) -> None:
     played.show_arm(state="ENABLED")
     played.arm.field("reason")[...] = b"brakes to let go"
     played.show_arm(state="ENABLED")
-    played.events.error("x", "something broke")
+    for _ in range(2):
+        played.events.error("x", "something broke")
     played.events.error("y", "and another thing")
     text = run("attach", "--once", "--system", played.name).stdout
     assert "PSM1/state" in text and "brakes to let go" in text
     assert 0 < text.index("and another thing") < text.index("something broke")  # newest first
+    assert text.count("something broke") == 1
 
 
 def answer(played: Played, how: str) -> threading.Thread:
