@@ -67,6 +67,15 @@ class Person:
             return str(problem)
         return "" if reply.outcome in ("accepted", "done") else reply.text or reply.outcome
 
+    def finish(self, instance: str, command: str, values: Sequence[float]) -> str:
+        """Give a command and wait for its end; returns why it was not carried out, empty: it was."""
+        try:
+            with Commands(self._system.name, instance, self._diary) as remote:
+                reply = remote.settled(command, values)
+        except TROUBLES as problem:
+            return str(problem)
+        return "" if reply.outcome == "done" else reply.text or reply.outcome
+
     def everything(self, word: str) -> str:
         """Ask the system for power or homing of all arms, without waiting for it."""
         self._diary.command(ROBOTS, f"system {word}")

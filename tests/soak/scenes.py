@@ -120,12 +120,22 @@ class Driven:
         refused = self._person.tell(SLAVE, "trajectory_j/set_ratio", (puppets.RATIO,))
         if refused:
             return refused
+        kind = self._chance.choice(list(self._kinds))
+        if kind == "pose" and (refused := self._centre()):
+            return refused
         try:
-            self._puppet = Puppet(self._system, self._diary, self._chance.choice(list(self._kinds)),
-                                  self._chance.randrange(1 << 30))
+            self._puppet = Puppet(self._system, self._diary, kind, self._chance.randrange(1 << 30))
         except TROUBLES as problem:
             return str(problem)
         return ""
+
+    def _centre(self) -> str:
+        """Go where poses are within reach: at its edge an arm turns instead (docs/decisions/0012-at-a-limit.md)."""
+        asking = self._diary.ask(SLAVE, "to the centre", puppets.asked("move")[0])
+        try:
+            return self._person.finish(SLAVE, "move_jp", puppets.PLACE.tolist())
+        finally:
+            asking.close()
 
     def still(self) -> None:
         """Hold, and what was asked before is over."""
