@@ -25,6 +25,10 @@ from tools.surgeon import Seen
 from tools.systems import ROOT
 
 RENEWED_S = 0.1
+SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out when the arm holds
+SETTLING_NS = round(SETTLING_S * 1e9)
+LASTS_NS = round((RENEWED_S + SETTLING_S) * 1e9)
+PUSHES = ("effort", "wrench")
 STARTING_S = 5.0
 MASTER_SHARE = 0.3
 EFFORT_MODE = 3
@@ -53,9 +57,7 @@ class Puppet:
 
     def __init__(self, system: System, diary: Diary, kind: str, seed: int) -> None:
         self.kind, self._diary = kind, diary
-        pushes = kind in ("effort", "wrench")
-        joints, tip = (SPEEDS[SLAVE], ()) if pushes else puppets.asked(kind)
-        self._asking: Asking = diary.ask(SLAVE, kind, joints, tip=tip, exact=pushes, stream=kind != "move")
+        self._asking = self._ask()
         words = [sys.executable, "-m", "tests.soak.puppets", kind, system.name, SLAVE, str(seed)]
         if kind == "joints":
             seen = Seen(system.name, SLAVE, "arm")
@@ -68,6 +70,11 @@ class Puppet:
             self.popen = subprocess.Popen(words, cwd=ROOT, stdout=said, stderr=said)
         if kind != "joints":
             wait_for(lambda: self._said.read_text() or self.popen.poll() is not None, STARTING_S)
+
+    def _ask(self) -> Asking:
+        pushes = self.kind in PUSHES
+        joints, tip = (SPEEDS[SLAVE], ()) if pushes else puppets.asked(self.kind)
+        return self._diary.ask(SLAVE, self.kind, joints, tip=tip, exact=pushes, stream=self.kind != "move")
 
     @property
     def ended(self) -> str:
@@ -82,15 +89,21 @@ class Puppet:
         self.popen.kill()
         self.popen.wait()
         if self.kind != "move":
-            self._asking.close(round(RENEWED_S * 1e9) if self.kind in ("effort", "wrench") else 0)
+            self._asking.close(LASTS_NS if self.kind in PUSHES else 0)
 
     def hold_up(self, length_s: float) -> None:
-        """SIGSTOP, and SIGCONT later. Efforts and poses that are not renewed are over soon."""
+        """SIGSTOP, and SIGCONT later. Efforts and poses that are not renewed are over soon.
+
+        What it was about to send it still sends when it goes on: one more push.
+        """
         self.popen.send_signal(signal.SIGSTOP)
         pause(min(length_s, RENEWED_S))
-        if length_s > RENEWED_S and self.kind in ("pose", "effort", "wrench"):
-            self._asking.close()
+        is_over = length_s > RENEWED_S and self.kind in ("pose", *PUSHES)
+        if is_over:
+            self._asking.close(SETTLING_NS if self.kind in PUSHES else 0)
         pause(max(0.0, length_s - RENEWED_S))
+        if is_over and self.kind in PUSHES:
+            self._ask().close(LASTS_NS)
         self.popen.send_signal(signal.SIGCONT)
 
 
