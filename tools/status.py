@@ -26,15 +26,16 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = lives(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
+    rights = lacking({life.name: life.scheduling for life in processes})
     if as_json:
         emit({"system": name, "processes": [dataclasses.asdict(life) for life in processes],
-              "standings": [dataclasses.asdict(one) for one in found], "first": first})
+              "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first})
     else:
         table(f"system {name}", COLUMNS, [cells(life) for life in processes], RIGHT)
         for life in processes:
             if remarks(life):
                 print(f" {life.name}: {remarks(life)}")
-        if rights := lacking({life.name: life.scheduling for life in processes}):
+        if rights:
             print(rights)
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         print(f"first: {first}" if first else _well(next_step(found)))

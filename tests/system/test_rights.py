@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import resource
 import subprocess
 import sys
@@ -37,6 +38,8 @@ def test_missing_rights_are_told_with_what_grants_them(robot: Robot) -> None:
             (names,) = (line.partition(lacking)[2] for line in told.splitlines() if lacking in line)
             assert {"io", "PSM1"} <= set(names.split(", "))
         assert all(line in told for line in limits_lines(user()))
+    said = json.loads(robot.trocar("status", "--json", code=None))
+    assert all(line in said["rights"] for line in limits_lines(user()))
 
 
 def test_a_system_that_got_all_it_asked_for_says_nothing_of_rights(robot: Robot) -> None:
