@@ -165,10 +165,12 @@ class Me:
         """Set-up has succeeded; whoever waits at the barrier goes on."""
         if self._mailbox is not None:  # nobody acts on what a predecessor was told
             self._mailbox.refuse_waiting(self._begun[0])
+        self.pulse.show("RUNNING")
+        if isinstance(self.clock, LockstepClock):
+            self.clock.join(self._stopped)
         self.now_ns = self.clock.now_ns()
         self._pacing.begin(self.now_ns, self.clock.simulated)
         self._pauses.begin()
-        self.pulse.show("RUNNING")
 
     def begin_anew(self) -> None:
         """After a pause, before the loop is made anew: as if the process had been killed and started again."""

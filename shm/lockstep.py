@@ -222,6 +222,12 @@ class Member(Steps):
         self.words[self._next[place]] = 0
         self._own.end()
 
+    def join(self, stopped: Callable[[], bool]) -> None:
+        """Wait until the supervisor says that time waits for us, or `stopped()`: what was before is not late."""
+        active = self._active[self._place]
+        while not self.words[active] and not stopped():
+            self._own.sleep(lambda: self.words[active] == 1, POLL_NS)
+
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool],
                     news: Callable[[], bool] = lambda: False) -> bool:
         """Say that everything due now is done, and wait until simulated time reaches the deadline, or `stopped()`, or

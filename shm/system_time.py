@@ -71,6 +71,26 @@ class SystemTime:
         self.close()
 
 
+class Patience:
+    """So long in a system's time, `slower` times as long in real time at most. A context manager."""
+
+    def __init__(self, system: str, seconds: float, slower: float = 10.0) -> None:
+        self._time = SystemTime(system)
+        self._end_ns = self._time.now_ns() + round(seconds * 1e9)
+        self._real_ns = monotonic_ns() + round(seconds * slower * 1e9)
+
+    @property
+    def is_over(self) -> bool:
+        """Nobody has to wait any longer."""
+        return self._time.now_ns() >= self._end_ns or monotonic_ns() >= self._real_ns
+
+    def __enter__(self) -> Patience:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._time.close()
+
+
 def speed_in_words(time: SystemTime) -> str:
     """Which clock, and how fast: "paced, 0.62 of real time"."""
     return "wall" if not time.simulated else f"{time.clock}, {time.speed:.2f} of real time"

@@ -101,7 +101,7 @@ def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Itera
 
     def make(file: str, name: str) -> Me:
         if not opened:
-            loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name)
+            loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name, sets=["clock=wall"])
             assert loaded.system is not None, loaded.errors
             create_all(loaded.system)
             pulse = Pulse(world.name, "supervisor", write=True)

@@ -6,7 +6,7 @@ from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.errors import Problem
-from tools.systems import is_lockstep
+from tools.systems import is_simulated
 from tools.watch import document_of, trouble_of
 
 
@@ -16,7 +16,7 @@ class Amplifiers:
     def __init__(self, system: str, name: str) -> None:
         """Attach to the record of its io, whatever that is like: who wants power off must not be kept from asking."""
         self._io, self._why = "io", ""
-        self._simulated = is_lockstep(system)
+        self._simulated = is_simulated(system)
         self._reader: RingReader | None = None
         try:
             self._attach(system, name)

@@ -15,13 +15,13 @@ from tools.amplifiers import Amplifiers
 from tools.errors import Problem, Refused
 from tools.printing import Say
 from tools.remote import Remote
-from tools.systems import is_lockstep
+from tools.systems import is_simulated
 from tools.watch import Watch, powered_names
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 LIMITS_S = {ENABLED: 7.0, HOMED: 60.0, DISABLED: 7.0}
-LOCKSTEP_SLOWER = 10.0  # simulated time may pass this much slower than real time
+SIMULATED_SLOWER = 10.0  # simulated time may pass this much slower than real time
 PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
 Tell = Callable[[str], None]
 NEXT_WORD = {ENABLED: "enable", HOMED: "home", DISABLED: "disable"}
@@ -147,7 +147,7 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
     All that it asks of them is one command: no step of it is carried out after a fault. `tell` is given what an arm
     waits for, once it has waited for a second.
     """
-    slow, whole = LOCKSTEP_SLOWER if is_lockstep(system) else 1.0, begin(system)
+    slow, whole = SIMULATED_SLOWER if is_simulated(system) else 1.0, begin(system)
     with contextlib.ExitStack() as stack:
         climbs = [
             Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),

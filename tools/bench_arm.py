@@ -62,7 +62,7 @@ class Bench:
 
     def __init__(self, file: str) -> None:
         self.name = f"bench-arm-{os.getpid()}"
-        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=self.name)
+        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=self.name, sets=["clock=wall"])
         if loaded.errors or loaded.system is None:
             raise Problem(f"{file}.yaml cannot be read: {loaded.errors}")
         self._system = loaded.system

@@ -102,7 +102,7 @@ def write_system(folder: Path, psms: int) -> Path:
 
 
 def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets), tied=True)
+    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")), tied=True)
     try:
         background.wait_until_up(_silent)
         _home_all(background.system)
@@ -113,7 +113,7 @@ def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
 
 def _part_missed(file: Path, seconds: float, *sets: str) -> float:
     """Part of the deadlines that io misses, in the first window in which it keeps nearly all, else the best one."""
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=sets), tied=True)
+    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")), tied=True)
     least = 1.0
     try:
         background.wait_until_up(_silent)

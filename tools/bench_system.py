@@ -48,7 +48,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
         sets: tuple[str, ...] = ()) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-system-{os.getpid()}"
-    background = Background(Request(system_file(file, paths), name, boards, paths, sets), tied=True)
+    background = Background(Request(system_file(file, paths), name, boards, paths, (*sets, "clock=wall")), tied=True)
     try:
         background.wait_until_up(_silent)
         begin = monotonic_ns()

@@ -60,7 +60,7 @@ Stamps = NDArray[np.int64]
 def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-teleop-{os.getpid()}"
-    background = Background(Request(SYSTEM, name, "emulated", sets=sets), tied=True)
+    background = Background(Request(SYSTEM, name, "emulated", sets=(*sets, "clock=wall")), tied=True)
     try:
         background.wait_until_up(silent)
         home(name)

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm.clock import boottime_ns, monotonic_ns, pause
+from shm.system_time import SystemTime
 from tools.errors import Problem
 from tools.printing import plain
 from tools.remote import Remote
 from tools.watch import FRESH_S, Watch
 
+STANDS_S = 10.0  # longer than it takes to start again who held it up
 Array = NDArray[np.float64]
 
 
@@ -31,8 +33,9 @@ class Tracking:
 class Follower:
     """Sends set-points to one homed arm; compares each measured sample with the row in force at its time."""
 
-    def __init__(self, watch: Watch, remote: Remote, has_jaw: bool) -> None:
-        """`watch` must have read a record: joints and names are taken from it."""
+    def __init__(self, watch: Watch, remote: Remote, has_jaw: bool, time: SystemTime) -> None:
+        """`watch` must have read a record: joints and names are taken from it. `time` is the system's."""
+        self._time = time
         self._watch, self._remote, self._has_jaw = watch, remote, has_jaw
         self._joints = watch.count
         names = [str(plain(name)) for name in watch.reader.field("names")[: self._joints].tolist()]
@@ -64,7 +67,7 @@ class Follower:
         if jaw is not None:
             self._now[n:] = jaw
             self._remote.post("jaw/servo_jp", (jaw,))
-        self._now_ns = monotonic_ns()
+        self._now_ns = self._time.now_ns()
 
     def collect(self) -> None:
         """Take in what was measured since; Problem when the arm has left ENABLED, or shows nothing any more."""
@@ -119,24 +122,32 @@ class HeldUp(Problem):
     """This program was held up for so long that it must not go on as if no time had passed."""
 
 
-def beats(rate_hz: float, count: int | None, skipped: list[int], longest_s: float = math.inf) -> Iterator[int]:
+def beats(rate_hz: float, count: int | None, skipped: list[int], longest_s: float = math.inf,
+          time: SystemTime | None = None) -> Iterator[int]:
     """Numbers of the periods as they begin, up to `count`, on absolute deadlines; late ones add to `skipped[0]`.
 
-    HeldUp where one begins more than `longest_s` later than it should after the last one.
+    HeldUp where one begins more than `longest_s` later than it should after the last one. They are those of the
+    system's `time`, None: real time; Problem where that stands still.
     """
+    simulated = time is not None and time.simulated
+    now_ns, gap_ns = (time.now_ns, time.now_ns) if time is not None and simulated else (monotonic_ns, boottime_ns)
     period_ns = 1e9 / rate_hz
-    start = monotonic_ns() + round(period_ns)
-    number, begun_ns = 0, boottime_ns()
+    start = now_ns() + round(period_ns)
+    number, begun_ns = 0, gap_ns()
     while count is None or number < count:
         deadline = start + round(number * period_ns)
-        left = deadline - monotonic_ns()
-        if left > 0:
+        left = deadline - now_ns()
+        if left > 0 and time is not None and simulated:
+            time.pause_until(deadline, STANDS_S)
+            if time.now_ns() < deadline:
+                raise Problem(f"the system's time has stood still for {STANDS_S:g} s; see trocar status")
+        elif left > 0:
             pause(left * 1e-9)
-        last_ns, begun_ns = begun_ns, boottime_ns()
+        last_ns, begun_ns = begun_ns, gap_ns()
         held_s = (begun_ns - last_ns - period_ns) * 1e-9
         if held_s > longest_s:
             raise HeldUp(f"held up for {held_s:.1f} s")
-        late = int((monotonic_ns() - deadline) // period_ns)
+        late = int((now_ns() - deadline) // period_ns)
         if count is not None:
             late = min(late, count - number)
         number += late

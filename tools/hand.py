@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from procs.lib.document import from_json
 from shm import directory
-from shm.clock import monotonic_ns, pause
+from shm.clock import pause
+from shm.system_time import Patience
 from tools.errors import Problem
 from tools.remote import Remote
 from tools.surgeon import Seat, Seen, Teleop
@@ -33,6 +34,7 @@ class Hand:
 
     def __init__(self, system: str, seat: Seat, teleop: Teleop) -> None:
         document = from_json(directory.document(system))
+        self._system = system
         self._seat, self._teleop, self.master = seat, teleop, teleop.masters[0]
         self._gripper = document.arm(self.master).gripper
         row = next(console for console in document.consoles if console.name == seat.console.name)
@@ -74,11 +76,11 @@ class Hand:
 
     def _until(self, reason: str, seconds: float) -> None:
         """Until that alone is waited for; "": until it follows."""
-        end = monotonic_ns() + round(seconds * 1e9)
-        while not (self._teleop.is_following if not reason else self._is_next(reason)):
-            if monotonic_ns() >= end:
-                raise Problem(f"after {seconds:g} s {self._teleop.told}")
-            pause(BEATS_S)
+        with Patience(self._system, seconds) as patience:
+            while not (self._teleop.is_following if not reason else self._is_next(reason)):
+                if patience.is_over:
+                    raise Problem(f"after {seconds:g} s {self._teleop.told}")
+                pause(BEATS_S)
 
     def _is_next(self, reason: str) -> bool:
         return self._teleop.is_following or str(self._teleop.value("reason")).startswith(f"waiting: {reason}")

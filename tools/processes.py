@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from procs.lib.document import Process, from_json
-from procs.manifest import late_s
+from procs.manifest import hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
 from shm.segment import Segment, SegmentError, segment_name
 from tools.printing import number, plain
-from tools.systems import alive, is_lockstep
+from tools.systems import alive, is_simulated
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
@@ -59,7 +59,7 @@ class Life:
 def lives(system: str) -> list[Life]:
     """Every process of a system, the supervisor first."""
     ledger, rows = _ledger(system), _rows(system)
-    simulated = is_lockstep(system)
+    simulated = is_simulated(system)
     found = []
     for name in directory.instances(system):
         try:
@@ -117,7 +117,6 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row:
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(pulse.get("heartbeat_ns"))
-    wall = not simulated or name == "supervisor"
     shown = SHOWN_OF_OTHERS.get(state, state) if kind == EXTERNAL else state
     return Life(
         name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
@@ -126,25 +125,25 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row:
         **counts,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(pulse.get("policy"))),
-        silent_s=(monotonic_ns() - beat) * 1e-9 if wall and beat else None,
-        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, pulse, wall), statistics=statistics,
+        silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
+        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, pulse, simulated), statistics=statistics,
     )
 
 
-def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, wall: bool) -> str:
+def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, simulated: bool) -> str:
     if state == "FAILED":
         return f"failed: {plain(pulse.get('error'))}"
     if not lives_on:
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
-    if state == "RUNNING" and wall and _stalled(row, pulse):
+    if state == "RUNNING" and _stalled(row, pulse, simulated):
         return "silent" if row.kind == EXTERNAL else "stalled"
     return ""
 
 
-def _stalled(row: Process, pulse: Pulse) -> bool:
+def _stalled(row: Process, pulse: Pulse, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
-        late_ns = late_s(row) * 1e9
+        late_ns = (hung_s(row) if simulated else late_s(row)) * 1e9  # nobody is late there, see supervisor
     except KeyError:
         return False
     beat = int(pulse.get("heartbeat_ns"))

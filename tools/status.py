@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from procs.rights import lacking
+from shm.system_time import WALL, SystemTime, speed_in_words
 from tools import standing
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
@@ -26,12 +27,15 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = lives(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
-    rights = lacking({life.name: life.scheduling for life in processes})
+    with SystemTime(name) as time:
+        clock, speed, said = time.clock, time.speed, speed_in_words(time)
+    rights = lacking({life.name: life.scheduling for life in processes}) if clock == WALL else ""
     if as_json:
-        emit({"system": name, "processes": [dataclasses.asdict(life) for life in processes],
+        emit({"system": name, "clock": clock, "speed": speed,
+              "processes": [dataclasses.asdict(life) for life in processes],
               "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first})
     else:
-        table(f"system {name}", COLUMNS, [cells(life) for life in processes], RIGHT)
+        table(f"system {name}, clock {said}", COLUMNS, [cells(life) for life in processes], RIGHT)
         for life in processes:
             if remarks(life):
                 print(f" {life.name}: {remarks(life)}")

@@ -10,6 +10,7 @@ import typer
 from procs.lib.document import Tool
 from procs.lib.paths import given_file, not_found
 from shm.client import begin
+from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem
 from tools.following import Follower, HeldUp, beats
 from tools.options import JsonOption, SystemOption
@@ -43,7 +44,8 @@ def stream(
     if not given.is_file():
         raise Misuse(f"{file}: {not_found(file)}")
     arm_names(name, [arm])
-    with Watch(name, arm) as watch, Remote(name, arm) as remote, progress(f"stream {file.name}") as say:
+    with (SystemTime(name) as time, Watch(name, arm) as watch, Remote(name, arm) as remote,
+          progress(f"stream {file.name}") as say):
         if not watch.look() or watch.state != "ENABLED" or not watch.homed:
             raise Problem(f"{arm} is not homed; first: trocar home {arm}")
         has_jaw = watch.flag("has_jaw")
@@ -52,9 +54,9 @@ def stream(
             note(text)
         remote.on_behalf(begin(name))  # the move to the first row and the stream are one command
         _approach(remote, rows, say)
-        follower = Follower(watch, remote, rows.jaw is not None)
+        follower = Follower(watch, remote, rows.jaw is not None, time)
         count = len(rows) if not seconds else min(len(rows), round(seconds * rate))
-        skipped = _follow(follower, rows, rate, count, say)
+        skipped = _follow(follower, rows, rate, count, time, say)
     result = _result(arm, follower, rate, count, skipped, cut)
     emit(result) if as_json else _show(result, follower)
     if follower.refused:
@@ -89,11 +91,11 @@ def _approach(remote: Remote, rows: Setpoints, say: Say) -> None:
             raise Problem(f"{remote.instance}: the move to the first row was {reply.outcome}: {reply.text}")
 
 
-def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, say: Say) -> int:
+def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, time: SystemTime, say: Say) -> int:
     """Send the rows; returns how many were skipped because their time had passed. Problem after too long a gap."""
     skipped = [0]
     try:
-        for k in beats(rate, count, skipped, LONGEST_GAP_S):
+        for k in beats(rate, count, skipped, LONGEST_GAP_S, time):
             follower.collect()
             follower.send(rows.position[k], rows.velocity[k] if rows.velocity is not None else None,
                           float(rows.jaw[k]) if rows.jaw is not None else None)

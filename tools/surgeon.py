@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from shm import directory
 from shm.client import Client
-from shm.clock import monotonic_ns, pause
+from shm.clock import pause
+from shm.system_time import Patience
 from tools.errors import Problem
 from tools.printing import plain
 from tools.remote import Remote
@@ -60,7 +61,7 @@ class Seat:
     """One console with its tele-operations; a context manager."""
 
     def __init__(self, system: str, console: str) -> None:
-        self._stack = contextlib.ExitStack()
+        self._stack, self._system = contextlib.ExitStack(), system
         self.console = Seen(system, console, "console")
         self._stack.callback(self.console.ring.close)
         self._remote = self._stack.enter_context(Remote(system, console))
@@ -91,11 +92,11 @@ class Seat:
 
     def wait(self, seconds: float = PATIENCE_S) -> None:
         """Until all that should follow do; Problem says what keeps them."""
-        end = monotonic_ns() + round(seconds * 1e9)
-        while waiting := [teleop for teleop in self.expected() if not teleop.is_following]:
-            if monotonic_ns() >= end:
-                raise Problem(f"after {seconds:g} s {'; '.join(teleop.told for teleop in waiting)}")
-            pause(POLL_S)
+        with Patience(self._system, seconds) as patience:
+            while waiting := [teleop for teleop in self.expected() if not teleop.is_following]:
+                if patience.is_over:
+                    raise Problem(f"after {seconds:g} s {'; '.join(teleop.told for teleop in waiting)}")
+                pause(POLL_S)
 
     def try_all(self) -> list[str]:
         """Have every tele-operation follow for once, then those that did before; the names of all that followed."""

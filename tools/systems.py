@@ -80,7 +80,7 @@ def forbidden(system: str) -> str:
     return f"not permitted: system {system} belongs to {owner}; {hint}" if owner else ""
 
 
-def is_lockstep(system: str) -> bool:
+def is_simulated(system: str) -> bool:
     """Whether the system runs on simulated time."""
     return (system, SUPERVISOR, "clock") in names_of(system)
 

@@ -11,7 +11,7 @@ import typer
 
 from tools.errors import Misuse
 from tools.logs import tail
-from tools.options import JsonOption
+from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, progress
 from tools.supervising import Background, Request, refuse_taken
 from tools.systems import ROOT, environment, system_file
@@ -27,6 +27,7 @@ def up(
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     calibration: Annotated[bool, typer.Option(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
+    clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after so many seconds.")] = None,
     sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it is up, leave it running.")] = False,
@@ -41,7 +42,7 @@ def up(
         raise Misuse(f"--boards {boards}: allowed is emulated")
     if file is None:
         file, boards = DEMO, boards or "emulated"
-    values = (*(sets or ()), *(["calibration_mode=true"] if calibration else []))
+    values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
     request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
     if not detach:
         refuse_taken(system)

@@ -16,7 +16,7 @@ from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.printing import plain
-from tools.systems import is_lockstep
+from tools.systems import is_simulated
 from tools.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
@@ -33,7 +33,7 @@ class Source:
     def __init__(self, system: str, entry: Entry, reader: RingReader | None = None) -> None:
         """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
         self.entry = entry
-        self._simulated = is_lockstep(system)
+        self._simulated = is_simulated(system)
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
@@ -45,7 +45,7 @@ class Source:
 
     @property
     def age_s(self) -> float:
-        """Age of the record last read; 0 in lock-step, whose stamps are simulated."""
+        """Age of the record last read; 0 where time is simulated, and stamps are."""
         return 0.0 if self._simulated else (monotonic_ns() - self.stamp_ns) * 1e-9
 
     @property

@@ -15,7 +15,7 @@ from shm.ring import RingReader
 from tools.errors import Problem
 from tools.messages import text_of
 from tools.printing import plain
-from tools.systems import instances_of_kind, is_lockstep, unknown
+from tools.systems import instances_of_kind, is_simulated, unknown
 from tools.topics import writer_gone
 
 FRESH_S = 0.2  # an older record tells nothing of what is now
@@ -72,11 +72,11 @@ class Watch:
         self.reader: RingReader = directory.reader(system, name, "state", kind)
         self._events: RingReader = directory.reader(system, name, "events", kind)
         self._since = self._events.head
-        self._simulated = is_lockstep(system)
+        self._simulated = is_simulated(system)
 
     @property
     def age_s(self) -> float:
-        """Age of the record last read; 0 in lock-step, whose stamps are simulated."""
+        """Age of the record last read; 0 where time is simulated, and stamps are."""
         return age_of(self.reader, self._simulated)
 
     def look(self) -> bool:
@@ -147,7 +147,7 @@ class Watch:
 
 
 def age_of(reader: RingReader, simulated: bool) -> float:
-    """Age of the record last read, s; 0 in lock-step, whose stamps are simulated."""
+    """Age of the record last read, s; 0 where time is simulated, and stamps are."""
     return 0.0 if simulated else (monotonic_ns() - reader.stamp_ns) * 1e-9
 
 

@@ -17,7 +17,7 @@ from types import FrameType
 
 from procs import lifecycle
 from procs.lib.config import load_system
-from procs.lib.document import WALL, Process, System
+from procs.lib.document import LOCKSTEP, PACED, WALL, Process, System
 from procs.lib.paths import log_folder
 from procs.manifest import hung_s, late_s, proc
 from procs.realtime import realtime
@@ -39,6 +39,8 @@ from shm.segment import Make, SegmentError
 
 BEAT_S = 0.02
 BARRIER_S = 60.0
+CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
+          PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
 ASKING_LONGER = 1.5  # in simulated time io waits for the boards' reply: they are judged first
 BUS_PORT = 1394
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -137,7 +139,8 @@ class Supervisor:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
         self.pulse.show("RUNNING")
         self._show()
-        if rights := lacking({child.row.name: bytes(child.pulse.get("policy")).decode() for child in self.children}):
+        policies = {child.row.name: bytes(child.pulse.get("policy")).decode() for child in self.children}
+        if self.keeper is None and (rights := lacking(policies)):  # simulated time needs none
             log.warning("%s", rights)
 
     def _all_up(self, children: list[Child]) -> bool:
@@ -367,6 +370,7 @@ def main() -> None:
 def _run(system: System, seconds: float | None) -> int:
     for note in system.notes:
         log.info("%s", note)
+    log.info("clock: %s", CLOCKS[system.clock])
     try:
         with supervised(system) as supervisor:
             log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)

@@ -10,6 +10,7 @@ from tests import stock
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
 
+CLOCK = "clock: wall, because third-party programs do not wait for simulated time: MTMR"
 FALCON = {"name": "MTMR", "type": "MTM_GENERIC", "component": "Falcon", "interface": "Arm"}
 PSM = next(arm for arm in ARMS if arm["name"] == "PSM1")
 
@@ -36,7 +37,7 @@ def test_a_generic_master_has_a_place_and_its_teleop_starts(home: Home) -> None:
     assert system.externals == (External("MTMR", "MTM_GENERIC"),)
     assert [row.name for row in system.arms] == ["PSM1"]
     assert system.process("MTMR").kind == "external" and system.process("MTMR_PSM1").kind == "teleop"
-    assert not [note for note in system.notes if "MTMR" in note]
+    assert [note for note in system.notes if "MTMR" in note] == [CLOCK]
     assert document.from_json(document.to_json(system)) == system
 
 
@@ -96,6 +97,7 @@ def test_wrong_components_stop_the_start(home: Home, given: tuple[str, str], key
     assert error.key == key and says in error.text and error.line > 1
 
 
-def test_a_program_of_somebody_else_does_not_wait_for_simulated_time(home: Home) -> None:
-    (error,) = home.load_made({"arms": [FALCON, PSM], "trocar": {"clock": "lockstep"}}).errors
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_a_program_of_somebody_else_does_not_wait_for_simulated_time(home: Home, clock: str) -> None:
+    (error,) = home.load_made({"arms": [FALCON, PSM], "trocar": {"clock": clock}}).errors
     assert error.key == "trocar.clock" and "MTMR" in error.text

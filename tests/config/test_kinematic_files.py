@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,10 +151,26 @@ def test_period_is_the_shortest_asked_for_unless_said_otherwise(home: Home) -> N
     assert period({"PID_period": 0.001}, processes={"io": {"period_s": 0.002}}) == 0.002
 
 
-def test_lockstep_needs_emulated_boards_only_where_there_is_a_bus(home: Home) -> None:
-    assert home.load_made({"arms": [ARM], "trocar": {"clock": "lockstep"}}).errors == ()
-    mixed = home.load_made({"IOs": [BUS], "arms": [REAL, ARM], "trocar": {"clock": "lockstep"}})
+@pytest.mark.parametrize("clock", ["paced", "lockstep"])
+def test_simulated_time_needs_emulated_boards_only_where_there_is_a_bus(home: Home, clock: str) -> None:
+    assert home.load_made({"arms": [ARM], "trocar": {"clock": clock}}).errors == ()
+    mixed = home.load_made({"IOs": [BUS], "arms": [REAL, ARM], "trocar": {"clock": clock}})
     assert [problem.key for problem in mixed.errors] == ["trocar.clock"]
+
+
+@pytest.mark.parametrize(("content", "trocar", "clock"), [
+    ({"arms": [ARM]}, {}, "paced"),
+    ({"arms": [ARM]}, {"clock": "wall"}, "wall"),
+    ({"IOs": [BUS], "arms": [REAL, ARM]}, {}, "wall"),
+    ({"IOs": [BUS], "arms": [REAL, ARM]}, {"boards": "emulated"}, "paced"),
+    ({"IOs": [BUS], "arms": [REAL, ARM]}, {"boards": "emulated", "clock": "lockstep"}, "lockstep"),
+])
+def test_what_is_not_real_is_paced_unless_a_clock_is_stated(
+    home: Home, content: dict[str, Any], trocar: dict[str, str], clock: str
+) -> None:
+    loaded = home.load_made({**content, "trocar": trocar})
+    assert loaded.system is not None and loaded.system.clock == clock, loaded.errors
+
 
 
 def test_newcomers_file_needs_no_other_files() -> None:

@@ -222,6 +222,20 @@ def test_the_page_says_what_real_time_belongs_to_it(world: Any, keeper: Make) ->
     clock.close()
 
 
+def test_who_joins_waits_until_time_waits_for_it(world: Any, keeper: Make) -> None:
+    time_ = keeper("A")
+    clock = LockstepClock(world.name, "A")
+    looks = iter((False, False, True))
+
+    def stopped() -> bool:
+        time_.admit(["A"])
+        return next(looks)
+
+    clock.join(stopped)
+    assert next(looks) is False, "admitted after the first look"
+    clock.close()
+
+
 def test_who_is_no_member_is_refused(world: Any, keeper: Make) -> None:
     keeper("A")
     with pytest.raises(SegmentError, match="gui is no member"):

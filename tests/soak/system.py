@@ -50,7 +50,7 @@ class System:
 
     def start(self) -> None:
         """`up`, and the witness beside it; Problem when it does not come up."""
-        self._background = Background(Request(FILE, self.name, "emulated"), tied=True)
+        self._background = Background(Request(FILE, self.name, "emulated", sets=("clock=wall",)), tied=True)
         self._background.wait_until_up(lambda text, fraction: None)
         self.document = from_json(directory.document(self.name))
         self.records.append(self.folder / f"truth-{len(self.records)}.bin")

@@ -42,7 +42,9 @@ class Robot:
         self.pids: set[int] = set()
 
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
-        """`trocar up FILE …`, and wait until everything runs."""
+        """`trocar up FILE …` on the wall clock unless options name another one, and wait until everything runs."""
+        if "--clock" not in options and not any(option.startswith("clock=") for option in options):
+            options = (*options, "--clock", "wall")
         command = [sys.executable, "-m", "tools", "up", str(file), "--system", self.name, *options]
         with (self.logs / "supervisor.txt").open("a") as out:
             self.supervisor = subprocess.Popen(

@@ -47,7 +47,7 @@ exit $code
 @pytest.fixture
 def system(world: Any) -> System:
     """The demo's document under this world's name."""
-    loaded = load_system(DEMO, name=world.name)
+    loaded = load_system(DEMO, name=world.name, sets=["clock=wall"])
     assert loaded.system is not None
     return loaded.system
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shm.system_time import SystemTime
 from tests.tools.robot import Played, nothing_ages, robot
 from tools import following
 from tools.errors import Problem
@@ -114,7 +115,7 @@ def test_samples_are_compared_with_the_row_in_force(played: Played) -> None:
     played.show_arm(9.0, "ENABLED", homed=True)
     with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
         watch.look()
-        follower = Follower(watch, remote, True)
+        follower = Follower(watch, remote, True, SystemTime(""))
         played.show_arm(5.0, "ENABLED", homed=True)  # before the first row: not compared
         follower.send(np.full(6, 1.0), np.zeros(6), 1.0)
         played.show_arm(1.5, "ENABLED", homed=True)
@@ -132,7 +133,7 @@ def test_following_ends_when_the_arm_faults(played: Played) -> None:
     played.show_arm(0.0, "ENABLED", homed=True)
     with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
         watch.look()
-        follower = Follower(watch, remote, False)
+        follower = Follower(watch, remote, False, SystemTime(""))
         played.events.error("watchdog", "the boards cut the amplifiers")
         played.show_arm(0.0, "FAULT")
         with pytest.raises(Problem, match="FAULT: the boards cut"):

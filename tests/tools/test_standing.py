@@ -25,7 +25,7 @@ OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should 
 @pytest.fixture
 def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
     nothing_ages(monkeypatch)
-    monkeypatch.setattr("tools.processes._stalled", lambda row, pulse: False)
+    monkeypatch.setattr("tools.processes._stalled", lambda row, pulse, simulated: False)
     with robot(world.name) as made:
         yield made
 

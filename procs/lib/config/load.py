@@ -35,6 +35,7 @@ from procs.lib.config.validate import validate
 from procs.lib.paths import PROJECT_CONFIGS
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_SIMULATED = (document.PACED, document.LOCKSTEP)
 _OLD_KEYS = {"arms", "console", "io", "psm-teleops", "ecm-teleop", "suj"}
 _SYSTEM_ID = "dvrk-system.schema.json"
 
@@ -106,7 +107,7 @@ def _load(
     emulated = (boards or options.boards) == "emulated"
     if boards not in (None, "real", "emulated"):
         context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
-    if options.clock == "lockstep" and content.IOs and not emulated:
+    if options.clock in _SIMULATED and content.IOs and not emulated:
         context.error(source, (SECTION, "clock"), "real boards don't wait", "wall, or emulated boards (--boards)")
     buses = load_buses(context, source, content, emulated=emulated)
     add_devices(context, source, content, buses)
@@ -118,7 +119,7 @@ def _load(
     carts = load_carts(context, source, content, buses, options, emulated)
     check_buses(context, buses)
     externals = load_externals(context, source, content)
-    if options.clock == "lockstep" and externals:
+    if options.clock in _SIMULATED and externals:
         text = f"{', '.join(row.name for row in externals)}: somebody else's program does not wait for us"
         context.error(source, (SECTION, "clock"), text, "wall")
     running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
@@ -244,7 +245,7 @@ def _assemble(
     return document.System(
         name=system_name,
         source=str(source.path),
-        clock=options.clock,
+        clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.externals),
         ios=ios,
         arms=arm_rows,
         emulation=emulation,
@@ -261,6 +262,18 @@ def _assemble(
         service_user=options.service_user,
         notes=tuple(dict.fromkeys(context.notes)),
     )
+
+
+def _usual_clock(context: Context, ios: tuple[document.Io, ...], carts: tuple[document.Cart, ...], emulated: bool,
+                 externals: tuple[document.External, ...]) -> str:
+    """The clock where none is stated: what is not real waits for a busy machine."""
+    if not emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
+        return document.WALL
+    if externals:
+        names = ", ".join(row.name for row in externals)
+        context.notes.append(f"clock: wall, because third-party programs do not wait for simulated time: {names}")
+        return document.WALL
+    return document.PACED
 
 
 def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection) -> document.Io:

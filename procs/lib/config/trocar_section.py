@@ -65,7 +65,7 @@ class ArmOptions(Section):
 class TrocarSection(Section):
     """The whole section."""
 
-    clock: Literal["wall", "paced", "lockstep"] = "wall"
+    clock: Literal["wall", "paced", "lockstep"] | None = None
     boards: Literal["real", "emulated"] = "real"
     calibration_mode: bool = Field(default=False, description="checks that calibration needs off are off")
     group: Account = Field(default="", description="a group of this machine")
