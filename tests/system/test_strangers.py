@@ -90,7 +90,7 @@ def test_replies_of_strangers_change_nothing(several: Robot, records: Records) -
     assert float(rows["valid"].mean()) > 0.9
     texts = [bytes(row["text"]).rstrip(b"\0").decode() for row in events.since(begun_ns)]
     (text,) = [text for text in texts if "are ignored" in text]
-    assert text.startswith(f"datagrams from 127.0.0.1:{sent_from} are ignored")
+    assert text.startswith(f"IO1: datagrams from 127.0.0.1:{sent_from} are ignored")
 
 
 def test_boards_that_stood_still_are_heard_again(several: Robot, records: Records) -> None:
