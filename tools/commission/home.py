@@ -15,6 +15,7 @@ from tools.commission.window import Window
 from tools.errors import Problem
 
 LOOK_S: Final = 1.0
+MASTER: Final = "MTM"
 
 
 def run(bench: RunningBench) -> Outcome:
@@ -63,7 +64,10 @@ def judge(window: Window, subject: Subject) -> list[Finding]:
             found.append(Finding(subject.where(axis), f"its potentiometer is {apart[axis]:+.4f} {subject.unit(axis)} "
                                  "off its encoder at home", f"{row.distance:g} {subject.unit(axis)}",
                                  "calibrate its potentiometer (stage calibrate)"))
-    for field, what in (("limits_enforced", "position limits"), ("tracking_check", "the check of tracking errors")):
+    checks = [("limits_enforced", "position limits")]
+    if subject.kind != MASTER:  # a hand moves it off its set-point
+        checks.append(("tracking_check", "the check of tracking errors"))
+    for field, what in checks:
         if not window.flags(field, subject)[-1]:
             found.append(Finding(subject.whole(), f"{what}: off", "on", "tell us: a homed arm has them on"))
     return found

@@ -109,6 +109,7 @@ def judge_arrival(subject: Subject, goal: Floats, measured: Floats, names: list[
     for joint, name in enumerate(names[: len(goal)]):
         slides = joint < len(subject.robot.actuators) and subject.slides(joint)
         near, unit = (ARRIVES_M, "m") if slides else (ARRIVES_RAD, "rad")
+        near += subject.deadband[joint] if joint < len(subject.deadband) else 0.0
         if not abs(measured[joint] - goal[joint]) <= near:
             found.append(Finding(f"{subject.name} {name}", f"{measured[joint]:.4f} {unit} instead of "
                                  f"{goal[joint]:.4f}", f"{near:g} {unit} off at most",

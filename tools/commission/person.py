@@ -39,9 +39,10 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """Press a button and let go of it."""
+    """Press a button and let go of it; one that is pressed already the other way round."""
 
     name: str
+    pressed: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,10 +60,12 @@ class Played:
             case Squeeze(subject, closed):
                 self._order("place", (CLOSED if closed else OPEN,), subject.name)
                 yield from (None for _ in range(WAITS))
-            case Press(name):
-                self._order("press", (1.0,), name)
-                yield from (None for _ in range(WAITS))
-                self._order("press", (0.0,), name)
+            case Press(name, pressed):
+                self._order("press", (float(pressed),), name)
+                try:
+                    yield from (None for _ in range(WAITS))
+                finally:  # also when nobody looks any more
+                    self._order("press", (float(not pressed),), name)
                 yield from (None for _ in range(WAITS))
             case Stop(pressed):
                 self._order("emergency_stop", (float(pressed),), "")
@@ -107,3 +109,9 @@ class AtBoards(Played):
         """Detach."""
         self._remote.close()
         self._reader.close()
+
+    def __enter__(self) -> AtBoards:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

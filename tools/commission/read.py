@@ -213,12 +213,14 @@ def _buttons(bench: Bench, outcome: Outcome) -> None:
     for name in dict.fromkeys(subject.io for subject in bench.subjects):
         for place, row in enumerate(bench.document.io(name).digital_inputs):
             parts = [bench.sample(name, LOOK_S)]
-            for _ in bench.person.doing(Press(row.name), f"Press {row.name} and let go (Enter: leave it out)."):
+            before = bool(parts[0].fields["input"][-1, place])
+            how = "is pressed now: let go and press it again" if before else "press it and let go"
+            for _ in bench.person.doing(Press(row.name, not before), f"{row.name}: {how} (Enter: leave it out)."):
                 parts.append(bench.sample(name, LOOK_S))
-                if parts[-1].fields["input"][-1, place] != parts[0].fields["input"][0, place]:
+                if parts[-1].fields["input"][-1, place] != before:
                     break
             seen = np.concatenate([part.fields["input"][:, place] for part in parts])
-            tried[row.name] = bool(seen[0])
+            tried[row.name] = before
             if seen.all() or not seen.any():
                 left.append(row.name)
     outcome.figures["inputs"] = tried

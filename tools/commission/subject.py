@@ -19,8 +19,10 @@ class Subject:
     axes: slice
     drives: tuple[int, ...]  # its actuators, then its brakes
     arm: str  # the process that drives it; empty: a gripper
+    kind: str  # PSM, ECM, MTM; empty: a gripper
     names: tuple[str, ...]
     tolerance: tuple[float, ...]  # tracking error that trips, of each axis; empty without a joint controller
+    deadband: tuple[float, ...]  # position error that its joint controller leaves alone
 
     @property
     def name(self) -> str:
@@ -96,10 +98,11 @@ def _of(system: System, io: Io) -> list[Subject]:
         first, brake = first + count, brake + len(robot.brakes)
         pid = driven.get(robot.name)
         if pid is not None:
-            found.append(Subject(io.name, robot, row, axes, drives, pid.arm, tuple(a.name for a in pid.axes),
-                                 tuple(a.tolerance for a in pid.axes)))
+            kind = system.arm(pid.arm).type
+            found.append(Subject(io.name, robot, row, axes, drives, pid.arm, kind, tuple(a.name for a in pid.axes),
+                                 tuple(a.tolerance for a in pid.axes), tuple(a.p_deadband for a in pid.axes)))
         elif robot.name in grippers:
-            found.append(Subject(io.name, robot, row, axes, drives, "", ("gripper",) * count, ()))
+            found.append(Subject(io.name, robot, row, axes, drives, "", "", ("gripper",) * count, (), ()))
     return found
 
 

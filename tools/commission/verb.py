@@ -38,13 +38,18 @@ class Job:
     request: Request
     document: System
     arms: list[str]
-    yes: bool
+    person: Person | None  # None: one is played
     write: bool
 
     @property
     def boards(self) -> str:
         """real or emulated."""
-        return "real" if self.document.emulation is None else "emulated"
+        return boards_of(self.document)
+
+
+def boards_of(document: System) -> str:
+    """What a system runs on: real or emulated."""
+    return "real" if document.emulation is None else "emulated"
 
 
 def commission(
@@ -67,18 +72,23 @@ def commission(
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """
     request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
-    job = Job(request, _document(request), arm or [], yes, write)
+    document = _document(request)
     if stage and stage not in NAMES:
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
-    if not subjects_of(job.document, job.arms):
-        raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(job.arms) if job.arms else ''} to commission")
-    if yes and job.boards == "real":
+    if not subjects_of(document, arm):
+        raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
+    if yes and document.emulation is None:
         raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
     book = Report(report or Path(f"commission-{file.stem}.json"), file.name)
-    files = fingerprint(job.document) + "".join(f" {name}" for name in sorted(job.arms))
+    files = fingerprint(document) + "".join(f" {name}" for name in sorted(arm or []))
     if listed:
-        return _list(book, job.boards, files, as_json)
-    return _go(job, book, files, _due(book, job.boards, files, stage), as_json)
+        return _list(book, boards_of(document), files, as_json)
+    job = Job(request, document, arm or [], None if yes else AtTerminal(), write)
+    try:
+        return _go(job, book, files, _due(book, job.boards, files, stage), as_json)
+    except KeyboardInterrupt:
+        note("stopped by Ctrl-C; everything is off")
+        return 1
 
 
 def _document(request: Request) -> System:
@@ -120,13 +130,13 @@ def _go(job: Job, book: Report, files: str, due: list[Stage], as_json: bool) -> 
         note(f"all stages have passed: {book.path}; --stage NAME repeats one")
         return 0
     with contextlib.ExitStack() as stack:
-        live: Live | None = None
+        bench: RunningBench | None = None
         for row in due:
-            if live is None and (row.live or job.boards == "emulated"):
-                live = stack.enter_context(_running(job))
+            if bench is None and (row.live or job.boards == "emulated"):
+                bench = stack.enter_context(_running(job))
             note(f"\n== {row.name}: {row.text}; stops at: {row.stops}")
             begin_ns = monotonic_ns()
-            outcome = _tried(row, job, live, book.path.parent)
+            outcome = _tried(row, job, bench, book.path.parent)
             tried = book.add(row.name, outcome, (monotonic_ns() - begin_ns) * 1e-9, job.boards, files)
             for text in outcome.notes:
                 note(f"note: {text}")
@@ -147,13 +157,13 @@ def _go(job: Job, book: Report, files: str, due: list[Stage], as_json: bool) -> 
     return 0
 
 
-def _tried(row: Stage, job: Job, live: Live | None, folder: Path) -> Outcome:
+def _tried(row: Stage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
     """One stage; what the system refuses is a finding like any other."""
     run = row.load()
     try:
-        if live is None:
+        if bench is None:
             return run(job)
-        return run(live.bench, folder, write=job.write) if row.name == "calibrate" else run(live.bench)
+        return run(bench, folder, write=job.write) if row.name == "calibrate" else run(bench)
     except (Declined, Misuse):
         raise
     except (Problem, TimeoutError) as problem:
@@ -161,15 +171,8 @@ def _tried(row: Stage, job: Job, live: Live | None, folder: Path) -> Outcome:
                                 "docs/errors.md has causes and remedies")])
 
 
-@dataclass(frozen=True, slots=True)
-class Live:
-    """A running system."""
-
-    bench: RunningBench
-
-
 @contextlib.contextmanager
-def _running(job: Job) -> Iterator[Live]:
+def _running(job: Job) -> Iterator[RunningBench]:
     """The system, up; down and off on every path."""
     with progress(f"starting {job.request.system}") as say:
         background = Background(job.request, tied=True)
@@ -181,13 +184,8 @@ def _running(job: Job) -> Iterator[Live]:
     try:
         document = from_json(directory.document(job.request.system))
         with contextlib.ExitStack() as stack:
-            person: Person
-            if job.yes:
-                person = played = AtBoards(document)
-                stack.callback(played.close)
-            else:
-                person = AtTerminal()
-            yield Live(stack.enter_context(RunningBench(document, person, job.arms)))
+            person: Person = job.person or stack.enter_context(AtBoards(document))
+            yield stack.enter_context(RunningBench(document, person, job.arms))
     finally:
         with progress(f"stopping {job.request.system}") as say:
             background.stop(say)

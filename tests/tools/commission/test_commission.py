@@ -37,8 +37,8 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome
         return run
 
     @contextlib.contextmanager
-    def running(job: verb.Job) -> Iterator[verb.Live]:
-        yield verb.Live(None)  # type: ignore[arg-type]  # stages that are stood in for look at nothing
+    def running(job: verb.Job) -> Iterator[None]:
+        yield  # stages that are stood in for look at nothing
 
     monkeypatch.setattr(Stage, "load", load)
     monkeypatch.setattr(verb, "_running", running)
@@ -161,3 +161,20 @@ def test_a_system_without_boards_has_nothing_to_commission(played) -> None:
     assert refused.exit_code == 1
     assert "no robot on boards" in refused.output
     assert "no robot on boards of ECM" in _run("--arm", "ECM").output
+
+
+def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(played) -> None:
+    refused = CliRunner().invoke(build("commission"), ["commission", str(DEMO), "--boards", "emulated"])
+    assert refused.exit_code == 2
+    assert "no terminal" in refused.output
+    assert ran == []
+
+
+def test_ctrl_c_ends_it_without_a_trace(played, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> Outcome:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verb, "_tried", interrupted)
+    ended = _run()
+    assert ended.exit_code == 1
+    assert "stopped by Ctrl-C; everything is off" in ended.output

@@ -173,6 +173,13 @@ def test_sensors_that_disagree_at_home_are_told(window: Window, psm: Subject) ->
     assert "position limits: off" in str(home.judge(window, psm)[-1])
 
 
+def test_a_master_has_no_check_of_tracking_errors_at_home(window: Window, psm: Subject) -> None:
+    window.fields["limits_enforced"][:] = True
+    window.fields["position"][:] = window.fields["pot_position"]
+    assert "the check of tracking errors: off" in str(home.judge(window, psm)[0])
+    assert home.judge(window, dataclasses.replace(psm, kind="MTM")) == []
+
+
 def test_a_joint_that_does_not_follow_or_arrive_is_told(window: Window, psm: Subject) -> None:
     assert move.judge_tracking(window, psm) == []
     window.fields["position_error"][20, 0] = 0.3
@@ -180,6 +187,8 @@ def test_a_joint_that_does_not_follow_or_arrive_is_told(window: Window, psm: Sub
         move.judge_tracking(window, psm)[0])
     goal = np.zeros(6)
     assert move.judge_arrival(psm, goal, goal, ["yaw", "pitch", "insertion"]) == []
+    soft = dataclasses.replace(psm, deadband=(0.0, 0.0, 0.004, 0.0, 0.0, 0.0, 0.0))  # a gap that its gains leave
+    assert move.judge_arrival(soft, goal, goal + (0, 0, 0.005, 0, 0, 0), ["yaw", "pitch", "insertion"]) == []
     assert "PSM1 insertion: 0.0050 m instead of 0.0000" in str(
         move.judge_arrival(psm, goal, goal + (0, 0, 0.005, 0, 0, 0), ["yaw", "pitch", "insertion"])[0])
 

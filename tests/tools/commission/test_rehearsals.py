@@ -26,12 +26,16 @@ def _problem(outcome) -> str:
 ])
 def test_a_good_robot_passes_and_is_off_afterwards(file: str, stages) -> None:
     bench = RigBench(file)
+    bench.rig.run(2.0)
+    pressed = bench.rig.record.input.copy()
     for stage in stages:
         outcome = stage.run(bench)
         assert [str(problem) for problem in outcome.problems] == [], stage.__name__
         assert outcome.figures
         assert not bench.rig.record.amp_on.any()
         assert not bench.rig.record.powered.any()
+    bench.rig.run(2.0)
+    assert (bench.rig.record.input == pressed).all()  # hands have left all buttons as they were
     arms = [subject.name for subject in bench.subjects if subject.arm]
     assert bench.person.confirmed == [*arms, *arms]  # before power, and before motion, of each
 

@@ -1,0 +1,80 @@
+"""Commissioning of running systems: a whole rehearsal, and what only processes can show going wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procs.lib.document import from_json
+from shm import directory
+from tests.system.robot import DEMO, Robot
+from tools.commission import home, scan, stop
+from tools.commission.bench import RunningBench
+from tools.commission.finding import Outcome
+from tools.commission.person import Act, Stop
+from tools.commission.played import AtBoards
+from tools.commission.stages import NAMES
+from tools.remote import Remote
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_good_robot_is_commissioned_from_boards_to_a_slow_move(robot: Robot, tmp_path: Path) -> None:
+    book = tmp_path / "book.json"
+    words = ("commission", str(DEMO), "--yes", "--system", robot.name, "--report", str(book))
+    robot.trocar(*words, timeout=300.0)
+    tries = json.loads(book.read_text())["tries"]
+    assert [row["stage"] for row in tries] == list(NAMES)
+    assert all(row["passed"] for row in tries)
+    figures = {row["stage"]: row["figures"] for row in tries}
+    assert {row["board"] for row in figures["scan"]["IO1"]} == {6, 7}
+    assert all(0.0 < seconds < 0.08 for seconds in figures["stop"]["IO1 watchdog_s"].values())
+    assert figures["stop"]["IO1 stop_s"]["PSM1"] <= 0.1
+    assert (tmp_path / "PSM1-demo-calibrated.json").exists()
+    assert robot.left_over() == []
+
+
+class Absent(AtBoards):
+    """A person who presses a stop that is not wired to anything."""
+
+    def doing(self, act: Act, text: str) -> Iterator[None]:
+        return iter((None,) * 5) if isinstance(act, Stop) else super().doing(act, text)
+
+
+@pytest.fixture
+def running(robots: Callable[[], Robot]) -> Iterator[tuple[Robot, RunningBench]]:
+    robot = robots()
+    robot.up(DEMO, "--set", "clock=wall")
+    document = from_json(directory.document(robot.name))
+    with Absent(document) as person, RunningBench(document, person) as bench:
+        yield robot, bench
+
+
+def _order(robot: Robot, command: str, *values: float, text: str) -> None:
+    with Remote(robot.name, "boards") as boards:
+        boards.ask(command, values, text)
+
+
+def _one(outcome: Outcome) -> str:
+    (found,) = outcome.problems
+    return str(found)
+
+
+def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_board(
+        running: tuple[Robot, RunningBench]) -> None:
+    robot, bench = running
+    said = [str(each) for each in stop.run(bench).problems]
+    assert "PSM1 axis 0 (yaw), board 6: its amplifier is still on after the emergency stop; allowed: off" in said[0]
+    assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
+    _order(robot, "amp_fault", 3, 1, text="PSM1")
+    failing = _one(home.run(bench))
+    assert "PSM1, boards 6, 7" in failing
+    assert "amplifier" in failing
+    assert "allowed: homed" in failing
+    assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
+    _order(robot, "board_gone", 7, 1, text="IO1")
+    assert "board 7 on IO1" in _one(scan.run(bench))
