@@ -20,6 +20,7 @@ from tools.errors import Problem
 from tools.remote import ENDINGS, Remote
 
 SLICE_S: Final = 0.5  # the ring keeps 3 s
+OFF_S: Final = 0.2  # amplifiers are off long before
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +111,13 @@ class RunningBench:
         arms.power_on(self.system, [subject.arm])
 
     def disable(self, subject: Subject) -> None:
-        """See Bench."""
-        arms.power_off(self.system, [subject.arm])
+        """See Bench. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
+        with contextlib.suppress(Problem):
+            arms.power_off(self.system, [subject.arm])
+        self.asked(subject.io, "power_off", (), subject.name, 2.0)
+        window = self.sample(subject.io, OFF_S)
+        if window.drives("amp_on", subject)[-1].any():
+            raise Problem(f"{subject.whole()}: amplifiers are still on; press the emergency stop")
 
     def close(self) -> None:
         """Detach."""
