@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Final, TypeVar
 
 import numpy as np
 
+from shm.clock import monotonic_ns, pause
 from tools.client.arm import Arm
 from tools.commission import home
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Floats, Window
-from tools.errors import Refused
-from tools.watch import arm_document
+from tools.errors import Problem, Refused
+from tools.watch import Watch, arm_document
+
+T = TypeVar("T")
 
 RATIO: Final = 0.1  # of the usual speed
 WAY_RAD, WAY_M = 0.1, 0.01
@@ -32,11 +36,22 @@ def run(bench: RunningBench) -> Outcome:
             f"and back at {100 * RATIO:g} % of its speed, and one joint to its nearest limit. Hand on the emergency "
             "stop.", subject.name)
         try:
-            if outcome.add(home.homed(bench, subject)) or outcome.add(_moved(bench, subject, outcome)):
+            if outcome.add(home.homed(bench, subject)) or outcome.add(_watched(bench, subject, outcome)):
                 break
         finally:
             bench.disable(subject)
     return outcome
+
+
+def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
+    """Moved; where that fails, with what the arm said of it."""
+    with Watch(bench.system, subject.arm) as watch:
+        try:
+            return _moved(bench, subject, outcome)
+        except (Problem, TimeoutError) as problem:
+            why = watch.last_error()
+            return [Finding(subject.whole(), f"{problem}{f' ({why})' if why else ''}", "it moves",
+                            "docs/errors.md has cause and remedy; mend it, then repeat this stage")]
 
 
 def _moved(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
@@ -44,22 +59,23 @@ def _moved(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Find
     ratio = arm.trajectory_j_get_ratio() or 1.0
     try:
         arm.trajectory_j_set_ratio(RATIO)
-        start, _ = arm.setpoint_jp()
+        start = steady(arm.setpoint_jp)
         low, high, slides = limits(bench, subject, len(start))
         figures = outcome.figures.setdefault(subject.name, {})
         worst = np.zeros(len(subject.robot.actuators))
-        for joint, name in enumerate(arm.joint_names()[: len(start)]):
+        names = steady(lambda: (arm.joint_names(), 0))
+        for joint, name in enumerate(names[: len(start)]):
             goal = start.copy()
             way = WAY_M if slides[joint] else WAY_RAD
             up = start[joint] + way <= high[joint]
             goal[joint] = float(np.clip(start[joint] + (way if up else -way), low[joint], high[joint]))
             for target in (goal, start):
-                found, window = _went(bench, subject, arm, target, name)
+                found, window = _went(bench, subject, arm, target, (name, names))
                 worst = np.maximum(worst, np.abs(window.axes("position_error", subject)).max(axis=0))
                 if found:
                     return found
         figures["tracking_error"] = worst.tolist()
-        return _to_limit(bench, subject, arm, start, (low, high, slides))
+        return _to_limit(bench, subject, arm, start, names, (low, high, slides))
     finally:
         arm.trajectory_j_set_ratio(ratio)
         arm.close()
@@ -75,8 +91,22 @@ def limits(bench: RunningBench, subject: Subject, count: int) -> tuple[Floats, F
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), [row[2] for row in rows]
 
 
-def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats, name: str) -> tuple[list[Finding], Window]:
-    """Go somewhere and look at how that goes."""
+def steady(read: Callable[[], tuple[T, int]], patience_s: float = 1.0) -> T:
+    """A value that may not be valid for a moment, as after a bad sample; TimeoutError when it stays so."""
+    end = monotonic_ns() + round(patience_s * 1e9)
+    while True:
+        try:
+            return read()[0]
+        except TimeoutError:
+            if monotonic_ns() >= end:
+                raise
+            pause(0.01)
+
+
+def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats,
+          called: tuple[str, list[str]]) -> tuple[list[Finding], Window]:
+    """Go somewhere and look at how that goes; `called`: the joint that is moved, and all of them."""
+    name, names = called
     parts = [bench.sample(subject.io, LOOK_S)]
     try:
         handle = arm.move_jp(goal)
@@ -89,8 +119,8 @@ def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats, name: s
                         "docs/errors.md has cause and remedy")], Window.joined(parts)
     bench.sample(subject.io, SETTLE_S)
     window = Window.joined(parts)
-    measured, _ = arm.measured_jp()
-    return judge_tracking(window, subject) + judge_arrival(subject, goal, measured, arm.joint_names()), window
+    measured = steady(arm.measured_jp)
+    return judge_tracking(window, subject) + judge_arrival(subject, goal, measured, names), window
 
 
 def judge_tracking(window: Window, subject: Subject) -> list[Finding]:
@@ -117,7 +147,7 @@ def judge_arrival(subject: Subject, goal: Floats, measured: Floats, names: list[
     return found
 
 
-def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats,
+def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats, names: list[str],
               known: tuple[Floats, Floats, list[bool]]) -> list[Finding]:
     """Ask for more than a limit of the joint that is nearest to one: it must stay there."""
     low, high, slides = known
@@ -129,16 +159,15 @@ def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats,
     limit, beyond = (high if up else low)[joint], BEYOND_M if slides[joint] else BEYOND_RAD
     goal = start.copy()
     goal[joint] = limit + (beyond if up else -beyond)
-    name = arm.joint_names()[joint]
     try:
         handle = arm.move_jp(goal)
         while handle.is_busy():
             bench.sample(subject.io, LOOK_S)
     except Refused:
         pass  # to refuse it is as good
-    measured, _ = arm.measured_jp()
+    measured = steady(arm.measured_jp)
     past = (measured[joint] - limit) * (1.0 if up else -1.0)
-    found = judge_limit(f"{subject.name} {name}", past, limit, slides[joint])
+    found = judge_limit(f"{subject.name} {names[joint]}", past, limit, slides[joint])
     arm.move_jp(start).wait(TIMEOUT_S)
     return found
 
