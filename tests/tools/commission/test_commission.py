@@ -38,6 +38,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome
 
     @contextlib.contextmanager
     def running(job: verb.Job) -> Iterator[None]:
+        jobs.append(job)
         yield  # stages that are stood in for look at nothing
 
     monkeypatch.setattr(Stage, "load", load)
@@ -47,6 +48,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome
 
 
 ran: list[str] = []
+jobs: list[verb.Job] = []
 
 
 def _run(*words: str, file: Path = DEMO) -> Result:
@@ -168,6 +170,13 @@ def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(played) 
     assert refused.exit_code == 2
     assert "no terminal" in refused.output
     assert ran == []
+
+
+def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(played) -> None:
+    assert _run("--set", "io.period_s=0.001").exit_code == 0
+    sets = jobs[-1].request.sets
+    assert sets.index("io.period_s=0.002") < sets.index("io.period_s=0.001")  # the last one counts
+    assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5", "clock=wall"} <= set(sets)
 
 
 def test_ctrl_c_ends_it_without_a_trace(played, monkeypatch: pytest.MonkeyPatch) -> None:
