@@ -44,7 +44,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     `-m "not slow"` takes the place of the settings' `not soak`.
     """
     for item in items:
-        if item.get_closest_marker("slow") and any(item.path.is_relative_to(folder) for folder in REAL_TIME):
+        waits = item.get_closest_marker("simulated")  # for whoever is late
+        if item.get_closest_marker("slow") and not waits and any(item.path.is_relative_to(f) for f in REAL_TIME):
             item.add_marker("alone")
     if "soak" in config.option.markexpr:
         return

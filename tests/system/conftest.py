@@ -21,8 +21,13 @@ from tests.system.robot import Robot
 COUNTER = itertools.count()
 
 
+def clock_of(node: pytest.Item | pytest.Collector) -> str:
+    """The usual clock of a test's systems."""
+    return "paced" if node.get_closest_marker("simulated") else "wall"
+
+
 @contextlib.contextmanager
-def systems(place: Path) -> Iterator[Callable[[], Robot]]:
+def systems(place: Path, clock: str = "wall") -> Iterator[Callable[[], Robot]]:
     """A maker of systems; all are stopped at the end, which fails when one leaves something behind."""
     made: list[Robot] = []
 
@@ -30,7 +35,7 @@ def systems(place: Path) -> Iterator[Callable[[], Robot]]:
         name = f"t{os.getpid()}-{next(COUNTER)}"
         folder = place / name
         folder.mkdir()
-        made.append(Robot(name, folder))
+        made.append(Robot(name, folder, clock))
         return made[-1]
 
     yield make
@@ -47,16 +52,16 @@ def systems(place: Path) -> Iterator[Callable[[], Robot]]:
 
 
 @pytest.fixture
-def robots(tmp_path: Path) -> Iterator[Callable[[], Robot]]:
+def robots(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[[], Robot]]:
     """A maker of systems for one test."""
-    with systems(tmp_path) as make:
+    with systems(tmp_path, clock_of(request.node)) as make:
         yield make
 
 
 @pytest.fixture(scope="module")
-def running_demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+def running_demo(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Robot]:
     """The demo's system, started once for the tests of a file."""
-    with systems(tmp_path_factory.mktemp("demo")) as make:
+    with systems(tmp_path_factory.mktemp("demo"), clock_of(request.node)) as make:
         robot = make()
         robot.up()
         yield robot

@@ -34,17 +34,17 @@ def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None
 class Robot:
     """One system under test: the real supervisor with emulated boards."""
 
-    def __init__(self, name: str, logs: Path) -> None:
-        self.name = name
+    def __init__(self, name: str, logs: Path, clock: str = "wall") -> None:
+        self.name, self.clock = name, clock
         self.logs = logs
         self.environment = {**os.environ, "TROCAR_STATE": str(logs), "TROCAR_SYSTEM": name}
         self.supervisor: subprocess.Popen[str] | None = None
         self.pids: set[int] = set()
 
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
-        """`trocar up FILE …` on the wall clock unless options name another one, and wait until everything runs."""
+        """`trocar up FILE …` with our clock unless options name another one, and wait until everything runs."""
         if "--clock" not in options and not any(option.startswith("clock=") for option in options):
-            options = (*options, "--clock", "wall")
+            options = (*options, "--clock", self.clock)
         command = [sys.executable, "-m", "tools", "up", str(file), "--system", self.name, *options]
         with (self.logs / "supervisor.txt").open("a") as out:
             self.supervisor = subprocess.Popen(

@@ -14,7 +14,7 @@ from shm import directory
 from shm.client import Client
 from tests.system.robot import DEMO, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
 MOST_MM = 0.5
 AWAY = {"ECM": (0.5, 0.3, 0.15, 0.5), "MTML": (0.3, 0.3, 0.2, 0.3, 0.2, 0.2, 0.5)}

@@ -14,7 +14,7 @@ from shm.client import Client
 from tests.system.robot import DEMO, Robot, wait_for
 
 pytestmark = pytest.mark.slow
-CLOCKS = (pytest.param("wall", marks=pytest.mark.soak), "lockstep")
+CLOCKS = (pytest.param("wall", marks=pytest.mark.soak), pytest.param("lockstep", marks=pytest.mark.simulated))
 PLACE = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
 ELSEWHERE = (0.6, 0.4, 0.16, 0.3, 0.2, -0.2)
 

@@ -12,7 +12,7 @@ from shm.client import Client
 from tests import stock
 from tests.system.robot import Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 OUTPUTS = ("endoscope_focus_in", "endoscope_focus_out")
 
 

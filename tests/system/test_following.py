@@ -15,7 +15,7 @@ from shm import directory
 from shm.client import Client
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 NAME = "MTMR_PSM1"
 IO_NS, MS = 1e9 / 1500, 1_000_000
 ROUNDED_NS = 2_000  # periods are whole ns: two that make a third ms come apart by 1 ns every 2 ms

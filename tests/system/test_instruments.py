@@ -12,7 +12,7 @@ import yaml
 from shm import directory
 from tests.system.robot import DEMO, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 FASTEST = np.array((1.6, 1.6, 0.21, 19.0, 19.0, 19.0, 19.0)) / 1500  # of actuators, in a cycle
 
 
@@ -58,8 +58,9 @@ def test_adapter_and_instrument_are_engaged_and_a_successor_keeps_them(robot: Ro
     robot.trocar("home", "PSM1", "--timeout", "300", timeout=320)
     assert any("engaging tool 3 of 3" in text for text in said(robot))
     setpoints = directory.reader(robot.name, "IO1", "state")
-    robot.kill("PSM1")
-    wait_for(lambda: robot.state("PSM1") == "RUNNING" and echo(robot, "PSM1/operating_state")["is_homed"], 60, "again")
+    old = robot.kill("PSM1")
+    wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 60, "the arm's restart")
+    wait_for(lambda: echo(robot, "PSM1/operating_state")["is_homed"], 60, "homed again, by shared memory alone")
     history = setpoints.last(4000)
     setpoints.close()
     assert (np.abs(np.diff(history["setpoint_position"][:, :7], axis=0)) <= FASTEST).all()

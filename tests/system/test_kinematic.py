@@ -13,7 +13,7 @@ import yaml
 from shm import directory
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 LOCKSTEP = ("--set", "clock=lockstep")  # so that several robots on a busy machine are not too late for each other
 PLACE = (0.1, -0.1, 0.15, 0.2, 0.1, -0.1)

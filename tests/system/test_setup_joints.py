@@ -12,7 +12,7 @@ import pytest
 from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 CART = ROOT / "configs/systems/kinematic-cart.yaml"
 LOCKSTEP = ("--set", "clock=lockstep")
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.system.robot import DEMO, UP_S, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
 PUSH = """
 class Push:

@@ -10,7 +10,7 @@ from shm.client import Client
 from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"
 NAME = "MTMR_PSM1"
 
