@@ -7,23 +7,32 @@ stopped us) may have held up the others as well, so nobody is judged for it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from procs.supervisor.cores import IDLE
+
 OWN_LATE_NS: Final = 60_000_000  # three of our beats
 CALM_NS: Final = 1_000_000_000  # late again within this: the same episode
+WAITING_BEATS: Final = 8  # who waits for time looks at it more often
 LATE, HUNG, RESUMED = "late", "hung", "resumed"
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One process that is to be judged in this beat: what it shows, and what is allowed, ns."""
+    """One process that is to be judged in this beat: what it shows, and what is allowed, ns.
+
+    `core_ns` says how long it has had a core so far if it wants one (cores.IDLE: it wants none): only such time counts
+    as silence of who is to be spared on a busy machine. Nothing counts while who is in `waits_for` is silent, too.
+    """
 
     name: str
     mark: int
     late_ns: float
     hung_ns: float
+    core_ns: Callable[[], int] | None = None
+    waits_for: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +48,8 @@ class Verdict:
 class _Silence:
     mark: int
     silent_ns: int = 0
+    core_ns: int = IDLE
+    quiet_beats: int = 0
     reported: bool = False
     calm_at_ns: int = 0
 
@@ -66,9 +77,26 @@ class Judge:
                 if silence.reported:
                     yield Verdict(member.name, RESUMED, silence.silent_ns * 1e-9)
                 silence.mark, silence.silent_ns, silence.reported = member.mark, 0, False
-            elif passed_ns <= OWN_LATE_NS:
-                silence.silent_ns += passed_ns
+                silence.quiet_beats = 0
+                continue
+            silence.quiet_beats += 1
+            if passed_ns <= OWN_LATE_NS and not _is_quiet(known.get(member.waits_for)):
+                silence.silent_ns += _counted(member, silence, passed_ns)
                 yield from _judged(now_ns, member, silence)
+
+
+def _is_quiet(silence: _Silence | None) -> bool:
+    return silence is not None and silence.quiet_beats >= WAITING_BEATS
+
+
+def _counted(member: Member, silence: _Silence, passed_ns: int) -> int:
+    """How much of the time since the last beat counts."""
+    if member.core_ns is None:
+        return passed_ns
+    before, silence.core_ns = silence.core_ns, member.core_ns()
+    if silence.core_ns == IDLE:
+        return passed_ns
+    return 0 if before == IDLE else min(passed_ns, silence.core_ns - before)
 
 
 def _judged(now_ns: int, member: Member, silence: _Silence) -> Iterator[Verdict]:

@@ -12,6 +12,7 @@ import socket
 import sys
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -24,6 +25,7 @@ from procs.realtime import realtime
 from procs.rights import lacking
 from procs.supervisor import memory
 from procs.supervisor.children import Child
+from procs.supervisor.cores import core_time_ns
 from procs.supervisor.judge import HUNG, LATE, Judge, Member
 from procs.udp_holders import holders
 from shm import directory, loglines
@@ -41,7 +43,7 @@ BEAT_S = 0.02
 BARRIER_S = 60.0
 CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
-ASKING_LONGER = 1.5  # in simulated time io waits for the boards' reply: they are judged first
+SIMULATED_LOST = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
 BUS_PORT = 1394
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 log = logging.getLogger("supervisor")
@@ -117,7 +119,8 @@ class Supervisor:
         """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
         now = monotonic_ns()
         passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
-        if passed_s > self.system.supervisor_lost_s and not self.stopping:
+        lost_s = self.system.supervisor_lost_s * (1.0 if self.system.clock == WALL else SIMULATED_LOST)
+        if passed_s > lost_s and not self.stopping:
             self.lost = True
             self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
         self.pulse.field("heartbeat_ns")[...] = now
@@ -227,7 +230,7 @@ class Supervisor:
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
     def _members(self) -> Iterator[Member]:
-        """Who is to be judged: all that run. Simulated time is late for nobody; it waits for who hangs."""
+        """Who is to be judged: all that run. In simulated time nobody is late, and who has to wait does not hang."""
         keeper = self.keeper
         for child in self.children:
             if child.state != lifecycle.RUNNING or not child.ready:
@@ -236,7 +239,8 @@ class Supervisor:
             if keeper is None:
                 yield Member(name, mark, late_s(child.row) * 1e9, hung_ns)
             else:
-                yield Member(name, mark, math.inf, hung_ns * (ASKING_LONGER if name in keeper.table.asking else 1.0))
+                server = keeper.table.server if name in keeper.table.asking else ""
+                yield Member(name, mark, math.inf, hung_ns, partial(core_time_ns, child.pid), server)
 
     def _show(self) -> None:
         for i, child in enumerate(self.children):

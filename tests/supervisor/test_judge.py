@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterable
 
 import pytest
 
 from procs.lib.document import Process
 from procs.manifest import hung_s, late_s
+from procs.supervisor.cores import IDLE, core_time_ns
 from procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, Member
 
 BEAT_NS = 20_000_000
@@ -74,6 +80,48 @@ def test_who_is_not_to_be_judged_is_forgotten() -> None:
     for k in range(200):
         members = [Member("A", 7, 30e6, 1e9)] if k % 40 else []
         assert HUNG not in [verdict.what for verdict in judge.beat(k * BEAT_NS, members)]
+
+
+def hung_after_s(core_ns: Callable[[int], int]) -> float:
+    """When one that is silent from the beginning is killed, having had a core for so long; inf: not in 20 s."""
+    judge = Judge()
+    for now_ns in range(0, 20_000_000_000, BEAT_NS):
+        member = Member("A", 7, math.inf, 1e9, lambda now_ns=now_ns: core_ns(now_ns))
+        if any(verdict.what == HUNG for verdict in judge.beat(now_ns, [member])):
+            return now_ns * 1e-9
+    return math.inf
+
+
+def test_who_waits_for_a_core_does_not_hang() -> None:
+    assert hung_after_s(lambda now_ns: 0) == math.inf
+    assert hung_after_s(lambda now_ns: now_ns // 10) > 9.0, "a tenth of a core"
+    assert hung_after_s(lambda now_ns: now_ns) < 1.1, "it goes round and round"
+    assert hung_after_s(lambda now_ns: IDLE) < 1.1, "it was stopped"
+
+
+def test_who_waits_for_one_that_hangs_is_spared() -> None:
+    judge, found = Judge(), []
+    for k in range(100):
+        members = [Member("boards", 7, math.inf, 1e9), Member("IO1", 7 if k > 3 else k, math.inf, 1e9, None, "boards")]
+        found += [f"{verdict.name} {verdict.what}" for verdict in judge.beat(k * BEAT_NS, members)]
+    assert found == [f"boards {HUNG}"]
+
+
+def test_a_process_has_core_time_only_while_it_wants_a_core() -> None:
+    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        end = time.monotonic() + 20.0
+        while (first := core_time_ns(busy.pid)) < 20_000_000:
+            assert time.monotonic() < end
+        while core_time_ns(busy.pid) < first + 20_000_000:
+            assert time.monotonic() < end
+        busy.send_signal(signal.SIGSTOP)
+        while core_time_ns(busy.pid) != IDLE:
+            assert time.monotonic() < end
+    finally:
+        busy.kill()
+        busy.wait()
+    assert core_time_ns(busy.pid) == IDLE, "it is gone"
 
 
 @pytest.mark.parametrize(("kind", "period_s", "late", "hung"), [
