@@ -115,7 +115,7 @@ def mtm(running: Robot) -> Iterator[Pushed]:
 
 def test_more_than_the_motors_give_is_clipped_and_said(running: Robot, psm: Pushed) -> None:
     said = running.trocar("send", "PSM1", "servo_jf", "1e6", *"00000")
-    assert said.strip() == "done: clipped: yaw"
+    assert said.strip() == "done, clipped: yaw"
     assert "1000 N" in running.trocar("send", "PSM1", "body/servo_cf", "0", "0", "1e6", *"000", code=1)
     wait_for(lambda: psm.mode == POSITION, 10, "the effort of a single command ended")
 

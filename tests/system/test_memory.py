@@ -139,7 +139,7 @@ def in_small_memory(size: int, command: str, state: Path) -> subprocess.Complete
 @pytest.mark.slow
 def test_up_in_a_full_shared_memory_says_what_to_do(system: System, tmp_path: Path) -> None:
     needed = memory.needed(system)
-    up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --for 0.1"
+    up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock wall --for 0.1"
     done = in_small_memory(needed - 4096, up, tmp_path)
     assert done.returncode == 1, done.stderr
     assert f"shared memory is full: system {system.name} needs {needed / 1e6:.1f} MB, " in done.stderr
@@ -149,7 +149,8 @@ def test_up_in_a_full_shared_memory_says_what_to_do(system: System, tmp_path: Pa
 @pytest.mark.slow
 def test_up_fits_into_exactly_what_it_says(system: System, tmp_path: Path) -> None:
     needed = memory.needed(system)
-    done = in_small_memory(needed, f"{sys.executable} -m tools up {DEMO} --system {system.name} --for 0.1", tmp_path)
+    up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock wall --for 0.1"
+    done = in_small_memory(needed, up, tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"system {system.name}: {needed / 1e6:.1f} MB of shared memory" in done.stderr
     assert done.stdout == "left: \n"
