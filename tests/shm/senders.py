@@ -21,6 +21,7 @@ SIZES = 13  # longest command: more values than come with the owner's first copy
 UNDER_WAY = COMMANDS_DEPTH - 1  # of each client: all their answers fit in the reply ring
 EVERY = 25  # deaths from one look at all places to the next
 JUST_STARTED = "just started"
+PATIENT = 5000  # ms
 
 
 def values(sender: int, count: int) -> list[float]:
@@ -178,7 +179,8 @@ class StopVictim:
         if self._own_sent == self._own_answered:
             self._own_sent += 1
             text = f"{self.NEIGHBOUR}:{self._own_sent}"
-            self._neighbour.stop(STOP, values(self.NEIGHBOUR, self._own_sent), text)
+            # whoever is in the place may be short of a core, and is not killed before we return
+            self._neighbour.stop(STOP, values(self.NEIGHBOUR, self._own_sent), text, tries=PATIENT)
 
     def _run(self, sender: int, count: int) -> None:
         if sender != self._life:
