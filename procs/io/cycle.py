@@ -110,6 +110,7 @@ class RobotIo:
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
+        self._lacking: Flags = np.zeros(len(robots.names), dtype=bool)  # robots with a board that is away
         self._whole_ns = self._good_ns
         """When every board was last sampled."""
         self._sampled_ns: NDArray[np.int64] = np.full(len(robots.names), self._good_ns, dtype=np.int64)
@@ -191,24 +192,32 @@ class RobotIo:
             record.valid[...] = record.robot_valid[...] = True
             self._sampled_ns[...] = self._whole_ns = now_ns
         else:
-            self._look_who_is_away(away)
-            record.robot_valid[...] = ~(self.robots.on_board & away).any(axis=1)
+            if (away != self._away).any():
+                self._who_is_away_changed(away)
+            # what was told already is told again to a robot that was asked to power on meanwhile
+            again = self._lacking & record.power_wanted & (record.fault == 0)
+            if again.any():
+                for robot in np.flatnonzero(again).tolist():
+                    self._trip_away(robot)
+            np.logical_not(self._lacking, record.robot_valid)
             record.valid[...] = not away.any()
-            self._sampled_ns[record.robot_valid] = now_ns
-            self._whole_ns = self._whole_ns if away.any() else now_ns
+            np.copyto(self._sampled_ns, now_ns, where=record.robot_valid)
+            if not away.any():
+                self._whole_ns = now_ns
 
-    def _look_who_is_away(self, away: Flags) -> None:
+    def _trip_away(self, robot: int) -> None:
+        ids, lacks = self.robots.board_ids, self.robots.on_board[robot] & self._away
+        self.reports.trip(faults.BOARD_AWAY, robot, boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
+
+    def _who_is_away_changed(self, away: Flags) -> None:
         """Boards that have left the bus are faults of their robots alone; who is back is as after power-up."""
         robots, ids = self.robots, self.robots.board_ids
         left, back = away & ~self._away, self._away & ~away
-        self._away = away.copy()
-        # what was told already is told again to a robot that was asked to power on meanwhile
-        again = self.record.power_wanted & (self.record.fault == 0)
+        self._away[...] = away
+        self._lacking[...] = (robots.on_board & away).any(axis=1)
         for robot, boards in enumerate(robots.on_board):
-            lacks = boards & away
-            if (boards & left).any() or (lacks.any() and again[robot]):
-                self.reports.trip(faults.BOARD_AWAY, robot,
-                                  boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
+            if (boards & left).any():
+                self._trip_away(robot)
             if (boards & back).any():
                 self._bias.forget(robot, back)
         for row in np.flatnonzero(back).tolist():

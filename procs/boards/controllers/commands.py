@@ -48,6 +48,8 @@ class Commands:
         self._executed = np.zeros(firmware.count, dtype=np.bool_)
         self._row_of = dict(zip(firmware.ids, range(firmware.count), strict=True))
         self._every = tuple(range(firmware.count))
+        self._reached_rows: tuple[int, ...] = ()
+        self._reached = np.zeros(shape, dtype=np.bool_)  # the axes of these rows
         # The write of a running host: one group for every board, in order.
         sizes = {(model.firmware > 7, model.write_quads) for model in models}
         self._quads = 0
@@ -65,12 +67,14 @@ class Commands:
     def write(self, rows: tuple[int, ...], data: wire.Buffer, at: int, count: int, tick: int) -> None:
         """A block of `count` quadlets at byte `at` of a datagram reaches boards `rows`."""
         quads = np.frombuffer(data, _BIG_QUAD, count, at)
-        if 0 < count == self._quads and len(rows) == len(self._every):
+        if 0 < count == self._quads:
             groups = quads.reshape(self._shape)
             if groups[:, 0].tobytes() == self._heads:
                 self._group_words[...], self._group_control[...] = groups[:, 1:-1], groups[:, -1]
                 written = self._worth_writing() if self._particular or self._firmware.collecting else None
-                self._firmware.execute(self._group_words, self._group_control, self._every, tick, written)
+                if len(rows) != len(self._every):
+                    written = self._reach_only(rows, written)
+                self._firmware.execute(self._group_words, self._group_control, rows, tick, written)
                 return
         words = quads.tolist()
         self._begin()
@@ -88,6 +92,16 @@ class Commands:
         """Axes that Rev 8 sends their command word, of a block for all boards; None: all of them."""
         boards = ((self._group_words & np.uint32(_WORTH_WRITING)) != 0).any(axis=1) | self._late
         return None if boards.all() else np.repeat(boards[:, None], self._group_words.shape[1], axis=1)
+
+    def _reach_only(self, rows: tuple[int, ...], written: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_]:
+        """Take the groups of other boards out of a block for all; the axes that are written."""
+        if rows != self._reached_rows:
+            self._reached_rows = rows
+            self._reached.fill(False)
+            self._reached[list(rows)] = True
+        self._group_words[~self._reached] = 0
+        self._group_control[~self._reached[:, 0]] = 0
+        return self._reached if written is None else written & self._reached
 
     def _begin(self) -> None:
         for array in (self._words, self._written, self._control, self._executed):

@@ -94,7 +94,7 @@ class Hub:
         firmware, (sequence, mask) = self._firmware, (value >> 16, value & 0xFFFF)
         if (mask, first) != self._plan:
             self._plan_for(mask, first)
-        if self.absent or any(self.withheld):
+        if any(self.withheld) or not self.absent.isdisjoint(self._rows):
             return self._query_with_gaps(value, first, tick)
         self.sequence, self.mask, self._queried = sequence, mask, tick
         self.quads, self._complete = self._length, self._can_complete

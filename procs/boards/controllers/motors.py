@@ -57,7 +57,7 @@ class Motors:
         self._bits_per_a = np.where(traits.digital[:, None], bits, reg.CURRENT_BITS_PER_A)
         self._any_old = bool(traits.old.any())
         self._top = np.zeros(shape, dtype=np.uint32)  # top byte of the last command words
-        self._last_top = b""
+        self._last_top = self._last_mask = b""  # top bytes and written axes of the last command words
         self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (_TOP_SHIFT, reg.DAC_VALUE_MASK))
         self._accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
         self._settled = -1
@@ -75,13 +75,14 @@ class Motors:
         """
         power = self._power
         top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)
-        enables = top.tobytes()
-        if busy or written is not None or self._settled != power.changes or enables != self._last_top:
+        enables, mask = top.tobytes(), b"" if written is None else written.tobytes()
+        if (busy or executed is not None or self._settled != power.changes or enables != self._last_top
+                or mask != self._last_mask):
             # The same enables on the same state change nothing; this is what a running host sends every cycle.
             self._heed(top, tick, written)
             if busy or executed is not None:  # counts as a change: the same enables may mean something else with power
                 self._control(control, tick, executed)
-            self._last_top = enables if written is None else b""
+            self._last_top, self._last_mask = enables, mask
         np.bitwise_and(words, self._dac_mask, self._values)
         if self._accepts_all:
             self.command[...] = self._values

@@ -143,22 +143,29 @@ def test_a_block_cut_off_within_a_group_commands_as_far_as_it_goes_in_rev_9() ->
         assert bool(desk.read() & reg.STATUS_WATCHDOG) == (firmware == 8)
 
 
-def test_a_running_hosts_block_does_what_single_groups_do() -> None:
-    """The write of all boards at once is taken another way through the program."""
-    together, apart = (Desk(board(8, board_id=3), board(9, board_id=5)) for _ in range(2))
+@pytest.mark.parametrize("away", [(), (2,), (1, 2)])
+def test_a_running_hosts_block_does_what_single_groups_do(away: tuple[int, ...]) -> None:
+    """The write of all boards at once is taken another way through the program, also while some are not there."""
+    together, apart = (Desk(board(8, board_id=3), board(9, board_id=5), board(9, board_id=7)) for _ in range(2))
     for desk in (together, apart):
-        for node in (0, 1):
+        for node in range(3):
             desk.write(reg.STATUS, reg.CONTROL_POWER_ON, node)
+        for row in away:
+            desk.bus.take_away(row, True)
     words = [VALID | ON | 0x8123, VALID | MASK | 0x8456, ON, VALID | ENABLE | 0x8789]
     for step in range(4):
         for desk in (together, apart):
             desk.tick += 60 * MS
-        groups = ((0x306, *words, 0), (0x506, *reversed(words), 0x0002_0000))
-        together.block(*groups[0], *groups[1])
-        for group in groups:
-            apart.block(*group)
-        for node in (0, 1):
-            assert together.real_time(node)[1:] == apart.real_time(node)[1:]
+        groups = ((0x306, *words, 0), (0x506, *reversed(words), 0x0002_0000), (0x706, *words, 0x0002_0000))
+        for _ in range(2):  # the same again changes nothing
+            together.block(*groups[0], *groups[1], *groups[2])
+            for group in groups:
+                apart.block(*group)
+            for left, right in ((together.lines.dac, apart.lines.dac), (together.power.on, apart.power.on),
+                                (together.power.enabled, apart.power.enabled)):
+                assert left.tolist() == right.tolist()
+        for row in away:
+            assert not together.power.on[row].any() and (together.lines.dac[row] == 0x8000).all()
         words[step] ^= VALID | MASK | 0x11
 
 
