@@ -1,8 +1,9 @@
 """Stage `calibrate`: scales and offsets of analog potentiometers, and of grippers, from what hands show them.
 
 As the original's scripts do: a scale is the slope of the encoder, moved by hand, over the voltage; an offset makes the
-potentiometer read 0 where the person holds the axis in its zero position. A gripper is 0 closed and 60° open. The
-values go into a new IO file, or with --write into the IO file itself, whose old content is kept beside it.
+potentiometer read 0 where the person holds the axis in its zero position. A gripper is 0 where its second spring begins
+and 60° fully open, as far as tools open. The values go into a new IO file, or with --write into the IO file itself,
+whose old content is kept beside it.
 """
 
 from __future__ import annotations
@@ -140,7 +141,8 @@ def judge(line: Line, subject: Subject, axis: int, by: float) -> list[Finding]:
 
 def _gripper(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
     """0 closed, 60° open."""
-    closed = _held(bench, subject, Squeeze(subject, True), f"Close {subject.name} and hold it closed.")
+    closed = _held(bench, subject, Squeeze(subject, True),
+                   f"Close {subject.name} lightly, until you feel its second spring and no further, and hold it.")
     opened = _held(bench, subject, Squeeze(subject, False), f"Let {subject.name} open as far as it goes.")
     line, found = gripper_line(float(closed[0]), float(opened[0])), []
     if line is None:
