@@ -7,6 +7,7 @@ told before that all is well it ends the system and removes what was made for it
 from __future__ import annotations
 
 import contextlib
+import secrets
 import shutil
 import subprocess
 import sys
@@ -55,9 +56,10 @@ class Keeper:
 @contextlib.contextmanager
 def own_folder(system: str) -> Iterator[Path]:
     """A folder for whoever measures as `system`; it and all shared memory of that name are gone at the end."""
-    folder = Path(tempfile.mkdtemp(prefix=f"trocar-{system}-"))
-    with Keeper(system, folder):
+    folder = Path(tempfile.gettempdir(), f"trocar-{system}-{secrets.token_hex(8)}")
+    with Keeper(system, folder):  # before there is anything to remove
         try:
+            folder.mkdir(mode=0o700)
             yield folder
         finally:
             _remove(system, folder)

@@ -94,10 +94,9 @@ def test_a_dead_member_is_dropped_and_the_others_go_on(world: Any, keeper: Make)
         world.start(PLAYER, name, str(MS), "100000000")
     world.until(lambda: time_.now_ns() > EPOCH_NS + 20 * MS, "time goes on")
     world.kill(world.children[0])
-    time.sleep(0.05)
     stands = time_.now_ns()
-    time.sleep(0.05)
-    assert time_.now_ns() == stands
+    time.sleep(0.1)
+    assert time_.now_ns() <= stands + MS, "the other may still go to where the dead one would have woken"
     time_.admit(["B"])
     time_.let_pass(0.001)
     world.until(lambda: time_.now_ns() > stands + 20 * MS, "time goes on")

@@ -76,7 +76,7 @@ def test_a_killed_measurement_leaves_no_shared_memory(name: str, prefix: str, tm
         return any(parts[0].startswith(prefix.format(pid)) for parts in names_of())
 
     pid = killed(["bench", name], folder, at_work)
-    wait_for(lambda: not left(prefix.format(pid), folder), 40, "nothing left")
+    wait_for(lambda: not left(prefix.format(pid), folder), 40, f"nothing left: {left(prefix.format(pid), folder)}")
 
 
 def test_what_ends_well_needs_no_cleaning(world: World) -> None:
