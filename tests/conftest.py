@@ -20,7 +20,7 @@ import pytest
 from shm.segment import names_of, segment_name, unlink
 
 ROOT = Path(__file__).resolve().parent.parent
-REAL_TIME = (ROOT / "tests" / "system", ROOT / "tests" / "tools")  # whole robots: nobody else may take their cores
+SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
 
@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     for item in items:
         waits = item.get_closest_marker("simulated")  # for whoever is late
-        if item.get_closest_marker("slow") and not waits and any(item.path.is_relative_to(f) for f in REAL_TIME):
+        if item.get_closest_marker("slow") and not waits and item.path.is_relative_to(SYSTEMS):
             item.add_marker("alone")
     if "soak" in config.option.markexpr:
         return

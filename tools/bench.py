@@ -41,7 +41,7 @@ def bench(
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
 
-    Example: trocar bench system --seconds 20 --json
+    Example: trocar bench system --seconds 5 --json
     """
     if name not in BENCHES:
         raise Misuse(f"no bench {name}; there are: {', '.join(BENCHES)}")

@@ -82,7 +82,7 @@ def build(only: str | None = None) -> typer.Typer:
     app = typer.Typer(
         name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
-        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 30",
+        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 10",
     )
     app.callback()(_nothing)
     for verb in VERBS:

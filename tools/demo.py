@@ -54,7 +54,7 @@ def demo(
 
     Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute.
 
-    Example: trocar demo --for 30
+    Example: trocar demo --for 10
     """
     sets = clock_set(clock)
     begin = monotonic_ns()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -132,26 +133,28 @@ def test_a_death_at_any_step_leaves_nobody_behind() -> None:
 
 
 COUNT = "words[self._finished[place]] = (words[self._finished[place]] + 1) % WORDS  # F2"
-MUTANTS: dict[str, tuple[Change, ...]] = {
-    "asleep before the wish is out": (
+TOGETHER = partial(lockstep, wishes={"A": (1,), "B": (1,)})
+APART = partial(lockstep, wishes={"A": (1, 2), "B": (2,)})
+MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  # and the search that finds it first
+    "asleep before the wish is out": (TOGETHER, (
         ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "pass"),
-        ("lockstep", "nap.begin()  # F4", "nap.begin(); words[self._next[place]] = deadline_ns"),),
-    "wish before the count": (
+        ("lockstep", "nap.begin()  # F4", "nap.begin(); words[self._next[place]] = deadline_ns"))),
+    "wish before the count": (news, (
         ("lockstep", COUNT, "words[self._next[place]] = deadline_ns"),
-        ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "words[self._finished[place]] += 1"),),
-    "falling asleep without fence": (("nap", "self._fence()  # P2", "pass"),),
-    "nobody is woken": (("lockstep", "            if wish:\n                self._wake_due()", "            pass"),),
-    "no lock": (("lockstep", "if not self._lock.take(0):", "if False:"),),
-    "two looks that may differ": (("lockstep", "if wish and seen == again:", "if wish:"),),
-    "no look after the lock": (("lockstep", "while self._wish(seen):  # A1", "if self._wish(seen):"),),
-    "time goes past who is awake": (("lockstep", "if not nap.sleeps:", "if False:"),),
+        ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "words[self._finished[place]] += 1"))),
+    "falling asleep without fence": (APART, (("nap", "self._fence()  # P2", "pass"),)),
+    "nobody is woken": (APART, (
+        ("lockstep", "            if wish:\n                self._wake_due()", "            pass"),)),
+    "no lock": (APART, (("lockstep", "if not self._lock.take(0):", "if False:"),)),
+    "two looks that may differ": (news, (("lockstep", "if wish and seen == again:", "if wish:"),)),
+    "no look after the lock": (APART, (("lockstep", "while self._wish(seen):  # A1", "if self._wish(seen):"),)),
+    "time goes past who is awake": (news, (("lockstep", "if not nap.sleeps:", "if False:"),)),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_mutant_of_lock_step_is_caught(name: str) -> None:
+    search, changes = MUTANTS[name]
     with pytest.raises(Broken):
-        lockstep(Real(*MUTANTS[name]), {"A": (1,), "B": (1,)}).explore()
-        news(Real(*MUTANTS[name])).explore()
-        lockstep(Real(*MUTANTS[name]), {"A": (1, 2), "B": (2,)}).explore()
+        search(Real(*changes)).explore()

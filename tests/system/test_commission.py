@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from procs.lib.document import from_json
 from shm import directory
 from tests.system.robot import DEMO, Robot
+from tools.cli import VERBS, examples_of
 from tools.commission import home, scan, stop
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Outcome
@@ -25,8 +27,8 @@ pytestmark = pytest.mark.slow
 
 def test_a_good_robot_is_commissioned_from_boards_to_a_slow_move(robot: Robot, tmp_path: Path) -> None:
     book = tmp_path / "book.json"
-    words = ("commission", str(DEMO), "--yes", "--system", robot.name, "--report", str(book))
-    robot.trocar(*words, timeout=300.0)
+    (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar commission"))
+    robot.trocar(*shlex.split(example)[1:], "--system", robot.name, "--report", str(book), timeout=300.0)
     tries = json.loads(book.read_text())["tries"]
     assert [row["stage"] for row in tries] == list(NAMES)
     assert all(row["passed"] for row in tries)

@@ -13,7 +13,7 @@ from tests.system.robot import ROOT, Robot, wait_for
 from tools.remote import Remote
 from tools.surgeon import Seat, Seen
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 QUIET_NS = 2_000_000_000
 PINCH, NEAR = 1.0, 0.1  # rad
 

@@ -54,6 +54,7 @@ def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_a_short_measurement_counts_four_packets_a_cycle(tmp_path: Path) -> None:
     found = bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0)
     assert (found["boards"], found["axes"]) == (2, 7)

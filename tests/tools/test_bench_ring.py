@@ -136,6 +136,7 @@ def left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Left:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_a_short_bench_gives_every_figure(left: Left) -> None:
     result = bench_ring.run(rounds=1, turn_s=0.01)
     figures, conditions = result["figures"], result["conditions"]
@@ -152,6 +153,7 @@ def test_a_short_bench_gives_every_figure(left: Left) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_a_peer_that_fails_is_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
     broken = {"c": "import sys; sys.exit('will not start')", "pipe": READY + "input(); raise SystemExit('has no turn')"}
     peer = bench_ring._peer
@@ -170,6 +172,7 @@ def test_a_peer_that_fails_is_left_out_with_its_reason(monkeypatch: pytest.Monke
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_a_part_of_ours_that_fails_ends_the_bench(monkeypatch: pytest.MonkeyPatch, left: Left) -> None:
     broken = {"trip": {"pong": [sys.executable, "-c", "raise SystemExit('no pong')"]}}
     monkeypatch.setattr(bench_ring, "_own", lambda system, cores: broken)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-import os
+import json
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,9 +14,8 @@ from shm.segment import names_of
 from tools import bench_system
 from tools.bench import bench
 from tools.bench_system import Mark, figures, row
+from tools.cli import VERBS, examples_of
 from tools.errors import Misuse
-
-TELEOP = bench_system.ROOT / "configs/systems/kinematic-teleop.yaml"
 
 
 def mark(at_s: float, pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:
@@ -52,11 +54,16 @@ def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_short_measurement_has_every_process_and_follows() -> None:
-    result = bench_system.run(TELEOP, seconds=1.0)
+@pytest.mark.alone
+def test_the_example_of_help_measures_every_process_and_whoever_follows() -> None:
+    (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))
+    command = [sys.executable, "-m", "tools", *shlex.split(example)[1:]]
+    with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE) as done:
+        said, _ = done.communicate(timeout=180)
+    result = json.loads(said)
     rows = {each["name"]: each for each in result["processes"]}
     assert {"io", "MTMR", "PSM1", "MTMR_PSM1", "console", "system", "bench"} <= set(rows)
-    assert sorted(result["homed"]) == ["MTMR", "PSM1"] and result["figures"]["arms"] == 2
-    assert result["following"] == ["MTMR_PSM1"], result["problems"]
+    assert result["homed"] == ["ECM", "MTML", "MTMR", "PSM1", "PSM2", "PSM3", "SUJ"] and result["figures"]["arms"] == 7
+    assert result["following"] == ["MTMR_PSM1", "MTML_PSM2"], result["problems"]
     assert all(rows[name]["cpu_percent"] > 0.0 for name in ("io", "PSM1", "MTMR_PSM1"))
-    assert not names_of(f"bench-system-{os.getpid()}")
+    assert not names_of(f"bench-system-{done.pid}")

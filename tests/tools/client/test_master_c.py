@@ -17,7 +17,7 @@ from tests.tools.client.test_provider import Place
 from tests.tools.client.test_provider import made as made  # a fixture
 from tests.tools.peeking import STRICT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 SOURCE = Path(__file__).resolve().parents[3] / "tools" / "master.c"
 
 
