@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.lib.master_gravity import MasterGravityParameters
+from procs.lib.gravity_parameters import MasterGravityParameters
 
 Matrix = tuple[tuple[float, ...], ...]
 

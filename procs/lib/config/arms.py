@@ -23,7 +23,7 @@ from procs.lib.config.source import Source
 from procs.lib.config.system_file import ArmKeys
 from procs.lib.config.trocar_section import TrocarSection
 from procs.lib.config.weights import measured_weight, weighing_links
-from procs.lib.master_gravity import MasterGravityParameters
+from procs.lib.gravity_parameters import MasterGravityParameters
 
 AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 
 from procs.lib.config.context import Context, Opened
 from procs.lib.config.validate import Rows, Section
-from procs.lib.master_gravity import JOINTS, PARAMETERS, MasterGravityParameters
+from procs.lib.gravity_parameters import JOINTS, PARAMETERS, MasterGravityParameters
 
 
 class ControllerKeys(Section):

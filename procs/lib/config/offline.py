@@ -17,7 +17,7 @@ from procs.lib.config.problem import ERROR, Problem
 from procs.lib.config.search import search_path
 from procs.lib.config.weights import measured_weight, weighing_links
 from procs.lib.endoscopes import Endoscope, endoscope
-from procs.lib.master_gravity import MasterGravityParameters
+from procs.lib.gravity_parameters import MasterGravityParameters
 from procs.lib.paths import PROJECT_CONFIGS, given_file, not_found
 
 MODELS: dict[str, type[PsmFile] | type[EcmFile] | type[MtmFile]] = {"psm": PsmFile, "ecm": EcmFile, "mtm": MtmFile}

@@ -10,7 +10,7 @@ from procs.lib.config.chains import load_chain
 from procs.lib.config.context import Context
 from procs.lib.config.gravity_file import load_master_gravity
 from procs.lib.config.source import Source
-from procs.lib.master_gravity import MasterGravityParameters
+from procs.lib.gravity_parameters import MasterGravityParameters
 
 STOCK: Final = {
     ("PSM", "Si"): "kinematic/PSM_Si_physical.json",
