@@ -36,7 +36,7 @@ def page() -> str:
 
 
 def _row(fault: Fault) -> str:
-    return (f"| {fault.number} | [`{fault.code}`](#{fault.code.lower()}) | {SEVERITIES[fault.severity]} "
+    return (f"| {fault.number} | [`{fault.code}`](#{fault.code}) | {SEVERITIES[fault.severity]} "
             f"| {ACTIONS[fault.action]} |")
 
 

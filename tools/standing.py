@@ -13,7 +13,7 @@ from shm.segment import SegmentError
 from tools.printing import plain
 from tools.processes import Life
 
-FAULT, FOLLOWER = "FAULT", "SHARED_BOARD"
+FAULT, FOLLOWER = "FAULT", "shared-board"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 

@@ -40,89 +40,89 @@ class Fault:
 
 
 BAD_READS: Final = Fault(
-    1, "BAD_READS", ERROR, POWER_OFF, "no good sample from the controllers within the watchdog time",
+    1, "bad-reads", ERROR, POWER_OFF, "no good sample from the controllers within the watchdog time",
     "check the cable and the controllers' supply, then power on and home", "s")
 READ_MISSED: Final = Fault(
-    2, "READ_MISSED", WARNING, NOTHING, "a read of the controllers failed; the last output is kept",
+    2, "read-missed", WARNING, NOTHING, "a read of the controllers failed; the last output is kept",
     "once in a while is harmless; often means a bad cable, or a controller in trouble", "s")
 CURRENT: Final = Fault(
-    3, "CURRENT", ERROR, POWER_OFF, "measured motor current above its limit for more than 100 cycles",
+    3, "current", ERROR, POWER_OFF, "measured motor current above its limit for more than 100 cycles",
     "look for a blocked joint or a wrong current calibration", "A")
 SAFETY_AMP_DISABLE: Final = Fault(
-    4, "SAFETY_AMP_DISABLE", ERROR, POWER_OFF, "the controller cut an amplifier: measured and requested current differ",
+    4, "safety-amp-disable", ERROR, POWER_OFF, "the controller cut an amplifier: measured and requested current differ",
     "check the motor cable and the current calibration, then power on")
 TEMPERATURE: Final = Fault(
-    5, "TEMPERATURE", ERROR, POWER_OFF, "amplifier too hot",
+    5, "temperature", ERROR, POWER_OFF, "amplifier too hot",
     "let the controller cool down, check its fans and the load", "°C")
 TEMPERATURE_HIGH: Final = Fault(
-    6, "TEMPERATURE_HIGH", WARNING, NOTHING, "amplifier getting hot", "lower the load or improve the cooling", "°C")
+    6, "temperature-high", WARNING, NOTHING, "amplifier getting hot", "lower the load or improve the cooling", "°C")
 POTENTIOMETER: Final = Fault(
-    7, "POTENTIOMETER", ERROR, POWER_OFF, "potentiometer and encoder disagree for longer than tolerated",
+    7, "potentiometer", ERROR, POWER_OFF, "potentiometer and encoder disagree for longer than tolerated",
     "home again; if it returns, check the potentiometer, its calibration and the tolerance in the IO file", JOINT)
 ENCODER_OVERFLOW: Final = Fault(
-    8, "ENCODER_OVERFLOW", ERROR, POWER_OFF, "encoder counter overflow",
+    8, "encoder-overflow", ERROR, POWER_OFF, "encoder counter overflow",
     "power on, bias and home again; check the encoder")
 POWER_LOST: Final = Fault(
-    9, "POWER_LOST", ERROR, POWER_OFF, "motor power went off unexpectedly",
+    9, "power-lost", ERROR, POWER_OFF, "motor power went off unexpectedly",
     "check the emergency stop and the safety chain, then power on and home")
 POWER_TIMEOUT: Final = Fault(
-    10, "POWER_TIMEOUT", ERROR, POWER_OFF, "motor power did not come on in 3 s",
+    10, "power-timeout", ERROR, POWER_OFF, "motor power did not come on in 3 s",
     "check the emergency stop, the safety chain and the controllers' supply")
 POWER_FAULT: Final = Fault(
-    11, "POWER_FAULT", ERROR, POWER_OFF, "a controller reports a motor supply fault", "check the controllers' supply")
+    11, "power-fault", ERROR, POWER_OFF, "a controller reports a motor supply fault", "check the controllers' supply")
 WATCHDOG: Final = Fault(
-    12, "WATCHDOG", ERROR, POWER_OFF, "a controller's watchdog has cut the amplifiers",
+    12, "watchdog", ERROR, POWER_OFF, "a controller's watchdog has cut the amplifiers",
     "power on and home; if it returns, see the missed deadlines in trocar status")
 AMPLIFIER: Final = Fault(
-    13, "AMPLIFIER", ERROR, POWER_OFF, "an amplifier is off although it should be on",
+    13, "amplifier", ERROR, POWER_OFF, "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail")
 TRACKING: Final = Fault(
-    14, "TRACKING", ERROR, STOP, "the joint controller cannot follow its set-point",
+    14, "tracking", ERROR, STOP, "the joint controller cannot follow its set-point",
     "look for a collision or a too fast command; the tolerance is in the PID file", JOINT)
 NOT_FINITE: Final = Fault(
-    15, "NOT_FINITE", ERROR, STOP, "a set-point or a requested current was not a finite number",
+    15, "not-finite", ERROR, STOP, "a set-point or a requested current was not a finite number",
     "a program sent NaN or infinity; nothing of it reached the motors")
 ARM_LOST: Final = Fault(
-    16, "ARM_LOST", ERROR, NOTHING, "the arm's process has sent no set-points for too long; holding",
+    16, "arm-lost", ERROR, NOTHING, "the arm's process has sent no set-points for too long; holding",
     "see why the arm's process does not come back (trocar status); power off if in doubt", "s")
 ARM_LOST_POWER_OFF: Final = Fault(
-    17, "ARM_LOST_POWER_OFF", ERROR, POWER_OFF, "the arm's process stayed away; power was switched off",
+    17, "arm-lost-power-off", ERROR, POWER_OFF, "the arm's process stayed away; power was switched off",
     "restart the arm, power on and home", "s")
 BIAS_FAILED: Final = Fault(
-    18, "BIAS_FAILED", ERROR, NOTHING, "an encoder did not take the value it was set to",
+    18, "bias-failed", ERROR, NOTHING, "an encoder did not take the value it was set to",
     "try again; if it returns, look at the potentiometers' values", JOINT, "set to")
 POT_MISSING: Final = Fault(
-    20, "POT_MISSING", ERROR, CUT, "a potentiometer reads where its table has no position; relays were opened",
+    20, "pot-missing", ERROR, CUT, "a potentiometer reads where its table has no position; relays were opened",
     "check that the table belongs to this arm, and the arm's cable; move the joint by hand and try again")
 SHARED_BOARD: Final = Fault(
-    19, "SHARED_BOARD", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
+    19, "shared-board", ERROR, POWER_OFF, "another robot on the same controller had a fault; power was switched off",
     "see the other robot's fault")
 CURRENT_ERROR: Final = Fault(
-    21, "CURRENT_ERROR", ERROR, POWER_OFF, "measured and requested motor current differ for longer than tolerated",
+    21, "current-error", ERROR, POWER_OFF, "measured and requested motor current differ for longer than tolerated",
     "check motor, motor cable and current calibration; the tolerance is io.current_error_a and _s", "A")
 CALIBRATION_MODE: Final = Fault(
-    22, "CALIBRATION_MODE", WARNING, NOTHING, "calibration mode: potentiometers are not compared with encoders",
+    22, "calibration-mode", WARNING, NOTHING, "calibration mode: potentiometers are not compared with encoders",
     "for calibrating only; without calibration_mode the checks are back")
 CALIBRATION_MOTORS: Final = Fault(
-    23, "CALIBRATION_MOTORS", WARNING, NOTHING, "in calibration mode the motor amplifiers of a dRA1 stay off",
+    23, "calibration-motors", WARNING, NOTHING, "in calibration mode the motor amplifiers of a dRA1 stay off",
     "its brakes can be released, the arm moved by hand; without calibration_mode the motors are switched on")
 PERIOD: Final = Fault(
-    24, "PERIOD", ERROR, STOP, "the I/O loop took more than twice its period on average over a second",
+    24, "period", ERROR, STOP, "the I/O loop took more than twice its period on average over a second",
     "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s", "s")
 PERIOD_LONG: Final = Fault(
-    25, "PERIOD_LONG", WARNING, NOTHING, "an I/O cycle works longer than its period on average over a second",
+    25, "period-long", WARNING, NOTHING, "an I/O cycle works longer than its period on average over a second",
     "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s", "s")
 FOREIGN_DATAGRAMS: Final = Fault(
     26, "foreign-datagrams", WARNING, NOTHING, f"datagrams from {SENDER} are ignored: no controller is there",
     "find the program that sends them; on a network of their own nobody else reaches io or the controllers")
 BOARD_AWAY: Final = Fault(
-    27, "BOARD_AWAY", ERROR, POWER_OFF, "the controller has left the bus: it has no power, or its cable is out",
+    27, "board-away", ERROR, POWER_OFF, "the controller has left the bus: it has no power, or its cable is out",
     "check its supply and its cables; the other controllers are not affected; then power on and home")
 TASK_OVER_BUDGET: Final = Fault(
-    31, "TASK_OVER_BUDGET", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
+    31, "task-over-budget", ERROR, NOTHING, "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)")
 TASK_FAILED: Final = Fault(
-    32, "TASK_FAILED", ERROR, NOTHING, "an in-cycle task failed and was detached",
+    32, "task-failed", ERROR, NOTHING, "an in-cycle task failed and was detached",
     "mend its module and start again (docs/in-cycle.md)")
 
 FAULTS: Final = (

@@ -28,11 +28,11 @@ def leave(stand: Stand, board: int, cycles: int = 1) -> None:
 def test_a_board_that_is_away_is_blamed_alone_and_only_its_robot_is_switched_off(stand: Stand) -> None:
     leave(stand, 3)
     (error,) = (e for e in stand.core.reports.events if e.kind == "error")
-    assert (error.code, error.component, error.board) == ("BOARD_AWAY", "PSM2", 3)
+    assert (error.code, error.component, error.board) == ("board-away", "PSM2", 3)
     assert error.text.startswith("PSM2, board 3: the controller has left the bus")
     assert stand.record.pid_enabled.tolist() == [True, False] and stand.record.power_wanted.tolist() == [True, False]
     stand.run_s(2.0)
-    assert stand.codes == ["BOARD_AWAY"] and stand.record.pid_enabled.tolist() == [True, False]
+    assert stand.codes == ["board-away"] and stand.record.pid_enabled.tolist() == [True, False]
 
 
 def test_the_others_lose_no_sample(stand: Stand) -> None:
@@ -50,7 +50,7 @@ def test_a_robot_without_its_board_gets_no_power(stand: Stand) -> None:
     leave(stand, 3, 10)
     command = stand.ask("power_on", robot="PSM2")
     stand.run(3)
-    assert stand.codes == ["BOARD_AWAY", "BOARD_AWAY"] and not stand.record.power_wanted[1]
+    assert stand.codes == ["board-away", "board-away"] and not stand.record.power_wanted[1]
     assert command.outcome in ("failed", "refused", "accepted")
     assert stand.record.pid_enabled[0]
 

@@ -75,5 +75,5 @@ def test_options_the_example_cannot_use_are_refused(task: TaskRow) -> None:
 
 def test_the_page_names_every_key_and_code() -> None:
     assert all(f"| `{name}` |" in PAGE for name in TaskKeys.model_fields)
-    assert all(f"`{row.code}`" in PAGE for row in FAULTS if row.code.startswith("TASK_"))
+    assert all(f"`{row.code}`" in PAGE for row in FAULTS if row.code.startswith("task-"))
     assert "trocar" in parse_yaml(blocks("yaml")[0]).data

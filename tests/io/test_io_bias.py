@@ -66,7 +66,7 @@ def test_encoders_that_failed_to_be_set_are_preset_no_more() -> None:
     assert stand.ask("bias_encoders", 10).outcome == "accepted"
     stand.run(30)
     assert not stand.record.biased[0]
-    assert stand.codes == ["BIAS_FAILED"]
+    assert stand.codes == ["bias-failed"]
     assert stand.ask("bias_encoders", -10).outcome == "accepted", "not done at once: they are set anew"
     stand.port.lost_writes = 0
     stand.run(30)
@@ -91,7 +91,7 @@ def test_encoders_that_take_nothing_fail_the_bias() -> None:
     command = stand.ask("bias_encoders", 10)
     stand.run(30)
     assert command.outcome == "failed"
-    assert stand.codes == ["BIAS_FAILED"]
+    assert stand.codes == ["bias-failed"]
     assert not stand.record.biased[0]
 
 
@@ -164,7 +164,7 @@ def test_an_encoder_that_takes_nothing_leaves_nothing_to_trust() -> None:
     stand.port.lost_writes = 1000
     command = stand.ask("set_encoder", 6, 1.0)
     stand.run(20)
-    assert command.outcome == "failed" and stand.codes == ["BIAS_FAILED"]
+    assert command.outcome == "failed" and stand.codes == ["bias-failed"]
     assert not stand.record.biased[0] and not stand.record.encoder_set[6]
 
 

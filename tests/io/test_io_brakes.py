@@ -84,7 +84,7 @@ def test_a_fault_engages_the_brakes_and_power_does_not_release_them_again(stand:
     stand.ask("tracking_check", 1)
     stand.port.place(0, 1.0)  # far from where it holds
     stand.run()
-    assert stand.codes == ["TRACKING"] and currents(stand) == [0.02, 0.02]
+    assert stand.codes == ["tracking"] and currents(stand) == [0.02, 0.02]
     stand.ask("clear_fault")
     assert stand.ask("pid_enable", 1).outcome == "done"
     stand.ask("brake_release")
@@ -102,8 +102,8 @@ def test_too_much_current_in_a_brake_cuts_power(stand: Stand) -> None:
     stand.run(100)
     assert stand.codes == []
     stand.run()
-    assert stand.codes == ["CURRENT"] and not stand.record.power_wanted[0]
-    (event,) = [e for e in stand.core.reports.events if e.code == "CURRENT"]
+    assert stand.codes == ["current"] and not stand.record.power_wanted[0]
+    (event,) = [e for e in stand.core.reports.events if e.code == "current"]
     assert event.axis == 8 and event.limit == pytest.approx(1.2 * 0.3 + 0.05)
 
 

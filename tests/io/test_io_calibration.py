@@ -20,7 +20,7 @@ def codes(stand: Stand, kind: str) -> list[str]:
 def test_calibration_mode_is_told_and_shown(on: bool) -> None:
     stand = Stand(calibration_mode=on)
     stand.run(1)
-    assert codes(stand, "warning") == ["CALIBRATION_MODE"] * on and bool(stand.record.calibration_mode) is on
+    assert codes(stand, "warning") == ["calibration-mode"] * on and bool(stand.record.calibration_mode) is on
 
 
 @pytest.mark.parametrize("on", [True, False])
@@ -32,7 +32,7 @@ def test_potentiometers_are_not_compared_while_they_are_calibrated(on: bool) -> 
     assert bool(stand.record.pot_check[0]) is not on
     stand.port.pot(2, 1.0)
     stand.run(100)
-    assert stand.codes == ([] if on else ["POTENTIOMETER"]) and bool(stand.record.power_wanted[0]) is on
+    assert stand.codes == ([] if on else ["potentiometer"]) and bool(stand.record.power_wanted[0]) is on
 
 
 @pytest.mark.parametrize(("current", "calibrating", "trips"), [
@@ -46,7 +46,7 @@ def test_more_current_is_let_pass_with_the_amplifier_off(current: float, calibra
     assert stand.record.powered[0] and not stand.record.amp_enabled.any()
     stand.port.current(0, current)
     stand.run(101)
-    assert stand.codes == (["CURRENT"] if trips else [])
+    assert stand.codes == (["current"] if trips else [])
 
 
 def test_a_classic_arm_is_powered_and_held_as_ever() -> None:
@@ -63,7 +63,7 @@ def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
     rig = Rig(loaded.system)
     assert rig.do("power_on", "PSM1").outcome == "done"
     warned = [event.code for event in rig.events if event.kind == "warning"]
-    assert warned == ["CALIBRATION_MODE", "CALIBRATION_MOTORS"]
+    assert warned == ["calibration-mode", "calibration-motors"]
     n = rig.robots.axes
     assert rig.record.powered[0] and not rig.record.amp_enabled[:n].any() and rig.record.amp_enabled[n:].all()
     assert not rig.record.amp_on[:n].any() and rig.record.amp_on[n:].all()

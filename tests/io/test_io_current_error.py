@@ -29,13 +29,13 @@ def test_current_unlike_the_request_cuts_power_on_the_11th_cycle() -> None:
     stand.run(10)
     assert stand.codes == []
     stand.run(1)
-    assert stand.codes == ["CURRENT_ERROR"]
+    assert stand.codes == ["current-error"]
     event = next(e for e in stand.core.reports.events if e.kind == "error")
     assert (event.component, event.axis, event.limit) == ("PSM1", 5, AMOUNT_A)
     assert event.value == pytest.approx(0.6, abs=1e-3)
     assert not stand.record.power_wanted[0] and stand.record.fault[0] == 21
     stand.run(100)
-    assert stand.codes == ["CURRENT_ERROR"]
+    assert stand.codes == ["current-error"]
 
 
 def test_a_missing_current_counts_as_well_as_one_too_many() -> None:
@@ -43,7 +43,7 @@ def test_a_missing_current_counts_as_well_as_one_too_many() -> None:
     stand.ask("pid_enable", 1)
     stand.send(1, in_effort=True, effort=1.6)  # 0.8 A
     stand.run(30)
-    assert stand.codes == ["CURRENT_ERROR"]
+    assert stand.codes == ["current-error"]
     assert "also axis 1, 2, 3, 4, 5, 6" in next(e.text for e in stand.core.reports.events if e.kind == "error")
 
 
@@ -73,7 +73,7 @@ def test_a_brake_is_compared_too_and_told_after_the_actuators() -> None:
     stand.ask("brake_release")
     stand.run(12)
     (event,) = [e for e in stand.core.reports.events if e.kind == "error"]
-    assert (event.code, event.axis) == ("CURRENT_ERROR", 7) and event.value == pytest.approx(1.2, abs=1e-3)
+    assert (event.code, event.axis) == ("current-error", 7) and event.value == pytest.approx(1.2, abs=1e-3)
 
 
 def test_an_amplifier_that_is_off_owes_no_current() -> None:
@@ -89,7 +89,7 @@ def test_only_the_robot_with_the_difference_loses_power() -> None:
     stand.port.current(8, 0.7)
     stand.run(11)
     errors = [(e.code, e.component, e.axis) for e in stand.core.reports.events if e.kind == "error"]
-    assert errors == [("CURRENT_ERROR", "PSM2", 1)]
+    assert errors == [("current-error", "PSM2", 1)]
     assert stand.record.power_wanted.tolist() == [True, False]
 
 
@@ -103,7 +103,7 @@ def test_a_difference_that_is_not_a_number_is_one() -> None:
 
     stand.core.samples.update = broken  # type: ignore[method-assign]
     stand.run(11)
-    assert stand.codes == ["CURRENT_ERROR"]
+    assert stand.codes == ["current-error"]
 
 
 def test_nothing_is_compared_unless_asked() -> None:

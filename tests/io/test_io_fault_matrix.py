@@ -132,18 +132,18 @@ class Row:
 
 
 ROWS = (
-    Row("bad-packets", lose_packets, 31, "BAD_READS", before=("READ_MISSED",)),
-    Row("nan-effort", nan_effort, 1, "NOT_FINITE", 3, powered=True, after=()),
-    Row("over-current", lambda stand: stand.port.current(4, 1.3), 101, "CURRENT", 4),
-    Row("board-cut-off", cut_amplifier, 1, "SAFETY_AMP_DISABLE", 5),
-    Row("over-65-degrees", hot, 1, "TEMPERATURE", 2),
-    Row("pot-off", lambda stand: stand.port.pot(6, 0.06), 11, "POTENTIOMETER", 6),
-    Row("encoder-overflow", overflow, 1, "ENCODER_OVERFLOW", 2, needs_bias=True),
-    Row("watchdog", status(registers.STATUS_WATCHDOG), 1, "WATCHDOG", before=("power lost",)),
-    Row("supply-fault", status(registers.STATUS_MV_FAULT), 1, "POWER_FAULT", before=("power lost",)),
-    Row("power-loss-after-3-s", lose_supply, 1, "POWER_LOST", before=("power lost",)),
-    Row("dead-amplifier", kill_amplifier, 53, "AMPLIFIER", 1),
-    Row("si-missing-pot", lambda stand: read_pots(stand, NOWHERE, 5), 1, "POT_MISSING", 5, relay=False, made=digital),
+    Row("bad-packets", lose_packets, 31, "bad-reads", before=("read-missed",)),
+    Row("nan-effort", nan_effort, 1, "not-finite", 3, powered=True, after=()),
+    Row("over-current", lambda stand: stand.port.current(4, 1.3), 101, "current", 4),
+    Row("board-cut-off", cut_amplifier, 1, "safety-amp-disable", 5),
+    Row("over-65-degrees", hot, 1, "temperature", 2),
+    Row("pot-off", lambda stand: stand.port.pot(6, 0.06), 11, "potentiometer", 6),
+    Row("encoder-overflow", overflow, 1, "encoder-overflow", 2, needs_bias=True),
+    Row("watchdog", status(registers.STATUS_WATCHDOG), 1, "watchdog", before=("power lost",)),
+    Row("supply-fault", status(registers.STATUS_MV_FAULT), 1, "power-fault", before=("power lost",)),
+    Row("power-loss-after-3-s", lose_supply, 1, "power-lost", before=("power lost",)),
+    Row("dead-amplifier", kill_amplifier, 53, "amplifier", 1),
+    Row("si-missing-pot", lambda stand: read_pots(stand, NOWHERE, 5), 1, "pot-missing", 5, relay=False, made=digital),
 )
 NUMBERS = {row.code: row.number for row in FAULTS}
 
@@ -175,7 +175,7 @@ def test_nothing_happens_before_its_cycle(row: Row) -> None:
     stand.run(row.cycle - 1)
     assert stand.codes == [] and stand.record.pid_enabled[0] and stand.record.power_wanted[0]
     assert brake_a(stand) == RELEASED_A and stand.record.fault[0] == 0
-    assert zero_current(stand) == (row.code == "BAD_READS")  # what was worked out from an old sample has faded out
+    assert zero_current(stand) == (row.code == "bad-reads")  # what was worked out from an old sample has faded out
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
@@ -236,10 +236,10 @@ def test_it_is_told_again_after_power_was_asked_for_in_vain(row: Row) -> None:
     stand.ask("power_off")
     command = stand.ask("power_on")
     stand.run_s(3.1)
-    if row.code in ("NOT_FINITE", "ENCODER_OVERFLOW", "WATCHDOG"):
+    if row.code in ("not-finite", "encoder-overflow", "watchdog"):
         assert command.outcome == "done" and stand.codes == []
         return
-    late = {"POWER_LOST": "POWER_TIMEOUT"}
+    late = {"power-lost": "power-timeout"}
     assert stand.codes == [late.get(row.code, row.code)]
     assert not stand.record.power_wanted[0] and is_off(stand)
 
@@ -264,7 +264,7 @@ def test_a_command_that_its_cycle_undoes_fails_with_the_reason(row: Row) -> None
     assert command.answers[-1][1].startswith(next(f.text for f in FAULTS if f.code == row.code))
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.code != "BAD_READS"], ids=str)
+@pytest.mark.parametrize("row", [row for row in ROWS if row.code != "bad-reads"], ids=str)
 def test_a_button_in_its_cycle_is_told(row: Row) -> None:
     stand = working(row.made())
     row.breaks(stand)
@@ -275,15 +275,15 @@ def test_a_button_in_its_cycle_is_told(row: Row) -> None:
     assert stand.record.input[0] and stand.record.valid
 
 
-PAIRS = [(a, b) for a, b in itertools.combinations(ROWS, 2) if "BAD_READS" not in (a.code, b.code)
-         and not (a.code == "POTENTIOMETER" and b.code == "POT_MISSING")]
+PAIRS = [(a, b) for a, b in itertools.combinations(ROWS, 2) if "bad-reads" not in (a.code, b.code)
+         and not (a.code == "potentiometer" and b.code == "pot-missing")]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), PAIRS, ids=str)
 def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: Row, other: Row) -> None:
     made = digital if digital in (one.made, other.made) else braked
-    if made is digital and "POTENTIOMETER" in (one.code, other.code):
+    if made is digital and "potentiometer" in (one.code, other.code):
         pytest.skip("another kind of potentiometer")
     stand = working(made())
     first, second = sorted((one, other), key=lambda row: -row.cycle)
@@ -293,10 +293,10 @@ def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: Row, o
     stand.run(second.cycle - 1)
     assert stand.codes == []
     stand.run(1)
-    hidden = {frozenset(("AMPLIFIER", other)) for other in ("WATCHDOG", "POWER_FAULT", "POWER_LOST")}
+    hidden = {frozenset(("amplifier", other)) for other in ("watchdog", "power-fault", "power-lost")}
     codes = {one.code, other.code}
     if frozenset(codes) in hidden:  # amplifiers go off with what cut them; the cause is told
-        codes.discard("AMPLIFIER")
+        codes.discard("amplifier")
     assert sorted(stand.codes) == sorted(codes)
     assert stand.record.fault[0] == NUMBERS[stand.codes[0]]
     assert not stand.record.pid_enabled[0] and zero_current(stand) and brake_a(stand) == ENGAGED_A
@@ -308,7 +308,7 @@ def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: Row, o
     assert told(stand)[: len(told_before)] == told_before and sorted(stand.codes) == sorted(codes)
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.cycle == 1 and row.code != "NOT_FINITE"], ids=str)
+@pytest.mark.parametrize("row", [row for row in ROWS if row.cycle == 1 and row.code != "not-finite"], ids=str)
 def test_a_fault_in_the_cycle_of_the_last_bad_packet_is_told_with_the_next_good_one(row: Row) -> None:
     stand = working(row.made())
     lose_packets(stand)
@@ -325,12 +325,12 @@ def test_one_bad_packet_changes_nothing_but_a_warning() -> None:
     before = stand.port.sent[-1].copy()
     lose_packets(stand)
     stand.run(1)
-    assert told(stand) == ["READ_MISSED"] and not stand.record.valid
+    assert told(stand) == ["read-missed"] and not stand.record.valid
     assert stand.record.pid_enabled[0] and stand.record.power_wanted[0] and brake_a(stand) == RELEASED_A
     np.testing.assert_array_equal(stand.port.sent[-1], before)
     stand.port.good = True
     stand.run(100)
-    assert told(stand) == ["READ_MISSED"] and stand.record.valid and stand.record.pid_enabled[0]
+    assert told(stand) == ["read-missed"] and stand.record.valid and stand.record.pid_enabled[0]
 
 
 def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -> None:
@@ -338,12 +338,12 @@ def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -
     lose_packets(stand)
     sent = len(stand.port.sent)
     stand.run(10_000)
-    assert told(stand) == ["READ_MISSED", "BAD_READS", "power off"] and not stand.record.valid
+    assert told(stand) == ["read-missed", "bad-reads", "power off"] and not stand.record.valid
     assert len(stand.port.sent) == sent + 10_000 and is_off(stand)
     assert stand.record.bad_reads == 10_000 and stand.record.age_ns == pytest.approx(10_000 * 976_562, rel=1e-3)
     stand.port.good = True
     stand.run(10)
-    assert told(stand) == ["READ_MISSED", "BAD_READS", "power off", "the controllers answer again"]
+    assert told(stand) == ["read-missed", "bad-reads", "power off", "the controllers answer again"]
     assert stand.record.valid and not stand.record.pid_enabled[0] and not stand.record.power_wanted[0]
 
 
@@ -354,7 +354,7 @@ def test_power_asked_for_without_packets_fails_at_once() -> None:
     stand.core.reports.events.clear()
     command = stand.ask("power_on")
     stand.run(1)
-    assert command.outcome == "failed" and stand.codes == ["BAD_READS"] and is_off(stand)
+    assert command.outcome == "failed" and stand.codes == ["bad-reads"] and is_off(stand)
 
 
 def test_a_button_pressed_while_packets_are_lost_is_told_with_the_next_good_one() -> None:
@@ -362,10 +362,10 @@ def test_a_button_pressed_while_packets_are_lost_is_told_with_the_next_good_one(
     lose_packets(stand)
     stand.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
     stand.run(10)
-    assert told(stand) == ["READ_MISSED"]
+    assert told(stand) == ["read-missed"]
     stand.port.good = True
     stand.run(1)
-    assert told(stand) == ["READ_MISSED", "pressed"]
+    assert told(stand) == ["read-missed", "pressed"]
 
 
 def test_power_loss_before_3_s_waits_for_them_where_nothing_is_held() -> None:
@@ -376,7 +376,7 @@ def test_power_loss_before_3_s_waits_for_them_where_nothing_is_held() -> None:
     stand.run_s(2.9)
     assert told(stand) == ["power lost"] and stand.record.power_wanted[0]
     stand.run_s(0.2)
-    assert told(stand) == ["power lost", "POWER_LOST", "power off"] and is_off(stand)
+    assert told(stand) == ["power lost", "power-lost", "power off"] and is_off(stand)
 
 
 def test_power_loss_before_3_s_that_ends_in_time_is_told_and_nothing_else() -> None:
@@ -387,18 +387,18 @@ def test_power_loss_before_3_s_that_ends_in_time_is_told_and_nothing_else() -> N
     stand.run_s(1.0)
     stand.port.has_supply = True
     stand.run_s(2.5)
-    assert told(stand)[:2] == ["power lost", "powered"] and stand.codes in ([], ["AMPLIFIER"])
+    assert told(stand)[:2] == ["power lost", "powered"] and stand.codes in ([], ["amplifier"])
 
 
 def test_power_loss_before_3_s_acts_at_once_where_an_arm_is_held() -> None:
     stand = working(braked(), grace_over=False)
     lose_supply(stand)
     stand.run(1)
-    assert told(stand) == ["power lost", "POWER_LOST", "power off"]
+    assert told(stand) == ["power lost", "power-lost", "power off"]
     assert not stand.record.pid_enabled[0] and is_off(stand) and brake_a(stand) == ENGAGED_A
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.code in ("TEMPERATURE", "POTENTIOMETER", "CURRENT")],
+@pytest.mark.parametrize("row", [row for row in ROWS if row.code in ("temperature", "potentiometer", "current")],
                          ids=str)
 def test_power_lost_in_the_grace_time_and_in_the_cycle_of_a_fault_is_told(row: Row) -> None:
     stand = braked()
@@ -428,8 +428,8 @@ def test_faults_of_several_axes_are_all_named() -> None:
         stand.port.current(axis + 1, 1.3)
     stand.run(101)
     events = [(e.code, e.axis) for e in stand.core.reports.events if e.kind == "error"]
-    assert events == [("POTENTIOMETER", 1), ("POTENTIOMETER", 4), ("CURRENT", 2)]
-    assert "also axis 5" in next(e.text for e in stand.core.reports.events if e.code == "CURRENT")
+    assert events == [("potentiometer", 1), ("potentiometer", 4), ("current", 2)]
+    assert "also axis 5" in next(e.text for e in stand.core.reports.events if e.code == "current")
 
 
 def test_another_robot_goes_on() -> None:
@@ -440,7 +440,7 @@ def test_another_robot_goes_on() -> None:
     stand.run(2)
     hot(stand)
     stand.run(10)
-    assert stand.codes == ["TEMPERATURE"] and stand.record.pid_enabled.tolist() == [False, True]
+    assert stand.codes == ["temperature"] and stand.record.pid_enabled.tolist() == [False, True]
     assert stand.record.power_wanted.tolist() == [False, True]
     assert (stand.record.current_request[7:] == EFFORT / 2).all()
 
@@ -460,7 +460,7 @@ def test_a_set_point_that_is_no_number_never_becomes_bits(in_effort: bool, name:
     getattr(stand.arms[0], name)[4] = value
     sent = len(stand.port.sent)
     stand.run(20)
-    assert stand.codes == ["NOT_FINITE"] and not stand.record.pid_enabled[0]
+    assert stand.codes == ["not-finite"] and not stand.record.pid_enabled[0]
     for out in stand.port.sent[sent:]:
         assert (out.reshape(-1)[[0, 1, 2, 3, 5, 6, 7]] & 0xFFFF == 0x8000).all()
     assert np.isfinite(stand.record.current_request).all()
@@ -471,11 +471,11 @@ def test_a_set_point_that_is_no_number_is_found_without_packets_too() -> None:
     lose_packets(stand)
     nan_effort(stand)
     stand.run(1)
-    assert sorted(told(stand)) == ["NOT_FINITE", "READ_MISSED"] and not stand.record.pid_enabled[0]
+    assert sorted(told(stand)) == ["not-finite", "read-missed"] and not stand.record.pid_enabled[0]
     assert zero_current(stand) and stand.record.power_wanted[0] and brake_a(stand) == ENGAGED_A
     stand.run(30)
-    assert stand.codes == ["NOT_FINITE", "BAD_READS"] and is_off(stand)
-    assert stand.record.fault[0] == NUMBERS["NOT_FINITE"], "the first stays latched"
+    assert stand.codes == ["not-finite", "bad-reads"] and is_off(stand)
+    assert stand.record.fault[0] == NUMBERS["not-finite"], "the first stays latched"
 
 
 def test_robots_on_the_same_board_go_down_together_and_the_cause_is_told_first() -> None:
@@ -487,7 +487,7 @@ def test_robots_on_the_same_board_go_down_together_and_the_cause_is_told_first()
     hot(stand)
     stand.run(1)
     events = [(e.code or e.text, e.component) for e in stand.core.reports.events]
-    assert events == [("TEMPERATURE", "PSM1"), ("power off", "PSM1"), ("SHARED_BOARD", "gripper"),
+    assert events == [("temperature", "PSM1"), ("power off", "PSM1"), ("shared-board", "gripper"),
                       ("power off", "gripper")]
     assert (stand.port.sent[-1][:, 4] & 0x000C0000 == registers.CONTROL_POWER_OFF).all()
 
@@ -506,7 +506,7 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
 
     stand.core.pid.step = broken  # type: ignore[method-assign]
     stand.run(1)
-    assert stand.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and stand.codes == ["NOT_FINITE"]
+    assert stand.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and stand.codes == ["not-finite"]
     stand.run(1)
     assert zero_current(stand) and stand.record.power_wanted[0] and brake_a(stand) == ENGAGED_A
 

@@ -13,7 +13,7 @@ def test_over_current_trips_on_the_101st_cycle() -> None:
     stand.run(100)
     assert stand.codes == []
     stand.run(1)
-    assert stand.codes == ["CURRENT"]
+    assert stand.codes == ["current"]
     event = next(e for e in stand.core.reports.events if e.kind == "error")
     assert event.axis == 3
     assert event.value == pytest.approx(-1.3, abs=1e-3)
@@ -40,7 +40,7 @@ def test_current_without_amplifier_has_a_lower_limit() -> None:
     assert stand.codes == []
     stand.port.current(0, 0.25)
     stand.run(101)
-    assert stand.codes == ["CURRENT"]
+    assert stand.codes == ["current"]
 
 
 def test_safety_amp_disable_trips() -> None:
@@ -49,7 +49,7 @@ def test_safety_amp_disable_trips() -> None:
     stand.port.live[1, blocks.STATUS] |= np.uint32(1 << registers.STATUS_SAFETY_SHIFT + 1)
     stand.run(1)
     errors = [(e.code, e.axis) for e in stand.core.reports.events if e.kind == "error"]
-    assert errors == [("SAFETY_AMP_DISABLE", 5)]
+    assert errors == [("safety-amp-disable", 5)]
     assert not stand.record.pid_enabled[0]
 
 
@@ -60,7 +60,7 @@ def test_safety_amp_disable_trips_with_the_amplifier_it_cut() -> None:
     stand.port.live[1, blocks.STATUS] |= np.uint32(1 << registers.STATUS_SAFETY_SHIFT + 1)
     stand.port.live[1, blocks.STATUS] &= ~np.uint32(1 << registers.STATUS_AMP_ON_SHIFT + 1)
     stand.run(1)
-    assert stand.codes == ["SAFETY_AMP_DISABLE"]
+    assert stand.codes == ["safety-amp-disable"]
 
 
 def test_a_cut_off_from_before_does_not_bar_power_on() -> None:
@@ -81,7 +81,7 @@ def test_warm_amplifiers_warn_every_two_minutes() -> None:
     stand.port.live[:, blocks.TEMPERATURE] = 62 * 2 << 8 | 30 * 2
     stand.run_s(2.0)
     warnings = [e for e in stand.core.reports.events if e.kind == "warning"]
-    assert [w.code for w in warnings] == ["TEMPERATURE_HIGH"]
+    assert [w.code for w in warnings] == ["temperature-high"]
     assert warnings[0].value == 62.0
     stand.clock.ns += 120_000_000_000
     stand.run(1)
@@ -93,7 +93,7 @@ def test_hot_amplifiers_switch_off() -> None:
     stand.power()
     stand.port.live[0, blocks.TEMPERATURE] = 60 << 8 | 66 * 2
     stand.run(1)
-    assert stand.codes == ["TEMPERATURE"]
+    assert stand.codes == ["temperature"]
     assert not stand.record.power_wanted[0]
 
 
@@ -112,10 +112,10 @@ def test_potentiometer_error_trips_on_the_11th_cycle() -> None:
     stand.run(10)
     assert stand.codes == []
     stand.run(1)
-    assert stand.codes == ["POTENTIOMETER"]
+    assert stand.codes == ["potentiometer"]
     assert not stand.record.pid_enabled[0]
     stand.run(50)
-    assert stand.codes == ["POTENTIOMETER"]
+    assert stand.codes == ["potentiometer"]
 
 
 def test_potentiometers_are_compared_only_when_asked() -> None:
@@ -133,12 +133,12 @@ def test_encoder_overflow_takes_bias_and_power() -> None:
     stand.control()
     stand.port.live[0, blocks.POSITION.start + 2] |= np.uint32(registers.ENCODER_OVERFLOW)
     stand.run(1)
-    assert stand.codes == ["ENCODER_OVERFLOW"]
+    assert stand.codes == ["encoder-overflow"]
     assert not stand.record.biased[0]
     assert not stand.record.power_wanted[0]
     assert len([q for q in stand.port.quadlets if q[1] & 0xF == registers.ENCODER_PRELOAD]) == 7
     stand.run(20)
-    assert stand.codes == ["ENCODER_OVERFLOW"]
+    assert stand.codes == ["encoder-overflow"]
 
 
 def test_faults_of_one_cycle_are_all_told() -> None:
@@ -148,7 +148,7 @@ def test_faults_of_one_cycle_are_all_told() -> None:
     stand.port.live[0, blocks.TEMPERATURE] = 70 * 2
     stand.port.live[0, blocks.POSITION.start] |= np.uint32(registers.ENCODER_OVERFLOW)
     stand.run(1)
-    assert set(stand.codes) == {"WATCHDOG", "TEMPERATURE", "ENCODER_OVERFLOW"}
+    assert set(stand.codes) == {"watchdog", "temperature", "encoder-overflow"}
     assert stand.record.fault[0] == 12
 
 
@@ -211,7 +211,7 @@ def test_bad_reads_for_the_watchdog_time_are_a_fault() -> None:
     stand.run(30)
     assert stand.record.pid_enabled[0]
     stand.run(2)
-    assert stand.codes == ["BAD_READS"]
+    assert stand.codes == ["bad-reads"]
     assert "PSM1, boards 0, 1: " in next(e.text for e in stand.core.reports.events if e.kind == "error")
     assert not stand.record.pid_enabled[0]
     assert not stand.record.power_wanted[0]
@@ -219,7 +219,7 @@ def test_bad_reads_for_the_watchdog_time_are_a_fault() -> None:
     sent = len(stand.port.sent)
     stand.run(1000)
     assert len(stand.port.sent) == sent + 1000
-    assert stand.codes == ["BAD_READS"]
+    assert stand.codes == ["bad-reads"]
     warnings = [e for e in stand.core.reports.events if e.kind == "warning"]
     assert 1 <= len(warnings) <= 3
     stand.port.good = True

@@ -40,7 +40,7 @@ class TaskStand(Stand):
 
     @property
     def told(self) -> list[str]:
-        return [event.text for event in self.core.reports.events if "TASK" in event.code]
+        return [event.text for event in self.core.reports.events if "task-" in event.code]
 
 
 def test_a_task_sees_the_sample_of_its_robot(tmp_path) -> None:
@@ -131,7 +131,7 @@ def test_a_task_that_fails_is_detached_and_the_controller_goes_on(tmp_path, body
     np.testing.assert_allclose(stand.record.setpoint_effort, 0.1)
     assert stand.mine[0].steps == 20
     (told,) = stand.told
-    assert text in told and "detached" in told and stand.codes == ["TASK_FAILED"]
+    assert text in told and "detached" in told and stand.codes == ["task-failed"]
     assert stand.record.pid_enabled[0] and stand.record.fault[0] == 0
 
 
@@ -143,7 +143,7 @@ def test_over_budget_so_many_times_is_the_end(tmp_path) -> None:
     stand = TaskStand(tmp_path, "effort[...] = 0.5\nself.clock.ns += 60_000", budget_s=50e-6, over_budget=10)
     stand.control()
     assert stand.told and stand.mine[0].steps == 10
-    event = next(e for e in stand.core.reports.events if e.code == "TASK_OVER_BUDGET")
+    event = next(e for e in stand.core.reports.events if e.code == "task-over-budget")
     assert event.component == "PSM1" and event.value == pytest.approx(60e-6) and event.limit == pytest.approx(50e-6)
     assert "mine.Mine: mean 60.0 µs, at most 60.0 µs in 10 cycles" in event.text
     assert (stand.record.setpoint_effort == 0.0).all() and stand.record.pid_enabled[0]
@@ -154,7 +154,7 @@ def test_a_long_reason_does_not_crowd_out_the_hint(tmp_path, body) -> None:
     stand = TaskStand(tmp_path, body)
     stand.run(10)
     assert len(stand.told) == 1
-    (event,) = (e for e in stand.core.reports.events if e.code in ("TASK_OVER_BUDGET", "TASK_FAILED"))
+    (event,) = (e for e in stand.core.reports.events if e.code in ("task-over-budget", "task-failed"))
     assert "docs/in-cycle.md" in event.hint
 
 

@@ -98,7 +98,7 @@ def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) ->
     torn.run(int(2.9 * 1024))
     assert stand.codes == []
     torn.run(int(0.2 * 1024))
-    assert stand.codes == ["ARM_LOST"] and record.pid_enabled[0]
+    assert stand.codes == ["arm-lost"] and record.pid_enabled[0]
     assert (record.setpoint_position == 0.1).all() and (stand.record.setpoint_velocity == 0.0).all()
     assert torn.reader.trouble != ""
     torn.spoil = ""

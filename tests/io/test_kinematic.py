@@ -151,7 +151,7 @@ def test_dead_arm_leaves_it_holding_and_is_reported(powered: Stage) -> None:
     powered.run(40)
     assert powered.record.holding[0] and tuple(powered.record.position) == SEVEN
     powered.run(3000)
-    assert powered.codes == ["ARM_LOST"] and powered.record.pid_enabled[0] and powered.record.powered[0]
+    assert powered.codes == ["arm-lost"] and powered.record.pid_enabled[0] and powered.record.powered[0]
     powered.alive = True
     powered.run()
     assert not powered.record.holding[0] and tuple(powered.record.position) == SEVEN
@@ -186,7 +186,7 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: Stage) -> None:
     powered.run()
     powered.send(position=(np.nan,) * 7)
     powered.run()
-    assert powered.codes == ["NOT_FINITE"] and not powered.record.pid_enabled[0]
+    assert powered.codes == ["not-finite"] and not powered.record.pid_enabled[0]
     assert tuple(powered.record.position) == SEVEN
 
 

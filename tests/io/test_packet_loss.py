@@ -117,7 +117,7 @@ def test_silence_shorter_than_the_watchdog_is_survived_and_a_longer_one_is_a_fau
     assert rig.errors() == [] and rig.record.pid_enabled[0]
     rig.link.loss = 1.0
     rig.run(0.05)
-    assert ("BAD_READS", "PSM1") in rig.errors()
+    assert ("bad-reads", "PSM1") in rig.errors()
     assert not rig.record.pid_enabled[0] and not rig.record.power_wanted[0]
     assert not rig.world.lines.on.any(), "the boards' watchdogs have cut the amplifiers by themselves"
     rig.link.loss = 0.0

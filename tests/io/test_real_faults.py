@@ -14,11 +14,11 @@ from tests.io.test_real_robots import rig_of
 pytestmark = pytest.mark.slow
 ROBOTS = (("jhu-dVRK/system-PSM1", "PSM1"), ("jhu-daVinci-Si/system-PSM1", "PSM1"))
 FAULTS: tuple[tuple[str, Callable[[Incidents, Rig], None], set[str]], ...] = (
-    ("emergency stop", lambda hand, rig: hand.stop(True), {"POWER_LOST"}),
-    ("supply", lambda hand, rig: hand.lose_supply("PSM1", True), {"POWER_LOST", "POWER_FAULT"}),
-    ("amplifier", lambda hand, rig: hand.fail_amplifier("PSM1", 2, True), {"AMPLIFIER"}),
-    ("encoder", lambda hand, rig: hand.jump_encoder("PSM1", 1, 200_000), {"POTENTIOMETER", "TRACKING"}),
-    ("board", lambda hand, rig: hand.take_away(rig.robots.board_ids[0], True), {"BAD_READS", "BOARD_AWAY"}),
+    ("emergency stop", lambda hand, rig: hand.stop(True), {"power-lost"}),
+    ("supply", lambda hand, rig: hand.lose_supply("PSM1", True), {"power-lost", "power-fault"}),
+    ("amplifier", lambda hand, rig: hand.fail_amplifier("PSM1", 2, True), {"amplifier"}),
+    ("encoder", lambda hand, rig: hand.jump_encoder("PSM1", 1, 200_000), {"potentiometer", "tracking"}),
+    ("board", lambda hand, rig: hand.take_away(rig.robots.board_ids[0], True), {"bad-reads", "board-away"}),
 )
 
 

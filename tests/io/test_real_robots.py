@@ -71,13 +71,13 @@ def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_
 
     tables.readings = broken  # type: ignore[method-assign]
     rig.run(0.1)
-    assert ("POT_MISSING", "PSM1") in rig.errors()
-    (event,) = [event for event in rig.events if event.code == "POT_MISSING"]
+    assert ("pot-missing", "PSM1") in rig.errors()
+    (event,) = [event for event in rig.events if event.code == "pot-missing"]
     assert event.axis == 2
     assert not rig.record.power_wanted[0] and not rig.record.relay[0]
     rig.events.clear()
     assert rig.do("power_on", "PSM1").outcome == "failed"
-    assert ("POT_MISSING", "PSM1") in rig.errors()
+    assert ("pot-missing", "PSM1") in rig.errors()
     tables.readings = honest  # type: ignore[method-assign]
     rig.run(0.1)
     rig.bring_up("PSM1")

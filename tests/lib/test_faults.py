@@ -1,3 +1,5 @@
+import re
+
 from procs.lib.faults import FAULTS, NOTHING, WARNING, fault_of
 
 
@@ -8,7 +10,7 @@ def test_numbers_and_codes_are_unique() -> None:
 
 def test_texts_fit_their_event() -> None:
     for row in FAULTS:
-        assert len(row.code) <= 32
+        assert len(row.code) <= 32 and re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", row.code)
         assert len(f"{row.text}; {row.hint}") <= 200
 
 

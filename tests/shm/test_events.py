@@ -81,7 +81,7 @@ def test_a_long_sentence_ends_with_a_whole_word_and_the_log_has_the_rest(ends: t
     _, reader = ends
     events = Events(ends[0]._ring, lambda: 5000, lambda severity, text: logged.append((severity, text)))
     text = "PSM1: " + "blocked joint " * 40 + "end"
-    events.error("TRACKING", text, "PSM1", hint="look for a collision")
+    events.error("tracking", text, "PSM1", hint="look for a collision")
     events.status("nothing for the log", "PSM1")
     record = reader.last(2)[0]
     assert record["text"].decode().endswith(("blocked…", "joint…")) and len(record["text"]) <= 400

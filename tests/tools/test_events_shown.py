@@ -35,12 +35,12 @@ def run(played: Played, *words: str) -> Result:
 def test_echo_of_events_prints_the_history_with_local_time(played: Played) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
     played.events.operating_state("ENABLED", "HOMED", True, False)
-    played.events.error("TRACKING", "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look")
+    played.events.error("tracking", "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look")
     shown = run(played, "echo", "PSM1/events", "-n", "3").stdout.splitlines()
     assert [re.sub(f"^{TIME}", "AT", line) for line in shown] == [
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
-        "AT  error TRACKING  PSM1 axis 2 (insertion), board 6: cannot follow; look",
+        "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; look",
     ]
 
 
@@ -72,10 +72,10 @@ def test_counting_records_ends_where_nothing_new_comes(played: Played) -> None:
 
 
 def test_events_carry_all_their_data_for_programs(played: Played) -> None:
-    played.events.error("TRACKING", "cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look for a collision")
+    played.events.error("tracking", "cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look for a collision")
     (row,) = (json.loads(line) for line in run(played, "echo", "PSM1/error", "--once", "--json").stdout.splitlines())
     assert (row["code"], row["component"], row["axis"], row["board"], row["value"], row["limit"], row["hint"]) == (
-        "TRACKING", "PSM1", 2, 6, 0.06, 0.05, "look for a collision")
+        "tracking", "PSM1", 2, 6, 0.06, 0.05, "look for a collision")
     assert row["local_ns"] > 10**18 and row["monotonic_ns"] > 0
 
 
@@ -86,7 +86,7 @@ def field(topic: Any, name: str) -> Field:
 @pytest.mark.parametrize(("topic", "name", "value", "word"), [
     (ARM_STATE, "control_mode", 3, "effort"), (ARM_STATE, "control_space", 2, "Cartesian"),
     (ARM_STATE, "adapter", 4, "engaged"), (ARM_STATE, "instrument", 0, "not looked at"),
-    (SETPOINT, "mode", 1, "drive the actuators as the rest says"), (IO_STATE, "fault", [0, 13], ["none", "AMPLIFIER"]),
+    (SETPOINT, "mode", 1, "drive the actuators as the rest says"), (IO_STATE, "fault", [0, 13], ["none", "amplifier"]),
     (IO_STATE, "encoder_bits", [0, 5], [0, 5]), (IO_STATE, "cycle", 1, 1), (ARM_STATE, "count", 6, 6),
 ])
 def test_enumerations_are_words(topic: Any, name: str, value: Any, word: Any) -> None:

@@ -46,7 +46,7 @@ def test_arms_without_power_are_well_and_the_next_step_is_told(played: Played) -
 
 
 def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(played: Played) -> None:
-    played.events.error("AMPLIFIER", OFF, "PSM1", 2, board=6, hint="check the motor cable")
+    played.events.error("amplifier", OFF, "PSM1", 2, board=6, hint="check the motor cable")
     played.events.status("PSM1: FAULT", "PSM1")
     played.arm.field("reason")[...] = OFF.encode()
     played.show_arm(state="FAULT")
@@ -55,7 +55,7 @@ def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(played: Pla
     assert shown.stdout.splitlines()[-1] == f"first: {OFF}; check the motor cable. Then: trocar home PSM1"
     (row,) = json.loads(status(played, "--json").stdout)["standings"]
     assert (row["state"], row["homed"], row["reason"]) == ("FAULT", False, OFF)
-    assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("AMPLIFIER", 2, 6)
+    assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)
 
 
 def test_what_a_person_has_to_do_for_an_arm_comes_first(played: Played) -> None:
@@ -76,9 +76,9 @@ def life(name: str, trouble: str = "") -> Life:
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
     ([life("IO1", "dead"), life("PSM1")], [fault("PSM1", "io-silent", 5)], "IO1 is dead: trocar logs IO1"),
-    ([], [fault("PSM1", "SHARED_BOARD", 1), fault("PSM2", "AMPLIFIER", 2)],
-     "PSM2: AMPLIFIER. Then: trocar home PSM2 PSM1"),
-    ([], [fault("PSM1", "POWER_LOST", 3), fault("PSM2", "WATCHDOG", 2)], "PSM2: WATCHDOG. Then: trocar home PSM2 PSM1"),
+    ([], [fault("PSM1", "shared-board", 1), fault("PSM2", "amplifier", 2)],
+     "PSM2: amplifier. Then: trocar home PSM2 PSM1"),
+    ([], [fault("PSM1", "power-lost", 3), fault("PSM2", "watchdog", 2)], "PSM2: watchdog. Then: trocar home PSM2 PSM1"),
     ([life("PSM1")], [Standing("PSM1", "arm", "ENABLED HOMED", True)], ""),
     ([], [Standing("A_B", "teleop", "ENABLED", None, "the operator to hold the master")], ""),
 ])

@@ -107,7 +107,7 @@ def test_one_motor_at_a_time_stops_at_what_moves_wrongly(file: str, breaks: Brea
     bench = RigBench(file)
     breaks(bench)
     if says == "power_on":
-        with pytest.raises(AssertionError, match="AMPLIFIER"):
+        with pytest.raises(AssertionError, match="amplifier"):
             axis.run(bench)
         return
     problem = _problem(axis.run(bench))
