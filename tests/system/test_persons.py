@@ -104,9 +104,10 @@ def test_a_fault_under_a_pressed_pedal_leaves_the_robot_off_until_a_person_asks(
     operator.press(True)
     wait_for(lambda: operator.seat.console.value("operator_present"), 20, "the operator seen")
     assert operator.teleop.value("state") == "DISABLED"  # homed again, but nobody enabled teleoperation since
-    robot.kill("IO1")
+    old = robot.kill("IO1")
     wait_for(lambda: not operator.is_powered, 20, "amplifiers off")
     operator.stays_off()
+    wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 60, "io's restart")
     operator.home()
 
     asked = {int(row["origin"]) for row in audit(robot, "system", "system") if row["command"] == b"home"}
