@@ -1,10 +1,27 @@
-"""THE TABLE of who runs: one row per kind of process, as data. The supervisor starts nothing that is not here."""
+"""THE TABLE of who runs: one row per kind of process. Whatever asks what a kind is reads it here."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Literal
 
-from procs.lib.document import Process
+from procs.lib import sizes
+from procs.lib.document import Process, System
+from procs.lib.sizes import Sizes
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """One that a system has; without a period it has that of its kind. It starts after those of `after` there are."""
+
+    name: str
+    period_s: float = 0.0
+    after: tuple[str, ...] = ()
+
+
+def _nobody(system: System) -> Iterable[Instance]:
+    return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,11 +30,14 @@ class Proc:
 
     Without a module it is a program of somebody else, who starts it: only its places in shared memory are ours.
 
-    `topics` are the rings its instances write besides `events`; `phase` is where in the period its cycle lies in
+    `topics` are the rings its instances write besides `events`, where they say `events` besides status, warning and
+    error; `instances` are those that a system has, in this order, `sizes` the named sizes of their records; `woken`: a
+    command wakes it between its cycles. `phase` is where in the period its cycle lies in
     lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
     again by the policy for deaths; held up for `late_s` it begins anew as if it had been killed, where `pause_ends` it.
     `stop_s`: how long it may take to end when asked; `on_exit` is said in words for `trocar status`; `reserved` is the
-    share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority.
+    share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
+    `trocar:`, a little above that of arms, or less than all that move robots.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -27,7 +47,12 @@ class Proc:
     late_s: float
     stop_s: float
     on_exit: str
-    topics: tuple[str, ...]
+    topics: tuple[str, ...] = ("state",)
+    events: tuple[str, ...] = ()
+    instances: Callable[[System], Iterable[Instance]] = _nobody
+    sizes: Callable[[System, str], Sizes] = sizes.fixed
+    priority: Literal["", "emulation", "io", "above arms", "arm", "least"] = ""
+    woken: bool = False
     phase: float = 0.0
     realtime: bool = True
     restart: bool = True
@@ -39,26 +64,46 @@ class Proc:
 
 
 PROCS: tuple[Proc, ...] = (
-    Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends", (),
-         realtime=False, restart=False, budget_us=2000),
-    Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
-         ("state",), pause_ends=False, reserved=0.7, budget_us=500),
-    Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
-         ("state", "gains", "instruments"), reserved=0.6, budget_us=300),
-    Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
-         ("state", "setpoint"), phase=0.5, budget_us=150, rest=3),
-    Proc("suj", "procs.suj.loop", 1 / 500, 0.03, 3.0, "brakes engage, base frames unknown; restart goes on",
-         ("state", "setpoint"), phase=0.75, budget_us=150),
-    Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
-         ("state",), phase=0.75, budget_us=200, rest=10),
-    Proc("console", "procs.console.loop", 0.01, 0.03, 3.0, "operator counts as absent; restart goes on",
-         ("state",), phase=0.05, budget_us=300),
-    Proc("system", "procs.system.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart",
-         ("state",), phase=0.06, realtime=False, budget_us=500),
-    Proc("focus", "procs.focus.loop", 0.01, 0.03, 3.0, "the lens may move on until the restart, which stops it",
-         ("state",), realtime=False, budget_us=300),
+    Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
+         sizes=sizes.of_supervisor, realtime=False, restart=False, budget_us=2000),
     Proc("external", "", 0.005, 0.03, 0.0, "tele-operations that use it stop following; who owns it starts it again",
-         ("state",), realtime=False, restart=False),
+         instances=lambda system: [Instance(row.name) for row in system.externals],
+         sizes=sizes.of_external, realtime=False, restart=False),
+    Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
+         instances=lambda system: [Instance("boards", system.emulation.period_s)] if system.emulation else [],
+         sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),
+    Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
+         ("state", "gains", "instruments"), ("button", "tool_type", "operating_state"),
+         lambda system: [Instance(io.name, io.period_s, ("boards",) if io.port else ()) for io in system.ios],
+         sizes.of_io, "io", reserved=0.6, budget_us=300),
+    Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
+         ("state", "setpoint"), ("operating_state", "goal_reached"),
+         lambda system: [Instance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],
+         sizes.of_arm, "arm", phase=0.5, budget_us=150, rest=3),
+    Proc("suj", "procs.suj.loop", 1 / 500, 0.03, 3.0, "brakes engage, base frames unknown; restart goes on",
+         ("state", "setpoint"), ("operating_state",),
+         lambda system: [Instance(cart.name, cart.period_s, (cart.io,)) for cart in system.carts],
+         sizes.of_cart, "arm", phase=0.75, budget_us=150),
+    Proc("focus", "procs.focus.loop", 0.01, 0.03, 3.0, "the lens may move on until the restart, which stops it",
+         events=("locked", "focusing_in", "focusing_out"),
+         instances=lambda system: [Instance(row.name, row.period_s, (row.io, *(pedal.io for pedal in row.pedals)))
+                                   for row in system.focuses],
+         priority="least", realtime=False, budget_us=300),
+    Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
+         instances=lambda system: [Instance(row.name, row.period_s, row.arms)
+                                   for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
+         priority="arm", woken=True, phase=0.75, budget_us=200, rest=10),
+    # Above the arms: it takes little, and an operator who cannot be seen for 30 ms counts as gone.
+    Proc("console", "procs.console.loop", 0.01, 0.03, 3.0, "operator counts as absent; restart goes on",
+         instances=lambda system: [
+             Instance(row.name, row.period_s, (*row.teleops, *(wired.io for wired in row.operator_present)))
+             for row in system.consoles],
+         sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300),
+    Proc("system", "procs.system.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart",
+         instances=lambda system: [Instance("system", after=tuple(
+             row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
+             ] if system.consoles else [],
+         sizes=sizes.of_system, priority="least", woken=True, phase=0.06, realtime=False, budget_us=500),
 )
 
 

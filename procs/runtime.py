@@ -71,7 +71,7 @@ class Me:
         self.pulse.show("STARTING")
         self.clock: WallClock | LockstepClock
         if self.document.clock == WALL:
-            self.clock = WallClock(_spin_ns(self.document, kind, name))
+            self.clock = WallClock(_spin_ns(self.document, name))
         else:
             self.clock = LockstepClock(system, name)
         self.log = logging.getLogger(name)
@@ -336,11 +336,10 @@ def process(kind: str) -> Iterator[Me]:
     me.close()
 
 
-def _spin_ns(system: System, kind: str, name: str) -> int:
-    """Only io may spin, for as long as its bus's entry says, and never on its only core."""
-    if kind != "io" or len(os.sched_getaffinity(0)) < 2:
-        return 0
-    return round(min(system.io(name).spin_us, MOST_SPIN_US) * 1e3)
+def _spin_ns(system: System, name: str) -> int:
+    """An io may spin, for as long as its bus's entry says, and never on its only core."""
+    spin_us = next((io.spin_us for io in system.ios if io.name == name), 0.0)
+    return round(min(spin_us, MOST_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
 
 
 def _signals(me: Me) -> None:

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-WAKING: Final = frozenset(("console", "system", "teleop"))
-"""Kinds that sleep between their cycles and are woken by a command; see shm/nap.py."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,11 +68,11 @@ class Holder(NamedTuple):
 NAMELESS = Holder(0, "")
 
 
-def create_mailbox(system: str, instance: str, kind: str, make: Make = create) -> int:
-    """Make the mailbox of an instance of `kind`; returns its size."""
+def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *, wakes: bool = False) -> int:
+    """Make the mailbox of an instance of `kind`; returns its size. `wakes`: who sends a command wakes it."""
     commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves, "stops": c.stops,
                  "zero": c.zero == "stops", "types": c.types} for c in COMMANDS.get(kind, ())]
-    info = {"kind": kind, "commands": commands}
+    info = {"kind": kind, "wakes": wakes, "commands": commands}
     return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 
 
@@ -101,7 +101,7 @@ class MailboxMap:
         if not isinstance(kind, str) or theirs != [c.name for c in COMMANDS.get(kind, ())]:
             raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
                                "same version")
-        self.kind = kind
+        self.kind, self.wakes = kind, info.get("wakes") is True
 
     def cursor(self, which: str, place: int) -> int:
         """Index of a cursor in `words`."""

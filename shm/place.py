@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns, pause
-from shm.commands import COMMANDS, WAKING
+from shm.commands import COMMANDS
 from shm.doorbell import AllTaken, Places
 from shm.header import SegmentError
 from shm.mailbox import LAST_NUMBER
@@ -65,7 +65,7 @@ class Place:
         self._locks = Places(places.segment, places.locks, CLIENTS)
         self._pulse: Pulse | None = None
         try:
-            self._pulse = Pulse(system, instance, write=True) if self.kind in WAKING else None
+            self._pulse = Pulse(system, instance, write=True) if places.wakes else None
         except BaseException:
             places.segment.close()
             raise

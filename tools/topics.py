@@ -11,18 +11,13 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
+from procs.manifest import PROCS
 from shm.directory import rings, topic_of
 from shm.segment import Segment, SegmentError, segment_name
 from shm.topics import Field, View
 from tools.systems import unknown
 
 SAID_BY_ALL = ("status", "warning", "error")
-SAID_BY_KIND = {
-    "arm": ("operating_state", "goal_reached"),
-    "suj": ("operating_state",),
-    "focus": ("locked", "focusing_in", "focusing_out"),
-    "io": ("button", "tool_type", "operating_state"),
-}
 SAID_BY_TYPE = {
     "PSM": ("tool_type", "tool_type_request", "arm_clutch"),
     "ECM": ("endoscope_type", "arm_clutch"),
@@ -102,7 +97,8 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
     kind, arm_type = str(info.get("kind", "")), str(info.get("type", ""))
     record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
     if ring == "events":
-        said = SAID_BY_KIND.get(kind, ()) + SAID_BY_TYPE.get(arm_type, ()) + SAID_BY_ALL
+        said = next((row.events for row in PROCS if row.kind == kind), ())
+        said += SAID_BY_TYPE.get(arm_type, ()) + SAID_BY_ALL
         return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
     try:
         views = topic_of(kind, ring).views

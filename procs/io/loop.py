@@ -53,8 +53,7 @@ class Loop(runtime.Loop):
         cells = [me.fault_cell(robot_component(io.name, name)) for name in robots.names]
         for cell in cells:
             cell.fault()  # whatever was asked for before: we begin without power
-        self._consoles = [me.rouses(row.name) for row in me.document.processes
-                          if row.kind == "console" and me.document.console(row.name).is_wired_to(me.name)]
+        self._consoles = [me.rouses(row.name) for row in me.document.consoles if row.is_wired_to(me.name)]
         self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
         now_ns, record, gains = me.clock.now_ns, Record(self._out.field), self._others["gains"].field

@@ -42,6 +42,11 @@ class TeleopPsm:
     base_frame_interface: str = ""
     wrench_timeout_s: float = 0.1  # a master's wrench that is not given again in that time ends; 0: never
 
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """All arms that it works with."""
+        return self.mtm, self.psm
+
 
 @dataclass(frozen=True, slots=True)
 class TeleopEcm:
@@ -55,6 +60,11 @@ class TeleopEcm:
     console: str
     scale: float = 0.2  # of the insertion only
     camera_roll_offset: float = 0.0
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """All arms that it works with."""
+        return self.mtml, self.mtmr, self.ecm
 
 
 @dataclass(frozen=True, slots=True)

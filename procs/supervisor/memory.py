@@ -7,10 +7,10 @@ import functools
 import grp
 import os
 import socket
-from typing import Any, Final
+from typing import Final
 
-from procs.lib.document import PACED, WALL, Arm, Cart, Io, Process, System, to_json
-from procs.manifest import proc
+from procs.lib.document import PACED, WALL, Process, System, to_json
+from procs.manifest import PROCS, proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -38,69 +38,8 @@ from shm.segment import (
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
 MEGABYTE: Final = 1e6
-Dims = dict[str, int]
-Info = dict[str, Any]
-
-
-def sizes(system: System, process: Process) -> tuple[Dims, Info]:
-    """Named sizes of an instance's records and the constants that explain them (cuts of robots, names)."""
-    if process.kind == "io":
-        io = system.io(process.name)
-        dims, info = _of_ios((io,))
-        return dims, info if io.port else {**info, "simulation": "KINEMATIC"}
-    if process.kind == "boards" and system.emulation is not None:
-        dims, info = _of_ios(system.emulated().ios)
-        boards = [c.board_id for bus in system.emulation.buses for c in bus.controllers]
-        return {"axes": dims["axes"], "boards": len(boards)}, {"robots": info["robots"], "boards": boards}
-    if process.kind == "supervisor":
-        return {"instances": len(system.processes)}, {"instances": [p.name for p in system.processes]}
-    if process.kind == "suj":
-        return _of_cart(system.cart(process.name))
-    if process.kind == "external":
-        row = system.external(process.name)
-        return {"inputs": len(row.inputs)}, {"inputs": list(row.inputs), "type": row.type}
-    if process.kind in ("console", "system"):
-        return _of_operation(system, process)
-    return {}, _of_arm(next((arm for arm in system.arms if arm.name == process.name), None))
-
-
-def _of_arm(arm: Arm | None) -> Info:
-    if arm is None:
-        return {}
-    return {"type": arm.type, **({"simulation": arm.simulation} if arm.simulation != "NONE" else {})}
-
-
-def _of_operation(system: System, process: Process) -> tuple[Dims, Info]:
-    if process.kind == "console":
-        teleops = list(system.console(process.name).teleops)
-        return {"teleops": len(teleops)}, {"teleops": teleops}
-    arms = [row.name for row in system.processes if row.kind in ("arm", "suj")]
-    return {"arms": len(arms)}, {"arms": arms}
-
-
-def _of_cart(cart: Cart) -> tuple[Dims, Info]:
-    setups = {arm.name: {"row": row, "count": arm.joints, "carries": arm.carries,
-                         "names": [f"{cart.name}_{arm.name}_J{joint}" for joint in range(arm.joints)]}
-              for row, arm in enumerate(cart.arms)}
-    played = cart.simulation if cart.simulation != "NONE" else "EMULATED" if cart.emulated else ""
-    return {"setups": len(cart.arms)}, {"setups": setups, **({"simulation": played} if played else {})}
-
-
-def _of_ios(ios: tuple[Io, ...]) -> tuple[Dims, Info]:
-    robots, first, inputs, outputs, brakes = {}, 0, [], [], 0
-    for io in ios:
-        names = {pid.robot: [axis.name for axis in pid.axes] for pid in io.pids}
-        for robot in io.robots:
-            count = len(robot.actuators)
-            labels = names.get(robot.name) or [f"actuator_{i}" for i in range(count)]
-            robots[robot.name] = {"first": first, "count": count, "names": labels, "io": io.name}
-            first += count
-            brakes += len(robot.brakes)
-        inputs += [i.name for i in io.digital_inputs]
-        outputs += [o.name for o in io.digital_outputs]
-    dims = {"axes": first, "drives": first + brakes, "robots": len(robots), "inputs": len(inputs),
-            "outputs": len(outputs), "readers": sum(len(io.instrument_readers) for io in ios)}
-    return dims, {"robots": robots, "inputs": inputs, "outputs": outputs}
+THEIRS: Final = {row.kind for row in PROCS if not row.module}
+"""Kinds of programs of somebody else."""
 
 
 def hold_name(name: str) -> socket.socket:
@@ -167,7 +106,7 @@ def _is_external(system: str, instance: str) -> bool:
     """Whether it is somebody else's program, which has nothing to do with the next system of this name."""
     try:
         with Segment(segment_name(system, instance, "state")) as segment:
-            return segment.header.info.get("kind") == "external"
+            return segment.header.info.get("kind") in THEIRS
     except SegmentError:
         return False
 
@@ -193,8 +132,8 @@ def needed(system: System) -> int:
 
 def simulated(system: System) -> Table:
     """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
-    members = [row for row in system.processes if proc(row.kind).module]
-    return Table(tuple(row.name for row in members), next((row.name for row in members if row.kind == "boards"), ""),
+    members = [row.name for row in system.processes if proc(row.kind).module]
+    return Table(tuple(members), next((row.name for row in proc("boards").instances(system)), ""),
                  tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
 
@@ -232,22 +171,21 @@ def _create_rest(system: System, make: Make) -> int:
 
 def components(system: System) -> list[str]:
     """Whose faults are counted: arms and setup joints, and the robots of every io."""
-    arms = [row.name for row in system.processes if row.kind in ("arm", "suj")]
+    arms = [row.name for rows in (system.arms, system.carts) for row in rows]
     return arms + [robot_component(io.name, robot.name) for io in system.ios for robot in io.robots]
 
 
 def _create_instance(system: System, process: Process, make: Make) -> int:
-    total = 0
-    if process.kind != "supervisor":
+    total, row = 0, proc(process.kind)
+    if process.name != "supervisor":
         total += create_control(system.name, process.name, make)
-    if process.kind in COMMANDS:
-        total += create_mailbox(system.name, process.name, process.kind, make)
-    dims, info = sizes(system, process)
-    topics = ("state",) if process.kind == "supervisor" else proc(process.kind).topics
     audit = ("audit",) if process.kind in COMMANDS else ()
-    for topic in (*topics, "events", *audit):
-        row = directory.topic_of(process.kind, topic)
-        total += directory.create_ring(system.name, process.name, row, {} if row.writer == "*" else dims,
+    if audit:
+        total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken)
+    dims, info = row.sizes(system, process.name)
+    for name in (*row.topics, "events", *audit):
+        topic = directory.topic_of(process.kind, name)
+        total += directory.create_ring(system.name, process.name, topic, {} if topic.writer == "*" else dims,
                                        {"kind": process.kind, **info}, make)
     return total
 

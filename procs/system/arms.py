@@ -49,4 +49,4 @@ class ArmOnRing:
 def arms_of(me: Me) -> Sequence[ArmOnRing]:
     """All of the system, in the order in which they start."""
     return [ArmOnRing(row.name, me.reads(row.name, "state"), me.commands(row.name))
-            for row in me.document.processes if row.kind in ("arm", "suj")]
+            for rows in (me.document.arms, me.document.carts) for row in rows]

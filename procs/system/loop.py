@@ -29,7 +29,7 @@ class Loop(runtime.Loop):
     def __init__(self, me: runtime.Me) -> None:
         super().__init__(me)
         self._state, self._arms, self._sound = me.writes("state"), arms_of(me), Sound()
-        consoles = [me.commands(row.name) for row in me.document.processes if row.kind == "console"]
+        consoles = [me.commands(row.name) for row in me.document.consoles]
         self._commands = Commands(self._arms, consoles, me.events, self._sound, me.document.audio_volume)
         self._centre = Centre(sources(me), me.events, self._commands.beep)
         self._record = Record(self._state.field, self._arms, me.events, self._sound,

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from procs import runtime
-from procs.lib.document import TeleopEcm as EcmRow
 from procs.lib.document import TeleopPsm as PsmRow
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.ecm import TeleopEcm
-from procs.teleop.outside import EXTERNAL, Outsider
+from procs.teleop.outside import Outsider
 from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
@@ -37,14 +36,9 @@ def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
     if not name:
         return None
     ring = me.reads(name, "state")
-    if me.document.process(name).kind != "suj":
+    if not any(cart.name == name for cart in me.document.carts):
         return BaseFrame(name, ring)
     return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
-
-
-def arms_of(row: PsmRow | EcmRow) -> tuple[str, ...]:
-    """All arms that it works with."""
-    return (row.mtm, row.psm) if isinstance(row, PsmRow) else (row.mtml, row.mtmr, row.ecm)
 
 
 def build(me: runtime.Me, record: RingWriter, faults: Cell) -> Teleop:
@@ -54,7 +48,7 @@ def build(me: runtime.Me, record: RingWriter, faults: Cell) -> Teleop:
     operator = Operator(row.console, me.reads(row.console, "state") if there else None)
 
     def arm(name: str) -> Arm:
-        make = Outsider if me.document.process(name).kind == EXTERNAL else Arm
+        make = Outsider if any(row.name == name for row in me.document.externals) else Arm
         return make(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
 
     if isinstance(row, PsmRow):
@@ -72,7 +66,7 @@ class Loop(runtime.Loop):
         super().__init__(me)
         self._state = me.writes("state")
         row = me.document.teleop(me.name)
-        faults = Watched(me.faults(), arms_of(row))
+        faults = Watched(me.faults(), row.arms)
         self.teleop = build(me, self._state, faults)
         self._master = self.teleop.arms[0]
         self._mailbox = me.mailbox(faults)

@@ -10,8 +10,6 @@ import numpy as np
 from procs.lib.requests import Sender
 from procs.teleop.arms import SILENT_NS, Arm, Array, Fields, Ring
 
-EXTERNAL: Final = "external"  # the kind
-
 # A hand goes slower than this, a tracker that lost its way is faster. What a step may have on top lets devices of
 # coarse resolution and records that were held up through.
 FASTEST_M_S: Final = 2.0

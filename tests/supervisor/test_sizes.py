@@ -6,16 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from procs.lib.config import load_system
-from procs.supervisor.memory import sizes
+from procs.manifest import proc
 
 
 def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path]) -> None:
     path = data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json")
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
     assert system is not None
-    dims, info = sizes(system, system.process("boards"))
+    dims, info = proc("boards").sizes(system, "boards")
     assert dims == {"axes": 15, "boards": 5} and info["boards"] == [0, 1, 3, 6, 7]
     cuts = {name: (row["first"], row["count"]) for name, row in info["robots"].items()}
     assert cuts == {"PSM1": (0, 7), "MTML": (7, 7), "MTML_gripper": (14, 1)}
-    dims, info = sizes(system, system.process("IO1"))
+    dims, info = proc("io").sizes(system, "IO1")
     assert (dims["axes"], list(info["robots"])) == (15, ["PSM1", "MTML", "MTML_gripper"])

@@ -33,7 +33,7 @@ def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     """A supervisor of one process, which takes 0.3 s to end well."""
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
     monkeypatch.setattr(loop, "realtime", lambda *_, **__: "other")
-    made = Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "arm", 1 / 1500),)))
+    made = Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     child = world.start(SLOW)
     assert child.stdout.readline() == "up\n"
     made.children[0].popen, made.children[0].state = child, lifecycle.RUNNING
@@ -105,7 +105,7 @@ def test_a_supervisor_that_cannot_begin_leaves_no_memory(
 
     monkeypatch.setattr(loop, "realtime", full)
     with pytest.raises(OSError, match="no space"):
-        Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "arm", 1 / 1500),)))
+        Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     assert names_of(world.name) == []
 
 

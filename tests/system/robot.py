@@ -35,7 +35,7 @@ class Robot:
     """One system under test: the real supervisor with emulated boards."""
 
     def __init__(self, name: str, logs: Path, clock: str = "wall") -> None:
-        self.name, self.clock = name, clock
+        self.name, self.clock, self.root = name, clock, ROOT
         self.logs = logs
         self.environment = {**os.environ, "TROCAR_STATE": str(logs), "TROCAR_SYSTEM": name}
         self.supervisor: subprocess.Popen[str] | None = None
@@ -48,7 +48,7 @@ class Robot:
         command = [sys.executable, "-m", "tools", "up", str(file), "--system", self.name, *options]
         with (self.logs / "supervisor.txt").open("a") as out:
             self.supervisor = subprocess.Popen(
-                command, cwd=ROOT, env=self.environment, stdout=out, stderr=out, text=True
+                command, cwd=self.root, env=self.environment, stdout=out, stderr=out, text=True
             )
         if wait:
             wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.said()}")
@@ -101,8 +101,8 @@ class Robot:
 
     def trocar(self, *words: str, code: int | None = 0, timeout: float = 120.0) -> str:
         """Run a verb; returns its output, fails on another exit code than expected."""
-        done = subprocess.run([sys.executable, "-m", "tools", *words], cwd=ROOT, env=self.environment, timeout=timeout,
-                              capture_output=True, text=True, check=False)
+        done = subprocess.run([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
+                              timeout=timeout, capture_output=True, text=True, check=False)
         if code is not None and done.returncode != code:
             pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.said()}")
         return done.stdout + done.stderr if code else done.stdout

@@ -241,15 +241,14 @@ def _assemble(
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    processes = build_processes(context, source, ios, arm_rows, carts, operation, emulation, options)
-    return document.System(
+    system = document.System(
         name=system_name,
         source=str(source.path),
         clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.externals),
         ios=ios,
         arms=arm_rows,
         emulation=emulation,
-        processes=processes,
+        processes=(),
         carts=carts,
         consoles=tuple(with_period(row, options) for row in operation.consoles),
         teleop_psms=tuple(dataclasses.replace(with_period(row, options), wrench_timeout_s=options.arm.effort_timeout_s)
@@ -262,6 +261,7 @@ def _assemble(
         service_user=options.service_user,
         notes=tuple(dict.fromkeys(context.notes)),
     )
+    return dataclasses.replace(system, processes=build_processes(context, source, system, options))
 
 
 def _usual_clock(context: Context, ios: tuple[document.Io, ...], carts: tuple[document.Cart, ...], emulated: bool,
