@@ -144,7 +144,7 @@ def test_a_short_bench_gives_every_figure(left: Left) -> None:
     there = {name for name in PEERS if not conditions[name].startswith(("not installed", "gcc is not there"))}
     assert {"pipe", "queue"} <= there
     wanted = set(FIGURES) | {f"{name}_us_p50" for name in there} | {f"ratio_vs_{name}" for name in there}
-    assert set(figures) == wanted
+    assert set(figures) == wanted, {name: conditions[name] for name in there}
     assert all(math.isfinite(x) and x > 0 for x in figures.values())
     for name in there:
         assert re.search(r"\d+\.\d+", conditions[name]), "a version"
