@@ -78,7 +78,7 @@ class Me:
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns, loglines.into(self.log))
         period_ns = round(self.row.period_s * 1e9)
         self.pulse.field("pauses")[...] = 0
-        self._bell, self._nap = self.pulse.bell(), self.pulse.nap()
+        self._nap = self.pulse.nap()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
         self._beat = self.pulse.field("heartbeat_ns")
         self._supervisor = Pulse(system, "supervisor")
@@ -212,7 +212,6 @@ class Me:
         next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). Who has
         nothing to do sleeps through so many `periods` instead of one.
         """
-        self._bell.ring()  # what this cycle published is out
         deadline = self._pacing.end_of_work(self.clock.now_ns(), periods)
         if news is not None:
             self._wait_for_news(deadline, news)

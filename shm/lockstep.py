@@ -32,8 +32,8 @@ from functools import partial
 from typing import Any, Final
 
 from shm.clock import local_ns, monotonic_ns, pause
-from shm.doorbell import Places
 from shm.layout import schema_of
+from shm.locks import Places
 from shm.nap import Nap
 from shm.order import full_fence
 from shm.pulse import Pulse

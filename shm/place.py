@@ -15,8 +15,8 @@ import numpy as np
 
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
-from shm.doorbell import AllTaken, Places
 from shm.header import SegmentError
+from shm.locks import AllTaken, Places
 from shm.mailbox import LAST_NUMBER
 from shm.mailbox_map import (
     CLIENTS,

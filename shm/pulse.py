@@ -1,9 +1,8 @@
-"""The control page: one per instance, where it shows that it lives, how it keeps time, and who waits for it.
+"""The control page: one per instance, where it shows that it lives, how it keeps time, and whether it sleeps.
 
 One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except the bell's flags, each of which belongs to one waiter, `nap`, which whoever has news sets back, and `state` and
-`error` before there is an instance: the supervisor shows CREATED when it starts one. Statistics are of the last full
-second.
+except `nap`, which whoever has news sets back, and `state` and `error` before there is an instance: the supervisor
+shows CREATED when it starts one. Statistics are of the last full second.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.doorbell import PLACES, Bell, Waiter
 from shm.layout import schema_of, shorten
 from shm.nap import Nap
 from shm.ring import attach
@@ -29,8 +27,6 @@ CONTROL = Topic(
     depth_s=0,
     depth=1,
     fields=(
-        Field("flags", "(16,)u1", "", "bell: place k is waiting (W: its waiter)"),
-        Field("counters", "(16,)<u4", "", "bell: place k was rung (W: the instance)"),
         Field("nap", "<u4", "", "1: sleeps until there is news, a futex word (W: the instance; 0: who has news)"),
         Field("state", "u1", "", "place in STATES"),
         Field("pid", "<u4", "", "process"),
@@ -68,12 +64,8 @@ def create_control(system: str, instance: str, make: Make = create) -> int:
     return make(segment_name(system, instance, "control"), "control", SCHEMA, 1, {})
 
 
-def _offset(segment: Segment, name: str) -> int:
-    return segment.header.first + SCHEMA.offset(name)
-
-
 class Pulse:
-    """A control page, attached read-only (tools) or read-write (the instance, and whoever waits for it)."""
+    """A control page, attached read-only (tools) or read-write (the instance, and whoever wakes it)."""
 
     def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
         """Attach; SegmentError when there is no such instance."""
@@ -106,21 +98,10 @@ class Pulse:
         self._record["error"][0] = shorten(error, 399)
         self._record["state"][0] = STATES.index(state)
 
-    def bell(self) -> Bell:
-        """The ringing end, for the instance."""
-        return Bell(self.segment, _offset(self.segment, "flags"), _offset(self.segment, "counters"))
-
-    def waiter(self) -> Waiter:
-        """A waiting place, for others; needs write access."""
-        return Waiter(self.segment, _offset(self.segment, "flags"), _offset(self.segment, "counters"))
-
     def nap(self) -> Nap:
         """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""
-        return Nap(self.segment, _offset(self.segment, "nap"))
+        return Nap(self.segment, self.segment.header.first + SCHEMA.offset("nap"))
 
     def close(self) -> None:
         """Unmap."""
         self.segment.close()
-
-
-__all__ = ["CONTROL", "PLACES", "STATES", "Pulse", "create_control"]

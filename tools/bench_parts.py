@@ -36,8 +36,7 @@ def make_segments(system: str) -> None:
     for instance, topic in RINGS:
         create_ring(system, instance, topic, {}, {})
     create_mailbox(system, "owner", "arm")
-    for instance in ("ringer", "local"):
-        create_control(system, instance)
+    create_control(system, "sleeper")
 
 
 def _writer(system: str, instance: str, topic: Topic = PROBE) -> RingWriter:
@@ -100,8 +99,7 @@ def local(system: str) -> Turn:
     """Single calls in one process that nobody disturbs, each time the mean of a batch."""
     writer, reader, large = _writer(system, "local"), _reader(system, "local"), _writer(system, "local", PROBE_4K)
     publish, newest, following, publish_4k = writer.publish, reader.newest, reader.next, large.publish
-    ring = Pulse(system, "local", write=True).bell().ring
-    names = ("publish", "newest", "next", "doorbell_idle", "publish_4k")
+    names = ("publish", "newest", "next", "publish_4k")
 
     def batches() -> tuple[int, ...]:
         t0 = monotonic_ns()
@@ -115,12 +113,9 @@ def local(system: str) -> Turn:
             following()
         t3 = monotonic_ns()
         for _ in range(BATCH):
-            ring()
+            publish_4k(t3)
         t4 = monotonic_ns()
-        for _ in range(BATCH):
-            publish_4k(t4)
-        t5 = monotonic_ns()
-        return t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4
+        return t1 - t0, t2 - t1, t3 - t2, t4 - t3
 
     def turn(seconds: float) -> dict[str, list[int]]:
         times: dict[str, list[int]] = {name: [] for name in names}
@@ -236,63 +231,62 @@ def client(system: str) -> Turn:
     return turn
 
 
-def waiter(system: str) -> Turn:
-    """Times from the ring of the bell to the waiter running, asleep before."""
-    page = Pulse(system, "ringer", write=True)
-    place, rung, stamp, heard = page.waiter(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+def sleeper(system: str) -> Turn:
+    """Times from the rouser's call to the sleeper running."""
+    page = Pulse(system, "sleeper", write=True)
+    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
     seen = 0
 
     def news() -> bool:
-        return int(rung) != seen
+        return int(sent_out) != seen
 
     def turn(seconds: float) -> dict[str, list[int]]:
         nonlocal seen
         times: list[int] = []
         patience = monotonic_ns() + int(seconds * 1e9) + PATIENCE_NS
         while monotonic_ns() < patience:
-            if not place.wait(news, 1_000_000_000):
-                continue  # a ring may come late, for data already seen
+            if not nap.sleep(news, 1_000_000_000):
+                continue  # a wake-up may come late, for news already seen
             now = monotonic_ns()
-            seen, sent = int(rung), int(stamp)
+            seen, sent = int(sent_out), int(stamp)
             heard[...] = seen
             if sent < 0:
                 return {"wakeup": times}
             times.append(now - sent)
-        raise Problem("the ringer has gone")
+        raise Problem("the rouser has gone")
 
     return turn
 
 
-def ringer(system: str) -> Turn:
-    """Ring the bell when the waiter has heard the last ring and gone to sleep."""
-    page = Pulse(system, "ringer", write=True)
-    bell, rung, stamp, heard = page.bell(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
-    flags = page.field("flags")
-    rings = 0
+def rouser(system: str) -> Turn:
+    """Rouse the sleeper when it has heard the last news and gone to sleep."""
+    page = Pulse(system, "sleeper", write=True)
+    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+    count = 0
 
     def asleep(patience_ns: int) -> bool:
-        while heard != rings or not flags.any():
+        while heard != count or not nap.sleeps:
             if monotonic_ns() > patience_ns:
                 return False
             pause(1e-5)
-        pause(2e-4)  # the flag is up just before the sleep
+        pause(2e-4)  # the word is 1 just before the sleep
         return True
 
     def turn(seconds: float) -> dict[str, list[int]]:
-        nonlocal rings
+        nonlocal count
         end = monotonic_ns() + int(seconds * 1e9)
         patience = end + PATIENCE_NS
         now = 0
         while asleep(patience):
-            rings += 1
+            count += 1
             last = now > end
             now = monotonic_ns()
             stamp[...] = -1 if last else now
-            rung[...] = rings
-            bell.ring()
+            sent_out[...] = count
+            nap.rouse()
             if last:
                 return {}
-        raise Problem("the waiter has gone")
+        raise Problem("the sleeper has gone")
 
     return turn
 
@@ -300,7 +294,7 @@ def ringer(system: str) -> Turn:
 ROLES: dict[str, Callable[[str], Turn]] = {
     "ping": ping, "pong": pong, "ping_4k": lambda system: ping(system, PROBE_4K, "trip_4k"),
     "pong_4k": lambda system: pong(system, PROBE_4K), "local": local, "crowd": crowd, "poller": poller,
-    "looker": looker, "owner": owner, "client": client, "waiter": waiter, "ringer": ringer,
+    "looker": looker, "owner": owner, "client": client, "sleeper": sleeper, "rouser": rouser,
 }
 
 

@@ -55,7 +55,6 @@ FIGURES = {
     "mailbox_us_p99": ("mailbox", "p99", 1e3),
     "wakeup_us_p50": ("wakeup", "p50", 1e3),
     "wakeup_us_p99": ("wakeup", "p99", 1e3),
-    "doorbell_idle_ns_p50": ("doorbell_idle", "p50", 1),
 }
 
 Said = Mapping[str, Mapping[str, int]]
@@ -176,7 +175,7 @@ def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
         "local": team("local"),
         "crowd": team(*["poller"] * POLLERS, *["looker"] * LOOKERS, "crowd"),
         "mailbox": team("client", "owner"),
-        "wakeup": team("ringer", "waiter"),
+        "wakeup": team("rouser", "sleeper"),
     }
 
 
@@ -242,10 +241,10 @@ def _settings() -> dict[str, Any]:
         "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,
         "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record, read its "
                       "stamp, which is the question's; garbage collector off, as with all peers",
-        "publish, newest, next, doorbell_idle": f"one process, nobody else attached; means of {BATCH} calls",
+        "publish, newest, next": f"one process, nobody else attached; means of {BATCH} calls",
         "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
                             f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "
                             f"means of {BATCH} calls",
         "mailbox": "from just before a loop sends to the command in the polling owner's hands, its 7 numbers read",
-        "wakeup": "from just before the ring to the process running that slept",
+        "wakeup": "from just before it is woken to the process running that slept",
     }

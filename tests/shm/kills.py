@@ -194,7 +194,7 @@ VICTIMS: dict[str, Callable[[str, Notes], Victim]] = {
 
 def descriptors() -> int:
     """How many files this process has open."""
-    gc.collect()  # a waiter and its segment hold each other
+    gc.collect()  # a place and its segment hold each other
     return len(list(Path("/proc/self/fd").iterdir()))
 
 

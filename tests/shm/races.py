@@ -1,6 +1,6 @@
-"""Two processes on two cores that race for a wake-up; run by test_doorbell.py, which reads the line of JSON they print.
+"""Two processes on two cores that race for a wake-up; run by test_nap.py, which reads the line of JSON they print.
 
-`stores` is the bare race of the doorbell's steps D1-D3 against E1-E3; `wakeups` is the real thing, asleep in a futex.
+`stores` is the bare race of the nap's steps P1-P3 against Q1-Q3; `wakeups` is the real thing, asleep in a futex.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.doorbell import Waiter
+from shm.nap import Nap
 from shm.order import full_fence
 from shm.pulse import Pulse
 from tests.shm.witness import die_with_parent
@@ -25,7 +25,7 @@ PHASES = 4096
 PATIENT_SPINS = 2000  # then let others have the core
 PATIENCE_NS = 60_000_000_000
 JITTER = 10  # turns of an empty loop
-NEAR_US, FAR_US = 3, 60  # how long after a wake-up the next data come: while the waiter lies down, or sleeps
+NEAR_US, FAR_US = 3, 60  # how long after a wake-up the next data come: while the sleeper lies down, or sleeps
 OURS, THEIRS = 0, 16  # words on cache lines of their own
 
 
@@ -66,9 +66,9 @@ def with_fence(words: memoryview, mine: int, other: int, missed: mmap.mmap, phas
     for n in range(1, len(missed)):
         for _ in phases[n % PHASES]:
             pass
-        words[mine] = n  # D1, or E1
-        fence()  # D2, or E2
-        if words[other] < n:  # D3, or E3
+        words[mine] = n  # P1, or Q1
+        fence()  # P2, or Q2
+        if words[other] < n:  # P3, or Q3
             missed[n] = 1
             catch_up(words, other, n)
 
@@ -103,46 +103,44 @@ def stores() -> None:
                       "first": int(both[0]) if len(both) else 0, "seconds": round((monotonic_ns() - begin) / 1e9, 2)}))
 
 
-def counter_read_late(self: Waiter, ready: Callable[[], bool], timeout_ns: int) -> bool:
-    """A mistake: `wait`, but a ring between D3 and D4 is slept through."""
-    self._flag[0] = 1
-    self._fence()
-    if not ready():
-        self._futex.wait(self._futex.value, timeout_ns)
-    self._flag[0] = 0
-    return ready()
+def looked_too_early(self: Nap, news: Callable[[], bool], timeout_ns: int) -> bool:
+    """A mistake: P3 before P1, so that news between them are slept through."""
+    if not news():
+        self.begin()
+        self.wait(timeout_ns)
+        self.end()
+    return news()
 
 
 def wakeups() -> None:
-    """Arguments: system, wake-ups, time-out in s, a mistake or nothing. The waiter of PSM1's bell sleeps until each
+    """Arguments: system, wake-ups, time-out in s, a mistake or nothing. PSM1 sleeps until each
     datum is there; data come at random after the last was taken. Stops at the first wake-up that was lost."""
     system, count, timeout_ns = sys.argv[1], int(sys.argv[2]), round(1e9 * float(sys.argv[3]))
-    if sys.argv[4] == "counter_read_late":
-        Waiter.wait = counter_read_late  # type: ignore[method-assign]
+    if sys.argv[4] == "looked_too_early":
+        Nap.sleep = looked_too_early  # type: ignore[method-assign]
     notes = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
     taken, data, lost, slept = 0, 16, 32, 48
     begin = monotonic_ns()
 
-    def ring(page: Pulse) -> None:
-        bell, draw = page.bell(), random.Random(1)
+    def rouse(nap: Nap) -> None:
+        draw = random.Random(1)
         for n in range(1, count + 1):
             due = monotonic_ns() + draw.randrange(1000 * (NEAR_US if n % 2 else FAR_US))
             while monotonic_ns() < due:
                 pass
-            notes[data] = n  # E1
-            bell.ring()
+            notes[data] = n  # Q1
+            nap.rouse()
             catch_up(notes, taken, n)
             if notes[lost]:
                 return
 
-    def wait(page: Pulse) -> None:
-        waiter = page.waiter()
+    def sleep(nap: Nap) -> None:
         for n in range(1, count + 1):
             n_is_there = Looks(notes, data, n)
             there = False
             while not there:
                 began = monotonic_ns()
-                there = waiter.wait(n_is_there, timeout_ns)
+                there = nap.sleep(n_is_there, timeout_ns)
                 notes[lost] += there and monotonic_ns() - began >= timeout_ns
             notes[slept] += n_is_there.looks > 1
             notes[taken] = n
@@ -150,7 +148,7 @@ def wakeups() -> None:
                 return
 
     def side(i: int) -> None:
-        (ring if i else wait)(Pulse(system, "PSM1", write=True))
+        (rouse if i else sleep)(Pulse(system, "PSM1", write=True).nap())
 
     beside(side)
     print(json.dumps({"wakeups": notes[taken], "slept": notes[slept], "lost": notes[lost],

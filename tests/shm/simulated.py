@@ -1,10 +1,11 @@
 """The real modules of shm/ on simulated memory: stand-ins for a segment and for what the kernel and C do to it.
 
-`Real` reads the source of ring, mailbox, place, doorbell and order, changes it where asked (a seeded mutant, a smaller
-depth; a change that matches nothing is an error) and runs it with the stand-ins in place of Segment, struct, ctypes and
-locks. Every access to shared memory ends in a method of the Actor that runs; one that did not would fail, because no
-stand-in is a buffer. Two changes are always made, to ring.py: a slot is loaded into bytes before it is copied, and each
-round of a retry begins with `merge` (what a round does depends on the reader and the round's number alone).
+`Real` reads the source of ring, mailbox, place, locks, nap and order, changes it where asked (a seeded mutant, a
+smaller depth; a change that matches nothing is an error) and runs it with the stand-ins in place of Segment, struct,
+ctypes and locks. Every access to shared memory ends in a method of the Actor that runs; one that did not would fail,
+because no stand-in is a buffer. Two changes are always made, to ring.py: a slot is loaded into bytes before it is
+copied, and each round of a retry begins with `merge` (what a round does depends on the reader and the round's number
+alone).
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from shm.topics import Field, Topic
 from tests.shm.process import PLAIN, REAL, Actor, Address
 
 FIRST = 4096
-FLAGS_AT, COUNTERS_AT, DATA_AT = FIRST, FIRST + 64, FIRST + 128
+NAPS_AT = FIRST + 64
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "doorbell", "mailbox_map", "received", "mailbox", "place", "nap", "lockstep")
+MODULES = ("order", "ring", "locks", "mailbox_map", "received", "mailbox", "place", "nap", "lockstep")
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
@@ -44,9 +45,6 @@ SMALL = (
     ("mailbox_map", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
     ("mailbox_map", '"<QB200s"', '"<QB7s"'),
     ("mailbox_map", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
-    ("doorbell", "PLACES = 16", "PLACES = 1"),
-    ("doorbell", "UNHEARD = 16", "UNHEARD = 2"),
-    ("doorbell", "UNHURRIED = 1024", "UNHURRIED = 1"),
     ("lockstep", "words[monotonic], words[local] = monotonic_ns(), local_ns()", "pass"),  # nobody here looks at them
     ("lockstep", "words[advances] = (words[advances] + 1) % WORDS", "pass"),
 )
@@ -104,15 +102,15 @@ def _cut(data: bytes, width: int) -> list[int]:
 
 
 class Whole:
-    """All of a segment's memory: its parts, as bytes where the flags of a bell lie, else as words."""
+    """All of a segment's memory: its parts, as words."""
 
     readonly = False
 
-    def __init__(self, me: Actor, name: str, flags: range) -> None:
-        self.me, self.name, self._flags = me, name, flags
+    def __init__(self, me: Actor, name: str) -> None:
+        self.me, self.name = me, name
 
     def __getitem__(self, part: slice) -> Part:
-        width = 1 if part.start in self._flags else 4 if part.stop - part.start == 4 else 8
+        width = 4 if part.stop - part.start == 4 else 8
         return Part(self.me, self.name, part.start, part.stop, width)
 
 
@@ -134,11 +132,11 @@ class Segment:
 
     fd = 0
 
-    def __init__(self, real: Real, name: str, kind: str, schema: Schema, depth: int, flags: range = range(0)) -> None:
+    def __init__(self, real: Real, name: str, kind: str, schema: Schema, depth: int) -> None:
         self._me, self._real, self.name = real.me, real, name
         info = {"kind": "io", "commands": [{"name": row.name} for row in COMMANDS["io"]]}
         self.header = Header(kind, schema, info, FIRST, schema.stride, depth, FIRST + depth * schema.stride)
-        self.view = Whole(real.me, name, flags)
+        self.view = Whole(real.me, name)
 
     def words(self, copied: int = 0) -> Any:
         words = Words(self._me, self.name)
@@ -186,9 +184,8 @@ class Number(int):
 
 
 class Kernel:
-    """Stands for ctypes, os, the futex call and the locks, as doorbell.py uses them."""
+    """Stands for ctypes, os, the futex call and the locks, as nap.py and locks.py use them."""
 
-    O_RDWR = 2
     c_uint32 = Number
     c_void_p = addressof = byref = staticmethod(lambda value: value)
 
@@ -196,7 +193,7 @@ class Kernel:
         self._real = real
 
     def futex(self, number: int, at: int, what: int, value: int, *rest: Any) -> int:
-        """The counter of the page where the bell is."""
+        """A word of the page where naps are."""
         place = ("page", int(at))
         if what == 1:
             return int(self._real.me.wake(place))
@@ -207,12 +204,6 @@ class Kernel:
         return bool(self._real.me.lock(("lock", at), description))
 
     def unlock(self, description: int, at: int) -> None:
-        self.close(description)
-
-    def open(self, path: str, flags: int) -> int:
-        return 1
-
-    def close(self, description: int) -> None:
         self._real.me.unlock(description)
 
 
@@ -232,7 +223,7 @@ class Real:
             assert module in MODULES
         with patch.dict(sys.modules):
             read = (self._read(m, changes) for m in MODULES)
-            self.order, self.ring, self.doorbell, self._map, _, self.mailbox, self.place, *rest = read
+            self.order, self.ring, self.locks, self._map, _, self.mailbox, self.place, *rest = read
             self._naps, self.lockstep = rest
         self._join()
 
@@ -262,7 +253,7 @@ class Real:
 
     def _join(self) -> None:
         """Put the stand-ins in their places."""
-        places, mailbox, place, doorbell, kernel = self._map, self.mailbox, self.place, self.doorbell, Kernel(self)
+        places, mailbox, place, locks, kernel = self._map, self.mailbox, self.place, self.locks, Kernel(self)
         places.Segment = lambda name, write: Segment(self, "mail", "mailbox", places.WHOLE, 1)
         places.HOLDER = Struct(places.HOLDER)
         mailbox.COMMANDS_OF = tuple(map(Struct, mailbox.COMMANDS_OF))
@@ -270,16 +261,15 @@ class Real:
         for name in vars(place):
             if name in vars(mailbox) and not name.startswith("__"):
                 setattr(place, name, getattr(mailbox, name))
-        place.Places, place.AllTaken, place.pause = doorbell.Places, doorbell.AllTaken, lambda seconds: None
+        place.Places, place.AllTaken, place.pause = locks.Places, locks.AllTaken, lambda seconds: None
         place.monotonic_ns = mailbox.monotonic_ns = lambda: 7
-        doorbell.ctypes = doorbell.os = kernel
-        doorbell.SYSCALL, doorbell._lock, doorbell._unlock = kernel.futex, kernel.lock, kernel.unlock
+        locks._lock, locks._unlock = kernel.lock, kernel.unlock
+        self._naps.ctypes, self._naps.SYSCALL = kernel, kernel.futex
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
-        doorbell.full_fence = self._naps.full_fence = lambda: lambda: self.me.fence()
-        self._naps.Futex = doorbell.Futex
+        self._naps.full_fence = lambda: lambda: self.me.fence()
         steps = self.lockstep
         steps.Places, steps.full_fence, steps.monotonic_ns, steps.local_ns = (
-            doorbell.Places, doorbell.full_fence, lambda: 7, lambda: 7)
+            locks.Places, self._naps.full_fence, lambda: 7, lambda: 7)
 
     def writer(self, depth: int) -> Any:
         """A RingWriter."""
@@ -301,17 +291,9 @@ class Real:
         """A StopPlace."""
         return self.place.StopPlace("s", "IO1")
 
-    def bell(self) -> Any:
-        """A Bell."""
-        return self.doorbell.Bell(self._page(), FLAGS_AT, COUNTERS_AT)
-
-    def waiter(self) -> Any:
-        """A Waiter at the same bell."""
-        return self.doorbell.Waiter(self._page(), FLAGS_AT, COUNTERS_AT)
-
     def nap(self) -> Any:
-        """A Nap, in the first word of the bell's counters."""
-        return self._naps.Nap(self._page(), COUNTERS_AT)
+        """A Nap, the first of the page."""
+        return self._naps.Nap(self._page(), NAPS_AT)
 
     def member(self, name: str, table: Any) -> Any:
         """A Member of simulated time."""
@@ -325,8 +307,8 @@ class Real:
         page = Segment(self, "clock", "clock", self.lockstep.SCHEMA, 1)
         page.header.info.clear()
         page.header.info.update(table.to_info())
-        naps = [self._naps.Nap(self._page(), COUNTERS_AT + 4 * place) for place in range(len(table.members))]
+        naps = [self._naps.Nap(self._page(), NAPS_AT + 4 * place) for place in range(len(table.members))]
         return page, naps, lambda: None
 
     def _page(self) -> Segment:
-        return Segment(self, "page", "control", PAIR, 1, range(FLAGS_AT, FLAGS_AT + self.doorbell.PLACES))
+        return Segment(self, "page", "control", PAIR, 1)

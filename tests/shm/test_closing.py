@@ -36,8 +36,7 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
     "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
     "place": lambda system: (take_place(system, "PSM1"),),
-    "waiter": with_page(Pulse.waiter),
-    "bell": with_page(Pulse.bell),
+    "nap": with_page(Pulse.nap),
     "timekeeper": lambda system: (Timekeeper(system, TABLE),),
     "lock-step clock": lambda system: (Timekeeper(system, TABLE), LockstepClock(system, "PSM1")),
 }

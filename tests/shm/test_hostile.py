@@ -109,8 +109,8 @@ def use_mailbox() -> None:
 def use_control() -> None:
     with contextlib.suppress(SegmentError), contextlib.closing(Pulse(SYSTEM, "PSM2", write=True)) as pulse:
         assert isinstance(pulse.state + str(pulse.get("error")), str)
-        pulse.bell().ring()
-        pulse.waiter().wait(lambda: False, 1000)
+        pulse.nap().rouse()
+        pulse.nap().sleep(lambda: False, 1000)
         pulse.show("RUNNING")
 
 

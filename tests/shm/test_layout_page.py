@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import doorbell, faults, header, lockstep, mailbox, mailbox_map, pulse, received, ring
+from shm import faults, header, lockstep, mailbox, mailbox_map, nap, pulse, received, ring
 from shm.commands import COMMANDS, code_of
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
@@ -110,7 +110,7 @@ def test_every_constant_is_that_of_the_code() -> None:
     assert len(named) == len(rows)
     assert named >= {"shm.header.VERSION", "shm.header.TEXT_AT", "shm.header.MAX_TEXT", "shm.layout.MAX_STRIDE",
                      "shm.layout.MAX_DEPTH", "shm.layout.PAGE", "shm.layout.LINE", "shm.ring.BUSY", "shm.ring.RETRIES",
-                     "shm.doorbell.PLACES", "shm.doorbell.UNHEARD", "shm.doorbell.OFD_SETLK", "shm.mailbox_map.CLIENTS",
+                     "shm.locks.OFD_SETLK", "shm.mailbox_map.CLIENTS",
                      "shm.mailbox_map.COMMANDS_DEPTH", "shm.mailbox_map.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER",
                      "shm.mailbox.LATE_NS"}
 
@@ -178,18 +178,14 @@ def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
 
 
 LAST_PLACE = mailbox_map.PLACES - 1
-FLAGS_AT = pulse.SCHEMA.offset("flags")
+LOCKS_AT = 16 + mailbox_map.CURSORS.index("place") * mailbox_map.CURSOR_BYTES
 SENTENCES = [
     "State: " + ", ".join(f"{i} {state}" for i, state in enumerate(STATES)) + ".",
     ", ".join(f"{i} {outcome}" for i, outcome in received.OUTCOMES.items()),
     f"The first {header.TEXT_AT} bytes", f"offset of slot 0: {header.TEXT_AT} + both texts, in whole pages",
     f"the schema text, which begins at {header.TEXT_AT}", f"`st_blocks` · {header.BLOCK} ≥ size",
     f"in whole cache lines of {LINE}", f"Simulated time begins at {lockstep.EPOCH_NS} ns",
-    f"A control page has {doorbell.PLACES} places", f"Try 0 to {doorbell.PLACES - 1} until", "Mode 0600, or 0660",
-    f"After {doorbell.UNHEARD} rings that nobody heard",
-    f"otherwise it looks again {doorbell.UNHURRIED} rings later",
-    f"as its lock, byte first + {FLAGS_AT} + k of the file",
-    f".l_start = first + {FLAGS_AT} + k, .l_len = 1",
+    "Mode 0600, or 0660", f".l_start = first + {LOCKS_AT} + k, .l_len = 1",
     f"It has {mailbox_map.CLIENTS} places for clients, and place {mailbox_map.RESERVED} for stops",
     f"lock the byte of a place, 0 to {mailbox_map.CLIENTS - 1};", f"lock the byte of place {mailbox_map.RESERVED};",
     "With B = first + 16:",
@@ -232,8 +228,8 @@ def test_names_are_as_long_as_the_page_says() -> None:
 
 
 def test_the_steps_are_those_of_the_modules() -> None:
-    modules: tuple[ModuleType, ...] = (ring, mailbox, doorbell)
-    steps = re.compile(r"\b(?:[WRVMNABDEL][1-9]|S1)\b")
+    modules: tuple[ModuleType, ...] = (ring, mailbox, nap)
+    steps = re.compile(r"\b(?:[WRVMNABPQL][1-9]|S1)\b")
     assert set(steps.findall(TEXT)) == {step for module in modules for step in steps.findall(module.__doc__ or "")}
 
 
@@ -398,24 +394,12 @@ def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> No
         end.close()
 
 
-def test_a_waiter_made_from_the_page_is_rung(system: str) -> None:
+def test_a_sleeper_made_from_the_page_is_roused(system: str) -> None:
     create_control(system, "PSM1")
     page, seen = Pulse(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
-    flag, counter = (seen.first + offset(records(0), field) for field in ("flags", "counters"))
-    assert flag == seen.first + 16 and "lock, byte first + 16 + k of the file" in TEXT
-    assert seen.lock(flag)
-    bell, waiter, flags = page.bell(), page.waiter(), page.field("flags")
-    up: list[int] = []
-    waiter.wait(lambda: up.extend(flags.tolist()) or True, 10**9)  # type: ignore[func-returns-value]  # a look, no more
-    assert up == [0, 1, *[0] * 14]  # ours is taken
-    seen.map[flag] = 1
-    bell.ring()
-    assert struct.unpack_from("<2I", seen.map, counter) == (1, 0)
-    for _ in range(3 * doorbell.UNHEARD):
-        bell.ring()
-    assert seen.map[flag] == 1  # the lock was found: we live
+    word = seen.first + offset(records(0), "nap")
+    seen.map[word : word + 4] = struct.pack("<I", 1)
+    page.nap().rouse()
+    assert struct.unpack_from("<I", seen.map, word) == (0,)
     seen.close()
-    for _ in range(doorbell.UNHURRIED + doorbell.UNHEARD):
-        bell.ring()
-    assert not flags.any()
     page.close()

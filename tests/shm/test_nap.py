@@ -1,73 +1,199 @@
-"""The nap's real code in every interleaving: nobody sleeps while there is news; and seeded mutants."""
+"""The nap: who has news wakes who sleeps, it costs nothing when nobody does, and every sleep ends."""
 
 from __future__ import annotations
 
+import json
+import os
+import platform
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
 import pytest
 
-from tests.shm.interleave import Broken, Explorer, Outcome
-from tests.shm.process import Actor, Program
-from tests.shm.simulated import Change, Real
+from shm.pulse import Pulse, create_control
+from shm.segment import SegmentError, segment_name, unlink
 
-LONG = 10**12
-
-
-def rouser(real: Real, name: str, rounds: int) -> Program:
-    """Has `rounds` news of its own, one after the other."""
-
-    def run(me: Actor) -> None:
-        nap = real.on(me).nap()
-        for k in range(1, rounds + 1):
-            me.store(((name, 0), k))  # Q1
-            nap.rouse()
-
-    return run
+LONG_S = 1800.0
+NAPPER = """
+import sys
+from shm.pulse import Pulse
+pulse = Pulse(sys.argv[1], "PSM1", write=True)
+nap, cycles = pulse.nap(), pulse.field("cycles")
+for seen in range(int(sys.argv[2])):
+    while not nap.sleep(lambda: int(cycles) > seen, 60_000_000_000):
+        pass
+    print(seen + 1, flush=True)
+"""
 
 
-def sleeper(real: Real, rounds: dict[str, int]) -> Program:
-    """Sleeps until it has seen all of everybody's news."""
-
-    def run(me: Actor) -> None:
-        nap = real.on(me).nap()
-        me.private = lambda: 0
-        seen = dict.fromkeys(rounds, 0)
-
-        def news() -> bool:
-            return any(me.load((name, 0))[0] > seen[name] for name in rounds)
-
-        while seen != rounds:
-            if nap.sleep(news, LONG):
-                seen = {name: me.load((name, 0))[0] for name in rounds}
-            me.merge(tuple(seen.values()))
-
-    return run
+@pytest.fixture
+def pulse(world: Any) -> Iterator[Pulse]:
+    """The control page of PSM1."""
+    create_control(world.name, "PSM1")
+    page = Pulse(world.name, "PSM1", write=True)
+    yield page
+    page.close()
+    unlink(segment_name(world.name, "PSM1", "control"))
 
 
-def nap(real: Real, rounds: dict[str, int], model: str = "tso") -> Explorer:
-    """One sleeper, and a rouser for each name."""
-    rousers = {name: rouser(real, name, count) for name, count in rounds.items()}
-    return Explorer({"sleeper": sleeper(real, rounds), **rousers}, roused, model=model)
+def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: Pulse) -> None:
+    other = Pulse(world.name, "PSM1", write=True)
+    naps, cycles, word = (pulse.nap(), other.nap()), pulse.field("cycles"), pulse.field("nap")
+    child = world.start(NAPPER, "20")
+    for i in range(1, 21):
+        world.until(lambda: word == 1, "it sleeps")
+        cycles[...] = i
+        naps[i % 2].rouse()
+        assert child.stdout.readline() == f"{i}\n"
+    world.finish(child)
+    other.close()
 
 
-def roused(outcome: Outcome) -> None:
-    """It does not sleep though there is news."""
-    assert not outcome.asleep, "it sleeps, though all is out"
+def test_a_nap_ends_by_itself_and_news_need_no_rousing(pulse: Pulse) -> None:
+    nap, word = pulse.nap(), pulse.field("nap")
+    nap.rouse()
+    assert not nap.sleep(lambda: False, 1_000_000) and word == 0
+    assert nap.sleep(lambda: True, 10**12) and word == 0
 
 
-@pytest.mark.parametrize("rounds", [{"io": 3}, {"io": 1, "client": 1}])
-def test_nobody_naps_while_there_is_news(rounds: dict[str, int]) -> None:
-    assert nap(Real(), rounds).explore().states > 300
+def test_a_sleep_lasts_as_long_as_it_may(pulse: Pulse) -> None:
+    nap, begin = pulse.nap(), time.monotonic_ns()
+    assert not nap.sleep(lambda: False, 20_000_000)
+    assert time.monotonic_ns() - begin >= 19_000_000
+    assert not nap.sleep(lambda: False, 0) and not nap.sleep(lambda: False, -5)
 
 
-P2, Q2 = "self._fence()  # P2", "self._fence()  # Q2"
-DROWSY: dict[str, Change] = {
-    "sleeper without fence": ("nap", P2, "pass"),
-    "rouser without fence": ("nap", Q2, "pass"),
-    "word left as it is": ("nap", "self._futex.value = 0  # Q4", "pass"),
-    "nobody woken": ("nap", "self._futex.wake_sleepers()", "pass"),
+def test_rousing_who_is_awake_changes_nothing(pulse: Pulse) -> None:
+    nap, before = pulse.nap(), bytes(pulse.segment.view)
+    for _ in range(5):
+        nap.rouse()
+    assert bytes(pulse.segment.view) == before
+
+
+def test_news_between_look_and_sleep_are_not_slept_through(pulse: Pulse) -> None:
+    nap, looks = pulse.nap(), iter((False, True))
+
+    def news() -> bool:
+        found = next(looks)
+        if not found:
+            nap.rouse()  # right behind our look: the word is 0, so the futex must not sleep
+        return found
+
+    assert nap.sleep(news, 60_000_000_000)
+
+
+def test_an_error_while_looking_leaves_nobody_asleep(pulse: Pulse) -> None:
+    with pytest.raises(ZeroDivisionError):
+        pulse.nap().sleep(lambda: 1 // 0 > 0, 10**9)
+    assert pulse.get("nap") == 0
+
+
+def test_a_dead_sleeper_costs_one_wake_up(world: Any, pulse: Pulse) -> None:
+    child = world.start(NAPPER, "1")
+    world.until(lambda: pulse.get("nap") == 1, "it sleeps")
+    world.kill(child)
+    nap = pulse.nap()
+    assert nap.sleeps and nap.wake() and not nap.wake()
+
+
+def test_napping_needs_write_access(world: Any, pulse: Pulse) -> None:
+    reader = Pulse(world.name, "PSM1")
+    with pytest.raises(SegmentError, match="a futex needs write access"):
+        reader.nap()
+    reader.close()
+
+
+def race(world: Any, which: str, *arguments: str) -> dict[str, Any]:
+    """The report of a race in races.py."""
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("a race needs two cores")
+    child = world.start(f"from tests.shm.races import {which}; {which}()", *arguments)
+    out, _ = child.communicate(timeout=LONG_S)
+    assert child.returncode == 0, "a side of the race has failed"
+    report: dict[str, Any] = json.loads(out)
+    print(json.dumps(report))
+    return report
+
+
+@pytest.mark.slow
+def test_with_the_fence_one_of_both_sees_the_other(world: Any) -> None:
+    report = race(world, "stores", "100000", "with_fence")
+    assert report["both_missed"] == 0 < report["one_missed"], report
+
+
+@pytest.mark.soak
+def test_ten_million_rounds_lose_nothing(world: Any) -> None:
+    report = race(world, "stores", "10000000", "with_fence")
+    assert report["both_missed"] == 0 < report["one_missed"], report
+
+
+@pytest.mark.slow
+def test_without_the_fence_both_miss_each_other(world: Any) -> None:
+    missed = 0
+    for rounds in (100_000, 1_000_000, 10_000_000):  # a few in a thousand on idle cores
+        missed = missed or race(world, "stores", str(rounds), "without_fence")["both_missed"]
+    assert missed > 0, "no load has overtaken a store: then the race with the fence has shown nothing either"
+
+
+@pytest.mark.slow
+def test_no_nap_sleeps_through_news(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "2000", "10", "")
+    assert (report["wakeups"], report["lost"]) == (2000, 0) and report["slept"] > 100, report
+
+
+@pytest.mark.soak
+def test_a_hundred_thousand_naps_sleep_through_no_news(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "100000", "10", "")
+    assert (report["wakeups"], report["lost"]) == (100_000, 0) and report["slept"] > 5000, report
+
+
+@pytest.mark.slow
+def test_news_looked_for_too_early_are_slept_through(world: Any, pulse: Pulse) -> None:
+    report = race(world, "wakeups", "100000", "0.3", "looked_too_early")
+    assert report["lost"] == 1, report
+
+
+SLEEPS = {
+    "a nap": "Pulse(sys.argv[1], 'PSM1', write=True).nap().sleep(lambda: False, 60_000_000_000)",
+    "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
+    "a pause": "pause(60)",
 }
+SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.pulse import Pulse; "
+CLOCK_NANOSLEEP, FUTEX_ON_X86_64 = 230, 202
+CLOCK_MONOTONIC = 1
 
 
-@pytest.mark.parametrize("name", DROWSY)
-def test_a_seeded_mutant_of_the_nap_is_caught(name: str) -> None:
-    with pytest.raises(Broken, match="sleeps"):
-        nap(Real(DROWSY[name]), {"io": 3}).explore()
+def call_of(child: Any) -> list[int]:
+    """The system call a child is in, and its arguments; empty when it is in none."""
+    try:
+        words = Path(f"/proc/{child.pid}/syscall").read_text().split()
+    except OSError as error:
+        pytest.skip(f"/proc/…/syscall cannot be read here: {error}")
+    return [int(word, 0) for word in words] if len(words) > 6 else []
+
+
+def timespec(child: Any, at: int) -> tuple[int, int]:
+    """Seconds and nanoseconds at an address of a child."""
+    with Path(f"/proc/{child.pid}/mem").open("rb", buffering=0) as memory:
+        memory.seek(at)
+        seconds, nanoseconds = struct.unpack("<qq", memory.read(16))
+    return seconds, nanoseconds
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the numbers of system calls are those of x86-64")
+@pytest.mark.parametrize("how", SLEEPS)
+def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: Pulse, how: str) -> None:
+    child = world.start(SLEEPER + SLEEPS[how])
+    wanted = FUTEX_ON_X86_64 if "nap" in how else CLOCK_NANOSLEEP
+    world.until(lambda: call_of(child)[:1] == [wanted], "it sleeps")
+    _, first, operation, value, timeout_at, *_ = call_of(child)
+    if wanted == CLOCK_NANOSLEEP:
+        assert first == CLOCK_MONOTONIC
+    else:
+        assert (operation, value) == (0, 1)  # FUTEX_WAIT: its time-out is relative; no FUTEX_CLOCK_REALTIME, shared
+        assert timespec(child, timeout_at) == (60, 0)
+    world.kill(child)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import CONTROL, STATES, Pulse, create_control
+from shm.pulse import SCHEMA, STATES, Pulse, create_control
 from shm.segment import SegmentError, segment_name
 
 
@@ -73,8 +73,5 @@ def test_one_segment_is_not_another(page: str, world: Any) -> None:
         Pulse(page, "PSM2")
 
 
-def test_futex_words_are_aligned_and_apart() -> None:
-    from shm.pulse import SCHEMA
-
-    assert SCHEMA.offset("counters") % 4 == 0 and SCHEMA.offset("nap") % 4 == 0
-    assert len({f.name for f in CONTROL.fields}) == len(CONTROL.fields)
+def test_the_futex_word_is_aligned() -> None:
+    assert SCHEMA.offset("nap") % 4 == 0

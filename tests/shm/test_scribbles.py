@@ -184,16 +184,15 @@ def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
     create_control(SYSTEM, "PSM1")
     pulse, other = Pulse(SYSTEM, "PSM1", write=True), Pulse(SYSTEM, "PSM1", write=True)
     try:
-        bell, waiter = pulse.bell(), other.waiter()
+        ours, theirs = pulse.nap(), other.nap()
         end = min(len(pulse.segment.view), 4096 + at + len(data))
         pulse.segment.view[4096 + at : end] = data[: end - 4096 - at]
         with bounded():
             for _ in range(20):
-                bell.ring()
-            assert waiter.wait(lambda: False, 100_000) is False
+                theirs.rouse()
+            assert ours.sleep(lambda: False, 100_000) is False
             assert isinstance(pulse.state, str)
             assert all(pulse.get(name) is not None for name in ("heartbeat_ns", "period_avg", "policy", "error"))
-            pulse.nap().sleep(lambda: False, 1000)
             pulse.show("FAILED", "it did")
         assert pulse.state == "FAILED" and pulse.get("error") == b"it did"
     finally:

@@ -1,5 +1,5 @@
 """The victims of kills.py that end at a ring, and what must hold when one has died: its writer, and a reader who also
-waits at a doorbell. Those at a mailbox are in senders.py."""
+naps until it is woken. Those at a mailbox are in senders.py."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ import time
 from collections.abc import Callable
 
 from shm.directory import create_ring
-from shm.doorbell import PLACES, UNHEARD, UNHURRIED
 from shm.pulse import Pulse, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from tests.shm.witness import Author, Lives, Notes, Violation, Witness, holds, topic
 
-EVERY = 25  # deaths from one look at all places to the next
 QUIET_NS = 100_000
-WAIT_NS = 2_000_000
+NAP_NS = 2_000_000
 
 
 class WriterVictim:
@@ -115,9 +113,9 @@ class WriterVictim:
 
 
 class ReaderVictim:
-    """A ring's reader dies, who also waits at the writer's doorbell; the writer lives on in the parent."""
+    """A ring's reader dies, who naps and is roused by the writer, which lives on in the parent."""
 
-    READS, LOST, WAITS = range(Notes.FREE, Notes.FREE + 3)
+    READS, LOST, NAPS = range(Notes.FREE, Notes.FREE + 3)
 
     def __init__(self, system: str, notes: Notes) -> None:
         create_ring(system, "io", topic(16, 1024), {}, {})
@@ -126,14 +124,14 @@ class ReaderVictim:
         self._name = segment_name(system, "io", "telling")
         self._author = Author(RingWriter(Segment(self._name, write=True), "io"), 1)
         self._page = Pulse(system, "io", write=True)
-        self._bell, self._flags = self._page.bell(), self._page.field("flags")
+        self._nap = self._page.nap()
         self._due = self._steady = 0
-        self.figures = {"records": 0, "reads": 0, "lost": 0, "waits": 0, "flags_left_up": 0}
+        self.figures = {"records": 0, "reads": 0, "lost": 0, "naps": 0, "left_asleep": 0}
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Attach, and read for ever: by `next`, by `newest`, or history."""
         witness = Witness(RingReader(Segment(self._name)), Lives())
-        waiter = Pulse(self._system, "io", write=True).waiter()
+        nap = Pulse(self._system, "io", write=True).nap()
         notes, reader, seen = self._notes, witness.reader, 0
 
         def ready_to_read() -> bool:
@@ -141,12 +139,12 @@ class ReaderVictim:
 
         ready()
         while True:
-            if waiter.wait(ready_to_read, WAIT_NS):
+            if nap.sleep(ready_to_read, NAP_NS):
                 seen = reader.head
                 notes[self.READS] += self._read(witness, life % 3)
                 notes[self.LOST] = reader.lost
             holds(not reader.backwards, reader.trouble)
-            notes[self.WAITS] += 1
+            notes[self.NAPS] += 1
 
     @staticmethod
     def _read(witness: Witness, verb: int) -> int:
@@ -161,31 +159,25 @@ class ReaderVictim:
         return witness.received - before
 
     def serve(self) -> None:
-        """Publish and ring: at full speed, or now and then, so that the reader sleeps."""
+        """Publish and rouse: at full speed, or now and then, so that the reader sleeps."""
         now = time.monotonic_ns()
         if now >= self._due:
             self._author.publish()
-            self._bell.ring()
+            self._nap.rouse()
             self._due = now + self._steady
 
     def inspect(self, life: int, pid: int) -> None:
-        """The flag of the dead comes down, its place is free, and the ring is as it was."""
+        """The dead is not taken for a sleeper for ever, and the ring is as it was."""
         self._steady = QUIET_NS if life % 2 else 0
-        for figure, at in (("reads", self.READS), ("lost", self.LOST), ("waits", self.WAITS)):
+        for figure, at in (("reads", self.READS), ("lost", self.LOST), ("naps", self.NAPS)):
             self.figures[figure] += self._notes[at]
-        self.figures["flags_left_up"] += int(self._flags.sum())
+        self.figures["left_asleep"] += int(self._nap.sleeps)
         self.figures["records"] = n = self._author.publish()
-        for _ in range(UNHURRIED + UNHEARD):
-            self._bell.ring()
-        holds(not self._flags.any(), f"a flag of the dead is still up: {self._flags}")
+        self._nap.rouse()
+        holds(not self._nap.sleeps, "the dead still seems to sleep")
         fresh = Witness(RingReader(Segment(self._name)), Lives())
         holds(fresh.newest() and fresh.last == n, f"a fresh reader gets {fresh.last} instead of {n}")
         fresh.reader.close()
-        pages = [Pulse(self._system, "io", write=True) for _ in range(PLACES if life % EVERY == 0 else 1)]
-        for page in pages:
-            page.waiter()
-        for page in pages:
-            page.close()
 
     def finish(self) -> None:
         """Nothing is left to do."""

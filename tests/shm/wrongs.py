@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shm import doorbell, ring, segment
+from shm import ring, segment
 from shm.clock import monotonic_ns
 from shm.mailbox import (
     COMMAND_START,
@@ -19,6 +19,7 @@ from shm.mailbox import (
     Received,
 )
 from shm.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
+from shm.nap import Nap
 from shm.place import MailboxFull, Place
 from shm.ring import HEAD, RingReader, RingWriter
 
@@ -77,9 +78,9 @@ def same_epoch() -> None:
     segment.Segment.claim = claim  # type: ignore[method-assign]
 
 
-def flag_for_ever() -> None:
-    """No E5: the flag of a dead waiter stays up."""
-    doorbell.Places.while_free = lambda self, place, act: False  # type: ignore[method-assign]
+def deep_sleep() -> None:
+    """No Q4: who sleeps is left asleep."""
+    Nap.rouse = lambda self: None  # type: ignore[method-assign]
 
 
 def run_then_taken() -> None:
@@ -138,7 +139,7 @@ WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
     "head first": (head_first, "writer", 1, 100),
     "forgotten record": (forgotten_record, "writer", 1, 100),
     "same epoch": (same_epoch, "writer", 1, 2),
-    "flag for ever": (flag_for_ever, "reader", 1, 100),
+    "deep sleep": (deep_sleep, "reader", 1, 100),
     "sent first": (sent_first, "client", 1, 100),
     "stop sent first": (sent_first, "who stops", 100, 400),
     "run, then taken": (run_then_taken, "owner", 100, 300),

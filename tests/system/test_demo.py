@@ -15,7 +15,6 @@ import pytest
 from procs.lib.config import load_system
 from procs.lib.gains import GAINS, value_of
 from shm import directory
-from shm.pulse import Pulse
 from tests.system.robot import DEMO, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -30,18 +29,6 @@ def test_status_list_and_hz_tell_about_a_running_system(demo: Robot) -> None:
     assert "IO1/PSM1/measured_js" in topics
     rates = json.loads(demo.trocar("hz", "IO1/state", "--json"))
     assert rates
-
-
-def test_whoever_waits_at_a_bell_is_woken_by_the_next_cycle(demo: Robot) -> None:
-    for instance in ("IO1", "PSM1", "boards"):
-        page = Pulse(demo.name, instance, write=True)
-        place, reader = page.waiter(), directory.reader(demo.name, instance, "state")
-        for _ in range(50):
-            seen = reader.head
-            waits = (place.wait(lambda: reader.head != seen, 20_000_000_000) for _ in range(3))  # noqa: B023
-            assert any(waits), "a ring for the record before may come first"
-        reader.close()
-        page.close()
 
 
 def test_a_recorded_motion_is_followed_through_the_whole_stack(demo: Robot, data: Callable[[str], Path]) -> None:
