@@ -37,7 +37,7 @@ class Proc:
     again by the policy for deaths; held up for `late_s` it begins anew as if it had been killed, where `pause_ends` it.
     `stop_s`: how long it may take to end when asked; `on_exit` is said in words for `trocar status`; `reserved` is the
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
-    `trocar:`, a little above that of arms, or less than all that move robots.
+    `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -54,7 +54,6 @@ class Proc:
     priority: Literal["", "emulation", "io", "above arms", "arm", "least"] = ""
     woken: bool = False
     phase: float = 0.0
-    realtime: bool = True
     restart: bool = True
     pause_ends: bool = True
     reserved: float = 0.0
@@ -62,13 +61,18 @@ class Proc:
     hung_s: float = 1.0
     rest: int = 1
 
+    @property
+    def realtime(self) -> bool:
+        """It also locks its memory and collects no garbage; others live as programs usually do."""
+        return bool(self.priority)
+
 
 PROCS: tuple[Proc, ...] = (
     Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
-         sizes=sizes.of_supervisor, realtime=False, restart=False, budget_us=2000),
+         sizes=sizes.of_supervisor, restart=False, budget_us=2000),
     Proc("external", "", 0.005, 0.03, 0.0, "tele-operations that use it stop following; who owns it starts it again",
          instances=lambda system: [Instance(row.name) for row in system.externals],
-         sizes=sizes.of_external, realtime=False, restart=False),
+         sizes=sizes.of_external, restart=False),
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          instances=lambda system: [Instance("boards", system.emulation.period_s)] if system.emulation else [],
          sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),
@@ -88,7 +92,7 @@ PROCS: tuple[Proc, ...] = (
          events=("locked", "focusing_in", "focusing_out"),
          instances=lambda system: [Instance(row.name, row.period_s, (row.io, *(pedal.io for pedal in row.pedals)))
                                    for row in system.focuses],
-         priority="least", realtime=False, budget_us=300),
+         priority="least", budget_us=300),
     Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
          instances=lambda system: [Instance(row.name, row.period_s, row.arms)
                                    for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
@@ -103,7 +107,7 @@ PROCS: tuple[Proc, ...] = (
          instances=lambda system: [Instance("system", after=tuple(
              row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
              ] if system.consoles else [],
-         sizes=sizes.of_system, priority="least", woken=True, phase=0.06, realtime=False, budget_us=500),
+         sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
 )
 
 

@@ -283,9 +283,10 @@ class Loop(ABC):
 def run(kind: str, make: Callable[[Me], Loop]) -> None:
     """The life of one process."""
     with process(kind) as me:
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+        if proc(kind).realtime:
+            gc.collect()
+            gc.freeze()
+            gc.disable()
         live(me, make)
 
 

@@ -203,14 +203,6 @@ def test_io_needs_little_to_start() -> None:
     assert not {m for m in out.split() if m not in allowed | startup and not m.startswith(("_", "sitecustomize"))}
 
 
-@pytest.mark.parametrize("row", [row for row in PROCS if row.module], ids=lambda row: row.kind)
-def test_every_kind_has_a_budget(row) -> None:  # type: ignore[no-untyped-def]
-    assert row.budget_us > 0 and row.period_s > 0 and row.late_s > row.period_s and row.stop_s > 0
-    assert row.on_exit and 0 <= row.phase < 1
-    if row.realtime:
-        assert row.budget_us * 1e-6 < row.period_s
-
-
 @pytest.mark.parametrize("command", ["tools/start", "tools/test"])
 def test_the_two_commands_of_the_readme_exist(command: str) -> None:
     path = ROOT / command

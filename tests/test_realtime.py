@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import multiprocessing
 import os
 from collections.abc import Callable
+from typing import Literal
 
 import pytest
 
+from procs import runtime
 from procs.lib.document import Process
+from procs.manifest import Proc
 from procs.realtime import realtime
 
 DEADLINE = 6
@@ -48,3 +53,20 @@ def test_a_share_that_nobody_can_have_leaves_the_usual_priority() -> None:
 
 def test_in_lockstep_nobody_has_priority_or_locks_memory() -> None:
     assert asked("lockstep", 0.8, locked=True) == ("other", os.SCHED_OTHER)
+
+
+@pytest.mark.parametrize(("priority", "collects"), [("arm", False), ("", True)])
+def test_only_real_time_kinds_collect_no_garbage(
+    monkeypatch: pytest.MonkeyPatch, priority: Literal["arm", ""], collects: bool
+) -> None:
+    seen: list[bool] = []
+    kind = Proc("clockwork", "procs.clockwork.loop", 0.01, 0.03, 3.0, "restart", priority=priority)
+    monkeypatch.setattr(runtime, "proc", lambda name: kind)
+    monkeypatch.setattr(runtime, "process", lambda name: contextlib.nullcontext())
+    monkeypatch.setattr(runtime, "live", lambda me, make: seen.append(gc.isenabled()))
+    try:
+        runtime.run("clockwork", runtime.Loop)  # type: ignore[type-abstract]
+        assert seen == [collects] and bool(gc.get_freeze_count()) is not collects
+    finally:
+        gc.unfreeze()
+        gc.enable()

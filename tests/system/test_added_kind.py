@@ -42,7 +42,7 @@ if __name__ == "__main__":
     "procs/manifest.py": (('    Proc("system",', '''
     Proc("metronome", "procs.metronome.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart", events=("bar",),
          instances=lambda system: [Instance("metronome", after=tuple(io.name for io in system.ios))],
-         priority="least", woken=True, realtime=False, budget_us=100),
+         priority="least", woken=True, budget_us=100),
 '''),),
     "shm/topics.py": (("TOPICS: tuple", '''
 METRONOME_STATE = Topic("state", "metronome", 100, 1.0, (Field("beats", "<u8", "", "since the first of the bar"),))
