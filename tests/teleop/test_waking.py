@@ -2,27 +2,63 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+
 import pytest
 
+from procs import runtime
 from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.supervisor.memory import create_all, remove_all
+from procs.teleop.loop import IDLE_PERIODS, Loop
 from shm.client import Client, LoopClient
+from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
 from tests.conftest import World
+
+PERIOD_NS = 6_000_000_000
+
+
+@pytest.fixture
+def system(world: World) -> Iterator[str]:
+    """The memory of a system with a tele-operation, MTMR_PSM1, and a console."""
+    loaded = load_system(PROJECT_CONFIGS / "systems/kinematic-teleop.yaml", name=world.name, sets=["clock=wall"])
+    assert loaded.system is not None, loaded.errors
+    create_all(loaded.system)
+    yield world.name
+    remove_all(world.name)
 
 
 @pytest.mark.parametrize("kind", [Client, LoopClient])
 @pytest.mark.parametrize(("name", "command"), [("MTMR_PSM1", "clutch"), ("console", "emulate_clutch")])
-def test_a_command_wakes_who_sleeps(world: World, kind: type[Client], name: str, command: str) -> None:
-    loaded = load_system(PROJECT_CONFIGS / "systems/kinematic-teleop.yaml", name=world.name)
-    assert loaded.system is not None, loaded.errors
-    create_all(loaded.system)
-    try:
-        page, client = Pulse(world.name, name, write=True), kind(world.name, name)
-        page.field("nap")[...] = 1  # it sleeps
-        assert client.send(command, (1.0,))
-        assert page.get("nap") == 0
-        client.close()
-        page.close()
-    finally:
-        remove_all(world.name)
+def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, command: str) -> None:
+    page, client = Pulse(system, name, write=True), kind(system, name)
+    page.field("nap")[...] = 1  # it sleeps
+    assert client.send(command, (1.0,))
+    assert page.get("nap") == 0
+    client.close()
+    page.close()
+
+
+def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
+    me = runtime.Me("teleop", system, "MTMR_PSM1")
+    loop, client = Loop(me), Client(system, "MTMR_PSM1")
+    me._pacing.period_ns = PERIOD_NS
+    me.ready()
+
+    def ask() -> None:
+        while not me.pulse.get("nap"):
+            pause(0.001)
+        client.send("clutch", (1.0,))
+
+    asking, begun_ns = threading.Thread(target=ask), monotonic_ns()
+    asking.start()
+    loop.wait()
+    asking.join()
+    assert monotonic_ns() - begun_ns < IDLE_PERIODS * PERIOD_NS, "it slept on"
+    loop.cycle(me.now_ns, me.wall_ns)
+    assert client.poll(), "it was not answered"
+    client.close()
+    loop.close()
+    me.give_back()
+    me.close()
