@@ -25,10 +25,11 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import TypeVar
 
+from procs.lib.arm_types import ARM_TYPES, class_of
 from tools.client.arm import Arm
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
-from tools.client.kinds import KINDS, Ecm, Gripper, Jaw, Mtm, Psm
+from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
 from tools.client.provider import Handler, Provider
 from tools.client.record import JointState
@@ -107,7 +108,7 @@ def _chosen(system: str | None) -> str:
 
 
 def _made(system: str, name: str) -> Arm:
-    return KINDS.get(arm_document(system, name).type, Arm)(system, name)
+    return class_of(ARM_TYPES[arm_document(system, name).type].client, Arm)(system, name)
 
 
 def _of(kind: type[A], found: Arm) -> A:

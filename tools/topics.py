@@ -11,6 +11,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
+from procs.lib.arm_types import ARM_TYPES
 from procs.manifest import PROCS
 from shm.directory import rings, topic_of
 from shm.segment import Segment, SegmentError, segment_name
@@ -18,12 +19,7 @@ from shm.topics import Field, View
 from tools.systems import unknown
 
 SAID_BY_ALL = ("status", "warning", "error")
-SAID_BY_TYPE = {
-    "PSM": ("tool_type", "tool_type_request", "arm_clutch"),
-    "ECM": ("endoscope_type", "arm_clutch"),
-    "MTM": ("gripper/closed", "gripper/pinch", "orientation_locked"),
-}
-SEEN_OF_TYPE = {"jaw": "PSM", "gripper": "MTM"}  # views of an arm that only one type has
+SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types
 RECORD, EVENT = "record", "event"
 
 
@@ -94,11 +90,11 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
     rate = float(info.get("rate_hz", 0.0))
     fields = tuple(_field(row) for row in json.loads(text)["fields"])
     known = {f.name: f for f in fields}
-    kind, arm_type = str(info.get("kind", "")), str(info.get("type", ""))
+    kind, own = str(info.get("kind", "")), ARM_TYPES.get(str(info.get("type", "")))
     record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
     if ring == "events":
         said = next((row.events for row in PROCS if row.kind == kind), ())
-        said += SAID_BY_TYPE.get(arm_type, ()) + SAID_BY_ALL
+        said += (own.events if own is not None else ()) + SAID_BY_ALL
         return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
     try:
         views = topic_of(kind, ring).views
@@ -109,7 +105,8 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
         seen = tuple(known[name] for _, name in view.fields if name in known)
         if len(seen) < len(view.fields):  # another version's record
             continue
-        if kind == "arm" and arm_type and SEEN_OF_TYPE.get(view.name.partition("/")[0], arm_type) != arm_type:
+        what = view.name.partition("/")[0]
+        if own is not None and what in SEEN_OF_SOME and what not in own.views:
             continue
         if view.per:
             found += _of_each(view, instance, ring, rate, seen, dict(info.get(f"{view.per}s", {})))

@@ -20,7 +20,7 @@ from procs.arm.control import SAID_NS, Control
 from procs.arm.detection import Reading
 from procs.arm.duties import Duties
 from procs.arm.joint_commands import JointCommands
-from procs.arm.joints import AXES, Joints, joints, kinematic_home
+from procs.arm.joints import Joints, joints, kinematic_home
 from procs.arm.machine import Machine
 from procs.arm.motion import Mode, Space
 from procs.arm.readings import Fields, Readings
@@ -35,6 +35,7 @@ from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
 from procs.lib import document
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
@@ -82,7 +83,7 @@ class Arm:
         duties = Duties(self.io, around.sender, arm.robot, self._io_refused, has_brakes=around.has_brakes)
         self.control = control = Control(
             arm, first, self.io, duties, machine, around.reports, cartesian, record,
-            SetpointRecord(around.setpoint, AXES[arm.type]), around.fault_report, around.motors)
+            SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators), around.fault_report, around.motors)
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
         frame = arm.reference_frame or f"{arm.name}_base"

@@ -94,7 +94,7 @@ class CartesianCommands:
     def _inverse(self, name: str) -> Inverse:
         inverse = self._control.joints.inverse
         if inverse is None:
-            raise Refused(f"{name}: there is no instrument, so no tip")
+            raise Refused(f"{name}: {self._control.joints.lacks_inverse}")
         return inverse
 
     def _solve(self, name: str, goal: Array, seed: Array) -> Array:

@@ -14,7 +14,7 @@ from procs.arm.effort_guard import EffortGuard
 from procs.arm.effort_limits import EffortLimits
 from procs.arm.efforts import Efforts
 from procs.arm.gravity import Weight
-from procs.arm.joints import ARM_JOINTS, Joints
+from procs.arm.joints import Joints
 from procs.arm.machine import Machine
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import Readings
@@ -70,7 +70,7 @@ class Control:
         self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self._stream, self._jaw_stream = Stream(), Stream()
-        self.gravity = Weight(arm, ARM_JOINTS[arm.type])
+        self.gravity = Weight(arm)
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""
         self.is_played = arm.simulation != "NONE"

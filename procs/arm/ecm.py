@@ -13,7 +13,7 @@ from procs.arm.arm import Arm
 from procs.arm.commands import Row, Table
 from procs.arm.control import Refused
 from procs.arm.gravity import Weight
-from procs.arm.joints import ARM_JOINTS, joints
+from procs.arm.joints import joints
 from procs.arm.motion import Mode
 from procs.arm.states import State
 from procs.arm.takeover import Predecessor
@@ -68,6 +68,6 @@ class Ecm(Arm):
         control = self.control
         control.arm = dataclasses.replace(control.arm, endoscope=name)
         used = control.gravity.used
-        control.gravity = Weight(control.arm, ARM_JOINTS[control.arm.type])
+        control.gravity = Weight(control.arm)
         control.gravity.used = used and control.gravity.known
         control.use(joints(control.arm))

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.document import Arm
 from procs.lib.endoscopes import NONE, endoscope
 from procs.lib.gravity import Gravity, up_of
@@ -21,8 +22,9 @@ Model = Callable[[Array, Array], Array]
 class Weight:
     """`used`: the compensation is on (it is where there is a model); `effort` (size,) is that of this cycle."""
 
-    def __init__(self, arm: Arm, joints: int) -> None:
-        """`joints` are those of the arm itself."""
+    def __init__(self, arm: Arm) -> None:
+        """Of the joints of the arm itself."""
+        joints = ARM_TYPES[arm.type].joints
         self._model = _model(arm, joints)
         self._joints = joints
         self.used = self.known
@@ -55,6 +57,6 @@ def _model(arm: Arm, joints: int) -> Model | None:
         return MasterGravity(arm.master_gravity).effort
     if arm.links is None:
         return None
-    mass = endoscope(arm.endoscope or NONE).mass if arm.type == "ECM" else None
+    mass = endoscope(arm.endoscope or NONE).mass if ARM_TYPES[arm.type].has_endoscope else None
     model = Gravity(arm.links, joints, up_of(arm.mounting_pitch or 0.0), mass)
     return lambda position, _: model.effort(position)

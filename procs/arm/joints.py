@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_limits import EFFORT_LIMITS, KINEMATIC_HOME, LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.coupling import coupling
 from procs.lib.document import Arm, Tool
 from procs.lib.endoscopes import NONE, endoscope
@@ -27,10 +27,6 @@ from procs.lib.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 
-AXES: Final = {"PSM": 7, "ECM": 4, "MTM": 7}
-"""Actuators that move an arm."""
-ARM_JOINTS: Final = {"PSM": 3, "ECM": 4, "MTM": 7}
-"""Joints of the arm itself, the ones an instrument does not change."""
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
 BARE_SLIDES: Final = (False, False, True)
 DISC_RANGE: Final = math.radians(172.0)
@@ -44,7 +40,7 @@ class Joints:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
     `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed` and
-    `effort_zone` see `procs.lib.arm_limits`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
+    `effort_zone` see `procs.lib.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
     these say nothing. Positions and velocities map alike; efforts go with the transposed matrices the other way round,
     so that power is the same on both sides.
     """
@@ -81,6 +77,11 @@ class Joints:
     def axes(self) -> int:
         """Actuators."""
         return len(self.to_actuator)
+
+    @property
+    def lacks_inverse(self) -> str:
+        """Why there is no `inverse`."""
+        return "there is no instrument, so no tip" if self.kinematics is None else "no inverse kinematics of this arm"
 
     @property
     def has_jaw(self) -> bool:
@@ -126,23 +127,24 @@ class Joints:
 
 def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     """The joint space of `arm` with an instrument, or without; ValueError when it cannot be driven."""
-    if arm.type == "PSM":
+    row = ARM_TYPES[arm.type]
+    axes = row.actuators
+    if row.joints < axes:
         return _bare(arm) if tool is None else _with_tool(arm, tool)
-    tip = endoscope(arm.endoscope or NONE).tip if arm.type == "ECM" else None
+    tip = endoscope(arm.endoscope or NONE).tip if row.has_endoscope else None
     kinematics = Kinematics(arm.chain, tip=tip)
-    axes = AXES[arm.type]
     if kinematics.n != axes:
         raise ValueError(f"{arm.name}: {arm.chain.source} has {kinematics.n} joints; an {arm.type} has {axes}")
     map_ = coupling(axes, arm.chain)
     return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, *_rates(arm.type),
                   _rated(kinematics.effort_max), map_.actuator_to_joint, map_.joint_to_actuator,
-                  kinematics, inverse_of(arm.type, arm.chain, tip=tip), axes if map_.is_identity else 0,
-                  np.zeros(axes, np.bool_))
+                  kinematics, inverse_of(arm.type, arm.chain, tip=tip) if row.inverse else None,
+                  axes if map_.is_identity else 0, np.zeros(axes, np.bool_))
 
 
 def _rates(arm_type: str) -> tuple[Array, Array, Array, Array]:
     """v_max, a_max, effort_speed, effort_zone of an arm with all its axes."""
-    moves, pushes = LIMITS[arm_type], EFFORT_LIMITS[arm_type]
+    moves, pushes = ARM_TYPES[arm_type].moves, ARM_TYPES[arm_type].efforts
     return (np.array(moves.velocity), np.array(moves.acceleration), np.array(pushes.speed), np.array(pushes.zone))
 
 
@@ -152,10 +154,10 @@ def _rated(efforts: Iterable[float]) -> Array:
 
 
 def _bare(arm: Arm) -> Joints:
-    own, axes = ARM_JOINTS[arm.type], AXES[arm.type]
+    own, axes = ARM_TYPES[arm.type].joints, ARM_TYPES[arm.type].actuators
     links = arm.chain.links
     if len(links) < own:
-        raise ValueError(f"{arm.name}: {arm.chain.source} has {len(links)} joints; a PSM has {own}")
+        raise ValueError(f"{arm.name}: {arm.chain.source} has {len(links)} joints; a {arm.type} has {own}")
     lower = np.array([link.lower for link in links[:own]] + [-DISC_RANGE] * (axes - own))
     upper = np.array([link.upper for link in links[:own]] + [DISC_RANGE] * (axes - own))
     rated = _rated((*(link.effort_max for link in links[:own]), *(DISC_EFFORT,) * (axes - own)))
@@ -165,7 +167,7 @@ def _bare(arm: Arm) -> Joints:
 
 def _with_tool(arm: Arm, tool: Tool) -> Joints:
     kinematics = Kinematics(arm.chain, tool)
-    n, axes = kinematics.n, AXES[arm.type]
+    n, axes = kinematics.n, ARM_TYPES[arm.type].actuators
     expected = SNAKE_JOINTS if tool.snake else axes - 1
     if n != expected:
         raise ValueError(f"{arm.name}: with {tool.name} there are {n} joints; {expected} were expected")
@@ -183,7 +185,7 @@ def _with_tool(arm: Arm, tool: Tool) -> Joints:
                   np.append(kinematics.upper, tool.jaw.upper), *rates, rated,
                   np.matmul(spread, map_.actuator_to_joint),
                   np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
-                  inverse_of(arm.type, arm.chain, tool), ARM_JOINTS[arm.type], np.zeros(n + 1, np.bool_),
+                  inverse_of(arm.type, arm.chain, tool), ARM_TYPES[arm.type].joints, np.zeros(n + 1, np.bool_),
                   free, paired)
 
 
@@ -201,6 +203,6 @@ def _snake(axes: int) -> tuple[Array, Array]:
 
 def kinematic_home(arm: Arm, joints: Joints) -> Array:
     """Where a KINEMATIC arm homes to (size,): inserted, so that it can move its tip from there on."""
-    own, goal = ARM_JOINTS[arm.type], np.zeros(joints.size)
-    goal[:own] = KINEMATIC_HOME[arm.type][:own]
+    row, goal = ARM_TYPES[arm.type], np.zeros(joints.size)
+    goal[: row.joints] = row.kinematic_home[: row.joints]
     return goal

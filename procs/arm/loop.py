@@ -12,13 +12,10 @@ from procs import runtime
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
 from procs.arm.detection import Reading
-from procs.arm.ecm import Ecm
 from procs.arm.effort_limits import motor_efforts
-from procs.arm.joints import AXES
-from procs.arm.mtm import Mtm
-from procs.arm.psm import Psm
 from procs.arm.setup_base import SetupBase, place_of
 from procs.arm.supervision import power_lost
+from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.document import Actuator, Arm, Brake, Io
 from procs.lib.faults import AMPLIFIER, FaultReport, reported
 from procs.lib.wording import axis_titles, boards_of, place, sentence
@@ -31,7 +28,6 @@ REST_PERIODS = 3
 SHORT_PERIODS = 2
 WARN_EVERY_NS = 60_000_000_000
 RECENT_NS = 200_000_000
-TYPES: dict[str, type[AnyArm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}
 
 
 class LastGood:
@@ -125,7 +121,7 @@ def place_in(io: Io, arm: Arm) -> tuple[int, int]:
     first = 0
     for number, robot in enumerate(io.robots):
         if robot.name == arm.robot:
-            axes = AXES[arm.type]
+            axes = ARM_TYPES[arm.type].actuators
             if len(robot.actuators) != axes:
                 raise ValueError(f"{arm.name}: {arm.robot} has {len(robot.actuators)} actuators; a {arm.type}: {axes}")
             return number, first
@@ -162,15 +158,15 @@ class Loop(runtime.Loop):
     def __init__(self, me: runtime.Me) -> None:
         super().__init__(me)
         arm = me.document.arm(me.name)
-        if arm.type not in TYPES:
-            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(TYPES)} are")
+        if arm.type not in ARM_TYPES:
+            raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(ARM_TYPES)} are")
         io = me.document.io(arm.io)
         number, first_axis = place_in(io, arm)
         self._io = LastGood(me.reads(arm.io, "state"))
         self._setpoint, self._state = me.writes("setpoint"), me.writes("state")
         faults = me.fault_cell()
         self._mailbox = me.mailbox(faults)
-        self.arm = TYPES[arm.type](arm, Surroundings(
+        self.arm = class_of(ARM_TYPES[arm.type].process, AnyArm)(arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
             me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot),

@@ -17,7 +17,7 @@ from procs.arm.control import SAID_NS, Refused
 from procs.arm.detection import Detection
 from procs.arm.fitted import Fit, Fitted
 from procs.arm.jaw import JawCommands
-from procs.arm.joints import AXES, Joints, joints
+from procs.arm.joints import Joints, joints
 from procs.arm.motion import Mode
 from procs.arm.stages.engaging import Engaging
 from procs.arm.stages.homed import Homed
@@ -196,7 +196,7 @@ class Psm(Arm):
         tool = self.detection.tool
         if tool is None:
             return []
-        to_disc = coupling(AXES["PSM"], self.control.arm.chain, tool).joint_to_actuator
+        to_disc = coupling(self.control.joints.axes, self.control.arm.chain, tool).joint_to_actuator
         here, goals = self.io.setpoint.copy(), []
         for place in (tool.engage_lower, tool.engage_upper, tool.engage_lower, (0.0,) * len(tool.engage_lower)):
             here[INSERTION + 1 :] = place

@@ -114,7 +114,7 @@ class Settings:
         """Seed (count,), then the pose of the tip in the arm's base; moves nothing."""
         joints, values = self._control.joints, request.values
         if joints.inverse is None:
-            raise Refused(f"{request.name}: there is no instrument, so no tip")
+            raise Refused(f"{request.name}: {joints.lacks_inverse}")
         if len(values) != joints.count + POSE:
             raise Refused(f"{request.name}: incorrect number of joints; {joints.count} and a pose are needed")
         pose = values[joints.count :].copy()

@@ -120,6 +120,6 @@ class Arm:
     jerk_time_s: float = 0.0  # of moves: acceleration takes so long to come up to its limit; 0: no jerk limit
     client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never
     effort_timeout_s: float = 0.1  # efforts other than 0 that are not asked for again in that time end; 0: never
-    effort_speed_ratio: float = 1.0  # of the speeds of `arm_limits`, which efforts may bring joints to; 0: no limit
+    effort_speed_ratio: float = 1.0  # of the speeds of `arm_types`, which efforts may bring joints to; 0: no limit
     effort_zone_ratio: float = 1.0  # of the zones there, in which efforts are held off position limits; 0: nowhere
     source: str = ""

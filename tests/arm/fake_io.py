@@ -12,8 +12,8 @@ import numpy as np
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
 from procs.arm.detection import Reading
-from procs.arm.joints import AXES as JOINT_AXES
 from procs.arm.psm import Psm
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from procs.lib.faults import FaultReport
 from shm.client import Reply
@@ -328,7 +328,7 @@ class Rig:
 
     def make_io(self) -> FakeIo:
         """The io of this arm."""
-        return FakeIo(JOINT_AXES[self.document.type], name=self.document.robot)
+        return FakeIo(ARM_TYPES[self.document.type].actuators, name=self.document.robot)
 
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from procs.arm.arm import Surroundings
+from procs.arm.arm import Arm, Surroundings
 from procs.arm.effort_limits import motor_efforts
-from procs.arm.loop import TYPES, gripper_in, place_in
+from procs.arm.loop import gripper_in, place_in
+from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.document import System
 from procs.lib.faults import FaultReport
 from shm.client import Reply
@@ -45,7 +46,7 @@ class OnBoards:
         """A new arm process on the records as they are."""
         io, robot = self.rig.io, self.rig.io.robots[self.place]
         self.reports = FakeReports()
-        self.arm: Any = TYPES[self.document.type](self.document, Surroundings(
+        self.arm: Any = class_of(ARM_TYPES[self.document.type].process, Arm)(self.document, Surroundings(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
             self.setpoint.field, self.reports, lambda code: FaultReport("io-fault", f"fault number {code}"),

@@ -11,9 +11,10 @@ import pytest
 
 from procs.arm.effort_guard import LONGEST_ZONE, EffortGuard
 from procs.arm.effort_limits import EffortLimits, motor_efforts
-from procs.arm.joints import ARM_JOINTS, Joints, joints
+from procs.arm.joints import Joints, joints
 from procs.arm.motion import Motion
 from procs.boards.robots.inertia import arm_inertia, wrist_inertia
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.config import PROJECT_CONFIGS, load_system
 
 ARMS = {"PSM": "demo", "PSM Si": "demo-psm-si", "ECM": "demo-ecm", "ECM Si": "demo-ecm-si", "MTM": "demo-mtm"}
@@ -47,7 +48,7 @@ def mechanism(kind: str) -> Mechanism:
     arm = system.arms[0]
     robot = next(robot for robot in system.io(arm.io).robots if robot.name == arm.robot)
     space = joints(arm, arm.tool)
-    row = arm_inertia(arm.type, arm.generation, ARM_JOINTS[arm.type])
+    row = arm_inertia(arm.type, arm.generation, ARM_TYPES[arm.type].joints)
     assert row is not None
     rows = [*row.joints, *(wrist_inertia(np.array(arm.tool.actuator_to_joint)) if arm.tool else ())]
     inertia = np.array([row.armature for row in rows])

@@ -10,10 +10,10 @@ import pytest
 
 from procs.arm.arm import Arm, Surroundings
 from procs.arm.ecm import Ecm
-from procs.arm.joints import AXES
 from procs.arm.psm import Psm
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.lib.document import System
 from shm.client import Reply
@@ -70,7 +70,7 @@ class Pair:
         """`changes` of the arm's document."""
         self.system, self.now_ns, self.epoch = played_system(file), 5_000_000_000, 1
         self.document, self.kind = dataclasses.replace(self.system.arms[0], **changes), kind
-        axes = AXES[self.document.type]
+        axes = ARM_TYPES[self.document.type].actuators
         self.memory = Record(IO_STATE, axes=axes, drives=axes, robots=1, inputs=0, outputs=0)
         self.state, self.setpoint = Record(ARM_STATE), Record(SETPOINT)
         self.source, self.orders, self.replies = Source(self.setpoint), [], []

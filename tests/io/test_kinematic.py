@@ -8,7 +8,7 @@ import pytest
 from procs.io.follow import DRIVE
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record
-from procs.lib.arm_limits import KINEMATIC_HOME, LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.lib.document import Io
 from procs.lib.trajectory import Trajectory
@@ -225,7 +225,7 @@ def test_restarted_io_finds_the_robot_where_it_was_without_power(powered: Stage)
 
 @pytest.mark.parametrize(("family", "seconds"), [("PSM", 1.549), ("ECM", 3.0), ("MTM", 0.0)])
 def test_homing_from_zero_takes_as_long_as_in_the_reference(family: str, seconds: float) -> None:
-    goal = np.array(KINEMATIC_HOME[family])
+    goal = np.array(ARM_TYPES[family].kinematic_home)
     move = Trajectory(len(goal))
-    assert move.start(np.zeros_like(goal), np.zeros_like(goal), goal, *LIMITS[family].scaled(), 0.0) is None
+    assert move.start(np.zeros_like(goal), np.zeros_like(goal), goal, *ARM_TYPES[family].moves.scaled(), 0.0) is None
     assert move.duration == pytest.approx(seconds, abs=5e-4)

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.arm_limits import LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.trajectory import PlanError, Trajectory
 
 
 def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | None = None) -> Trajectory:
     n = len(goal)
     trajectory = Trajectory(n)
-    v_max, a_max = LIMITS[arm].scaled(ratio, ratio)
+    v_max, a_max = ARM_TYPES[arm].moves.scaled(ratio, ratio)
     start = np.zeros(n) if velocity is None else velocity
     assert trajectory.start(np.zeros(n), start, goal, v_max, a_max, 10.0) is None
     return trajectory
@@ -40,7 +40,7 @@ def test_moves_from_rest_last_as_long_as_published(
     arm: str, joint: int, distance: float, durations: tuple[float, ...]
 ) -> None:
     for ratio, duration in zip((1.0, 0.5, 0.1), durations, strict=False):
-        goal = np.zeros(len(LIMITS[arm].velocity))
+        goal = np.zeros(len(ARM_TYPES[arm].moves.velocity))
         goal[joint] = distance
         assert plan(arm, goal, ratio).duration == pytest.approx(duration, abs=1e-4)
 
@@ -66,7 +66,7 @@ coordinates = st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7)
 @settings(deadline=None, max_examples=25)
 @given(coordinates, coordinates)
 def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: list[float]) -> None:
-    v_max, a_max = LIMITS["PSM"].scaled()
+    v_max, a_max = ARM_TYPES["PSM"].moves.scaled()
     velocity = np.array(speed) * v_max
     trajectory = plan("PSM", np.array(goal), velocity=velocity)
     position, now, last, step = np.zeros(7), velocity.copy(), velocity.copy(), 1e-3
@@ -83,7 +83,7 @@ def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: lis
 
 def test_a_new_goal_in_mid_flight_keeps_position_and_velocity() -> None:
     trajectory = plan("PSM", np.full(7, 0.2))
-    v_max, a_max = LIMITS["PSM"].scaled()
+    v_max, a_max = ARM_TYPES["PSM"].moves.scaled()
     position, velocity, after, speed = (np.zeros(7) for _ in range(4))
     trajectory.evaluate(10.3, position, velocity)
     assert trajectory.start(position, velocity, np.zeros(7), v_max, a_max, 10.3) is None
@@ -95,7 +95,7 @@ def test_a_new_goal_in_mid_flight_keeps_position_and_velocity() -> None:
 
 
 def test_a_start_above_a_lowered_limit_is_braked() -> None:
-    v_max, a_max = LIMITS["PSM"].scaled(0.1)
+    v_max, a_max = ARM_TYPES["PSM"].moves.scaled(0.1)
     trajectory = Trajectory(7)
     assert trajectory.start(np.zeros(7), 5 * v_max, 10 * v_max, v_max, a_max, 0.0) is None
     position, velocity = np.zeros(7), np.zeros(7)
@@ -119,7 +119,7 @@ def test_time_before_the_start_gives_the_start() -> None:
 
 def test_an_impossible_plan_is_reported_and_changes_nothing() -> None:
     trajectory = plan("PSM", np.full(7, 0.1))
-    v_max, a_max = LIMITS["PSM"].scaled()
+    v_max, a_max = ARM_TYPES["PSM"].moves.scaled()
     zero, duration = np.zeros(7), trajectory.duration
     nan = np.full(7, math.nan)
     assert trajectory.start(zero, zero, nan, v_max, a_max, 11.0) is PlanError.NOT_FINITE

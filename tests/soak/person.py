@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.lib.arm_limits import LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from shm import directory
 from shm.client import MailboxFull
 from shm.clock import monotonic_ns, pause
@@ -83,7 +83,7 @@ class Person:
 
     def homing(self, robots: Sequence[str] = ROBOTS) -> list[Asking]:
         """Robots may home from now on: as fast as their joints go at most."""
-        return [self._diary.ask(robot, "homing", LIMITS[robot[:3]].velocity) for robot in robots]
+        return [self._diary.ask(robot, "homing", ARM_TYPES[robot[:3]].moves.velocity) for robot in robots]
 
     def bring(self, goal: str, robots: Sequence[str] = ROBOTS) -> dict[str, str]:
         """Bring arms to a goal (HOMED, DISABLED); what is wrong with each that did not get there."""
@@ -118,8 +118,8 @@ class Person:
         self.stand_up()
         self._diary.command(ROBOTS, "console teleop_enable")
         # the master is aligned by moves, and then free in a hand
-        asking = [self._diary.ask(MASTER, "align and follow", np.maximum(LIMITS["MTM"].velocity, speed_limit).tolist(),
-                                  voidable=False),
+        asking = [self._diary.ask(MASTER, "align and follow",
+                                  np.maximum(ARM_TYPES["MTM"].moves.velocity, speed_limit).tolist(), voidable=False),
                   self._diary.ask(SLAVE, "follow", leader=MASTER, scale=0.2, voidable=False)]
         self.drawing = Drawing(self._system, asking)
         return self.drawing.begin()

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_limits import LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from shm.clock import monotonic_ns, pause
 from tools.errors import Problem
 from tools.remote import Remote
@@ -41,7 +41,7 @@ ROWS = 3000
 
 def asked(kind: str) -> tuple[Sequence[float], Sequence[float]]:
     """How fast a puppet that does not push asks the joints of a PSM, or its tip, to go."""
-    top = RATIO * np.array(LIMITS["PSM"].velocity)
+    top = RATIO * np.array(ARM_TYPES["PSM"].moves.velocity)
     if kind == "move":
         return top.tolist(), ()
     if kind == "joints":  # the way to the first row is a move

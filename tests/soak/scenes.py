@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from procs.lib.arm_limits import EFFORT_LIMITS
+from procs.lib.arm_types import ARM_TYPES
 from shm.clock import pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
@@ -32,7 +32,7 @@ PUSHES = ("effort", "wrench")
 STARTING_S = 5.0
 MASTER_SHARE = 0.3
 EFFORT_MODE = 3
-SPEEDS = {SLAVE: EFFORT_LIMITS["PSM"].speed, MASTER: EFFORT_LIMITS["MTM"].speed}
+SPEEDS = {SLAVE: ARM_TYPES["PSM"].efforts.speed, MASTER: ARM_TYPES["MTM"].efforts.speed}
 
 
 class Scene(Protocol):

@@ -133,6 +133,3 @@ class Mtm(Arm):
         """Whether it is held."""
         self._record.look()
         return self._record.said("orientation_locked")
-
-
-KINDS: dict[str, type[Arm]] = {"PSM": Psm, "ECM": Ecm, "MTM": Mtm}

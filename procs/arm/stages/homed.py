@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from procs.arm.control import Control
-from procs.arm.joints import ARM_JOINTS
 from procs.arm.motion import Mode, Space
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event
+from procs.lib.arm_types import ARM_TYPES
 
 
 class Homed(Stage):
@@ -72,7 +72,7 @@ class Manual(Stage):
         """See Stage."""
         control = self.control
         control.duties.tracking.want(False)
-        control.push(Space.NONE, np.arange(control.joints.size) < ARM_JOINTS[control.arm.type]).rest()
+        control.push(Space.NONE, np.arange(control.joints.size) < ARM_TYPES[control.arm.type].joints).rest()
 
     def run(self) -> None:
         """See Stage."""

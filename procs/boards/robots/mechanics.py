@@ -22,12 +22,11 @@ from procs.boards.robots.inertia import (
     LINK_MASS,
     LOOSE,
     LOOSE_SLIDE,
-    ArmInertia,
-    JointInertia,
     arm_inertia,
     wrist_inertia,
 )
 from procs.boards.robots.play import SHARE
+from procs.lib.arm_types import ARM_TYPES, ArmInertia, JointInertia
 from procs.lib.denavit import split_row
 from procs.lib.document import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
 from procs.lib.endoscopes import endoscope
@@ -41,10 +40,6 @@ MARGIN_SLIDE = 0.003  # m
 INSERTION = 2  # the link along the shaft of a PSM or ECM
 SNAKE = ((3, 1.0), (4, 0.5), (5, 0.5), (5, 0.5), (4, 0.5))  # the joint that moves each of its links, and its share
 NOTHING = JointInertia(0.0, 0.0, 0.0)
-PARALLELOGRAM = {  # the same of the links of an Si arm as they really are; None: stands still
-    "PSM": ((0, 1.0), None, (1, 1.0), (1, -1.0), (1, 1.0), (2, 0.5), (2, 0.5)),
-    "ECM": ((0, 1.0), None, (1, 1.0), (1, -1.0), (1, 1.0), (2, 1.0)),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +205,7 @@ def _with_real_links(arm: Arm, axes: list[Axis], chain: Chain) -> list[Axis]:
 
     Both turn about the same first axis; the file of the real links has its base elsewhere along it.
     """
-    moved_by = PARALLELOGRAM.get(arm.type, ())
+    moved_by = ARM_TYPES[arm.type].parallelogram
     if len(moved_by) != len(chain.links):
         raise ValueError(f"{arm.name}: {len(chain.links)} links with masses; allowed: {len(moved_by)}")
     rows = [split_row(chain.convention, link) for link in chain.links]

@@ -15,6 +15,7 @@ Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 class ArmFile(Section):
     """What every arm file has."""
 
+    id: str = Field(alias="$id")
     version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
     kinematic: str = Field(min_length=1, description="a kinematic file")
     generation: Literal["Classic", "Si"]

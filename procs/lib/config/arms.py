@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from procs.lib import document
+from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.config import convert
 from procs.lib.config.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.lib.config.base_frame import base_frame_of
@@ -27,10 +28,7 @@ from procs.lib.gravity_parameters import MasterGravityParameters
 
 AnyArmFile = TypeVar("AnyArmFile", bound=ArmFile)
 
-ACTUATORS = {"PSM": 7, "ECM": 4, "MTM": 7}
-_FILES: dict[str, type[ArmFile]] = {"PSM": PsmFile, "ECM": EcmFile, "MTM": MtmFile}
 _PSM_LINKS = 3  # the rest of the chain comes with the tool
-STARTED = ("PSM Classic", "PSM Si", "ECM Classic", "ECM Si", "MTM Classic", "MTM Si")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +90,7 @@ def load_arm(
     bus = find_bus(context, source, (*key, "IO"), keys.IO, buses) if keys.IO and not kinematic else None
     place = ArmPlace(source, index, keys, bus)
     _check_required(context, place, family, kinematic)
-    if keys.type.endswith("_GENERIC") or family not in ACTUATORS:
+    if keys.type.endswith("_GENERIC") or family not in ARM_TYPES:
         _load_other_files(context, place)
         if keys.type == "FOCUS_CONTROLLER":  # the rest is looked at in carts.py and externals.py
             context.notes.append(f"not started: {keys.name} ({keys.type}); the key ISI_focus_controller starts one")
@@ -111,7 +109,7 @@ def _check_required(context: Context, place: ArmPlace, family: str, kinematic: b
         pass  # which program is this arm is not for the file to say
     elif keys.type.endswith("_DERIVED"):
         required += ["component"]
-    elif family in ACTUATORS and not kinematic:
+    elif family in ARM_TYPES and not kinematic:
         required += ["IO", "serial"]
     elif keys.type == "SUJ_Classic" and not kinematic:
         required += ["IO"]
@@ -135,15 +133,14 @@ class _Parts:
 
 def _load_parts(context: Context, place: ArmPlace, family: str) -> _Parts | None:
     """Arm file, kinematics, IO files and gains; None when there is no arm file."""
-    keys = place.keys
-    robot = _load_robot(context, place, ACTUATORS[family])
-    gripper = _load_gripper(context, place) if family == "MTM" else ""
-    opened = _open_arm_file(context, place, _FILES[family])
+    keys, row = place.keys, ARM_TYPES[family]
+    robot = _load_robot(context, place, row.actuators)
+    gripper = _load_gripper(context, place) if row.has_gripper else ""
+    opened = _open_arm_file(context, place, class_of(row.arm_file, ArmFile))
     generation = opened.content.generation if opened else "Classic"
     pid = None
     if keys.simulation != KINEMATIC or keys.PID_file:  # without a motor gains are good for nothing, but may be checked
-        suffix = "-Si" if generation == "Si" and family != "MTM" else ""
-        pid = _load_pid(context, place, f"pid/sawControllersPID-{family}{suffix}.json", robot)
+        pid = _load_pid(context, place, row.gains.get(generation) or min(row.gains.values()), robot)
     if opened is None:
         return None
     content = opened.content
@@ -320,7 +317,7 @@ def _driven(
     if place.keys.simulation == KINEMATIC:
         if parts.chain is None:
             return None
-        actuators = ACTUATORS[place.keys.type.split("_")[0]]
+        actuators = ARM_TYPES[place.keys.type.split("_")[0]].actuators
         return kinematic_robot(context, parts.arm_file.source, name, place.index, parts.chain, actuators)
     if parts.robot is None or parts.pid is None or place.bus is None:
         return None
@@ -344,9 +341,8 @@ def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain 
 def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
     """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
     keys, generation = place.keys, parts.arm_file.content.generation
-    kind = f"{keys.type} {generation}"
-    if kind not in STARTED:
-        context.notes.append(f"not started yet: {keys.name} ({kind})")
+    if keys.type not in ARM_TYPES or generation not in ARM_TYPES[keys.type].gains:
+        context.notes.append(f"not started yet: {keys.name} ({keys.type} {generation})")
         return False
     if parts.robot is not None and parts.robot[2].hardware_version == "HARDWARE_UNDEFINED":
         where: Key = ("robots", parts.robot[1], "hardware_version")

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.cart import CLASSIC, FIXED, SI
-from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.config.arm_file import ArmFile, MtmFile, PsmFile
 from procs.lib.config.arms import arm_chain, check_pid
 from procs.lib.config.buses import BusFiles
 from procs.lib.config.carts import check_cart
 from procs.lib.config.chains import check_chain, check_tool, load_tool
-from procs.lib.config.context import Context
+from procs.lib.config.context import Context, Opened
 from procs.lib.config.gravity_file import load_master_gravity
 from procs.lib.config.hid_file import load_hid
 from procs.lib.config.instruments import check_index, file_of, psm_tool
@@ -37,9 +38,7 @@ _IDS = {
     "dvrk-system.schema.json": SYSTEM,
     "saw-robot-io.schema.json": "io",
     "saw-controllers-pid.schema.json": "pid",
-    "dvrk-psm.schema.json": "psm",
-    "dvrk-ecm.schema.json": "ecm",
-    "dvrk-mtm.schema.json": "mtm",
+    **{f"dvrk-{name.lower()}.schema.json": name.lower() for name in ARM_TYPES},
 }
 
 
@@ -141,25 +140,15 @@ def _check_pid(context: Context, path: Path) -> None:
         check_pid(context, opened, None)
 
 
-def _check_psm(context: Context, path: Path) -> None:
-    opened = context.open(PsmFile, path)
-    if opened is not None:
-        arm_chain(context, opened)
-        weighing_links(context, opened.source, opened.content, "PSM")
-        psm_tool(context, opened)
-
-
-def _check_ecm(context: Context, path: Path) -> None:
-    opened = context.open(EcmFile, path)
-    if opened is not None:
-        arm_chain(context, opened)
-        weighing_links(context, opened.source, opened.content, "ECM")
-
-
-def _check_mtm(context: Context, path: Path) -> None:
-    opened = context.open(MtmFile, path)
-    if opened is not None:
-        arm_chain(context, opened)
+def _check_arm(context: Context, path: Path, arm_type: str) -> None:
+    opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
+    if opened is None:
+        return
+    arm_chain(context, opened)
+    weighing_links(context, opened.source, opened.content, arm_type)
+    if isinstance(opened.content, PsmFile):
+        psm_tool(context, Opened(opened.source, opened.content))
+    if isinstance(opened.content, MtmFile):
         measured_weight(context, opened.source, opened.content)
 
 
@@ -192,9 +181,7 @@ def _check_index(context: Context, path: Path) -> None:
 _CHECKS: dict[str, Callable[[Context, Path], object]] = {
     "io": _check_io,
     "pid": _check_pid,
-    "psm": _check_psm,
-    "ecm": _check_ecm,
-    "mtm": _check_mtm,
+    **{name.lower(): partial(_check_arm, arm_type=name) for name in ARM_TYPES},
     "kinematic": _check_kinematic,
     "tool": _check_tool,
     "tool index": _check_index,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.lib import document
-from procs.lib.config.arm_file import EcmFile, MtmFile, PsmFile
+from procs.lib.arm_types import ARM_TYPES, class_of
+from procs.lib.config.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.lib.config.arms import arm_chain
 from procs.lib.config.chains import load_chain, load_tool
 from procs.lib.config.context import Context, Opened
@@ -20,8 +21,7 @@ from procs.lib.endoscopes import Endoscope, endoscope
 from procs.lib.gravity_parameters import MasterGravityParameters
 from procs.lib.paths import PROJECT_CONFIGS, given_file, not_found
 
-MODELS: dict[str, type[PsmFile] | type[EcmFile] | type[MtmFile]] = {"psm": PsmFile, "ecm": EcmFile, "mtm": MtmFile}
-KINDS = {7: "MTM", 4: "ECM", 3: "PSM"}
+BY_JOINTS = {row.joints: name for name, row in ARM_TYPES.items()}
 """What a kinematic file without an arm file is taken for, by its joints; others can be nothing but computed."""
 
 
@@ -59,7 +59,7 @@ def load_offline(
         chain = load_chain(context, kinematic)
         if chain is not None:
             weighs = any(link.mass > 0.0 or any(link.com) for link in chain.links)  # an ECM's is that of its camera
-            found = OfflineArm(KINDS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
+            found = OfflineArm(BY_JOINTS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
     chosen = load_tool(context, tool, tool.stem) if tool is not None else None
     problems = tuple(dict.fromkeys(context.problems))
     if found is None or any(problem.severity == ERROR for problem in problems):
@@ -73,22 +73,22 @@ def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> Offlin
     source = context.read(path)
     if source is None:
         return None
-    kind = kind_of(source)
-    if kind not in MODELS:
-        context.error(source, ("$id",), "is no arm file", "dvrk-psm, dvrk-ecm or dvrk-mtm.schema.json")
+    arm_type = kind_of(source).upper()
+    if arm_type not in ARM_TYPES:
+        *most, last = (name.lower() for name in ARM_TYPES)
+        context.error(source, ("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
         return None
-    opened = context.open(MODELS[kind], path)
+    opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
     if opened is None:
         return None
-    content, pitch = opened.content, opened.content.mounting_pitch or 0.0
+    source, content = opened.source, opened.content
     chain = load_chain(context, kinematic) if kinematic is not None else arm_chain(context, opened)
     if chain is None:
         return None
-    if isinstance(content, PsmFile):
-        tool = psm_tool(context, Opened(opened.source, content))
-        return OfflineArm("PSM", chain, tool, None, weighing_links(context, opened.source, content, "PSM"), None, pitch)
+    weights = weighing_links(context, source, content, arm_type)
+    tool = psm_tool(context, Opened(source, content)) if isinstance(content, PsmFile) else None
+    parameters = measured_weight(context, source, content) if isinstance(content, MtmFile) else None
+    camera = None
     if isinstance(content, EcmFile):
-        weights = weighing_links(context, opened.source, content, "ECM") or chain
-        return OfflineArm("ECM", chain, None, endoscope(content.endoscope), weights, None, pitch)
-    parameters = measured_weight(context, opened.source, content)
-    return OfflineArm("MTM", chain, None, None, None, parameters, pitch)
+        camera, weights = endoscope(content.endoscope), weights or chain
+    return OfflineArm(arm_type, chain, tool, camera, weights, parameters, content.mounting_pitch or 0.0)

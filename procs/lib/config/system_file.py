@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.config.validate import MatrixRows, Name, Rows, Section, VersionAsText
 from procs.lib.ports import PORTS, PortName
 
@@ -81,25 +82,15 @@ class BaseFrameKeys(Section):
     interface: str | None = None
 
 
+TYPES = (*(name + how for name in ARM_TYPES for how in ("", "_DERIVED", "_GENERIC")), "SUJ_Classic", "SUJ_Si",
+         "SUJ_Fixed", "FOCUS_CONTROLLER")
+
+
 class ArmKeys(Section):
     """One arm."""
 
     name: Name
-    type: Literal[
-        "PSM",
-        "PSM_DERIVED",
-        "PSM_GENERIC",
-        "MTM",
-        "MTM_DERIVED",
-        "MTM_GENERIC",
-        "ECM",
-        "ECM_DERIVED",
-        "ECM_GENERIC",
-        "SUJ_Classic",
-        "SUJ_Si",
-        "SUJ_Fixed",
-        "FOCUS_CONTROLLER",
-    ]
+    type: Literal[TYPES]  # type: ignore[valid-type]  # they are made from the table of arm types
     name_on_IO: Name | None = None
     IO: str = ""
     serial: str = ""

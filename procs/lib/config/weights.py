@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from procs.lib import document
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.config.arm_file import ArmFile, MtmFile
 from procs.lib.config.chains import load_chain
 from procs.lib.config.context import Context
@@ -12,26 +11,19 @@ from procs.lib.config.gravity_file import load_master_gravity
 from procs.lib.config.source import Source
 from procs.lib.gravity_parameters import MasterGravityParameters
 
-STOCK: Final = {
-    ("PSM", "Si"): "kinematic/PSM_Si_physical.json",
-    ("ECM", "Si"): "kinematic/ECM_Si_physical.json",
-    ("ECM", "Classic"): "kinematic/ECM.json",
-}
-"""Without `kinematic_gc`; a PSM Classic is counter-balanced."""
-LINKS: Final = {"PSM": (7,), "ECM": (6, 4)}
-
 
 def weighing_links(context: Context, source: Source, content: ArmFile, family: str) -> document.Chain | None:
-    """The links of a PSM or ECM with their masses; None: it needs none, or with errors."""
+    """The links of an arm with their masses; None: it needs none, or with errors."""
+    row = ARM_TYPES[family]
     search = context.search.first(source.path.parent)
-    name = content.kinematic_gc or STOCK.get((family, content.generation), "")
-    if not name or family not in LINKS:
+    name = content.kinematic_gc or row.physical.get(content.generation, "")
+    if not name or not row.physical_links:
         return None
     path = context.find(source, ("kinematic_gc",), (name,), search)
     chain = load_chain(context, path) if path is not None else None
-    if chain is None or len(chain.links) in LINKS[family]:
+    if chain is None or len(chain.links) in row.physical_links:
         return chain
-    allowed = f"{' or '.join(map(str, LINKS[family]))} rows for gravity compensation of this arm"
+    allowed = f"{' or '.join(map(str, row.physical_links))} rows for gravity compensation of this arm"
     context.error(source, ("kinematic_gc",), f"chain of {len(chain.links)} rows", allowed)
     return None
 

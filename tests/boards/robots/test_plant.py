@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from procs.boards.robots.inertia import ARMS, DISC
+from procs.boards.robots.inertia import DISC
 from procs.boards.robots.plant import Plant
+from procs.lib.arm_types import ARM_TYPES
 from procs.lib.coupling import coupling
 from procs.lib.kinematics import Kinematics
 from tests import stock
@@ -149,8 +150,8 @@ def test_stock_gains_follow_and_settle(tool: str, delay: int) -> None:
 
 
 def test_every_axis_is_heavy_enough_for_its_gain() -> None:
-    for row, gains in STOCK_KD.items():
-        for inertia, gain in zip(ARMS[row].joints, gains, strict=True):
+    for (name, generation), gains in STOCK_KD.items():
+        for inertia, gain in zip(ARM_TYPES[name].plant[generation].joints, gains, strict=True):
             assert inertia.armature >= 2 * gain * PERIOD
     assert DISC.armature >= 2 * PSM_KD[3] * PERIOD
 
