@@ -5,7 +5,7 @@ Of a stream (servo_…) only the first goal is written, and then what changes: a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from shm.clock import local_ns, monotonic_ns
 from shm.layout import shorten
@@ -13,12 +13,33 @@ from shm.layout import shorten
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from shm.received import Received
+    from shm.commands import Command
+    from shm.origins import Origin
     from shm.ring import RingWriter
 
 NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id",
          "monotonic_ns", "local_ns")
 REASON = 400  # bytes
+
+
+class Asked(Protocol):
+    """A command, however it came."""
+
+    command: Command
+    place: int
+    id: int
+
+    @property
+    def text(self) -> str:
+        """Its text argument."""
+
+    @property
+    def pid(self) -> int:
+        """The process that sent it; 0: not known."""
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command it comes from."""
 
 
 class Audit:
@@ -30,7 +51,7 @@ class Audit:
         self._fields = [ring.field(name) for name in NAMES]
         self._stream: tuple[str, int, str, str] | None = None
 
-    def write(self, received: Received, outcome: str, reason: str) -> None:
+    def write(self, received: Asked, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
         if command.streams:

@@ -125,7 +125,7 @@ class Mailbox:
         except BaseException:
             segment.close()
             raise
-        self._guard, self._audit = guard, audit
+        self._guard, self.audit = guard, audit
         self._map, self._table = places, COMMANDS.get(kind, ())
         never_stops = [not row.stops and row.zero != "stops" for row in self._table]
         self._is_plain = [never_stops if place != RESERVED else [False] * len(self._table) for place in range(PLACES)]
@@ -325,8 +325,8 @@ class Mailbox:
     def reply(self, received: Received, outcome: int, text: str) -> None:
         """Answer a command, and put into the audit ring what became of it."""
         self.answer(received.place, received.id, outcome, text)
-        if self._audit is not None:
-            self._audit.write(received, OUTCOMES[outcome], text)
+        if self.audit is not None:
+            self.audit.write(received, OUTCOMES[outcome], text)
 
     def answer(self, place: int, number: int, outcome: int, text: str) -> None:
         """Write a reply; the oldest is overwritten when a client does not read its replies."""

@@ -80,7 +80,8 @@ class Arm:
         cartesian = Cartesian(around.state, self.io)
         record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
         self.machine = machine = Machine(arm.name, around.reports, self._enter, self._is_home)
-        duties = Duties(self.io, around.sender, arm.robot, self._io_refused, has_brakes=around.has_brakes)
+        duties = Duties(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
+                        has_brakes=around.has_brakes)
         self.control = control = Control(
             arm, first, self.io, duties, machine, around.reports, cartesian, record,
             SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators), around.fault_report, around.motors)

@@ -1,7 +1,7 @@
-"""What the arm wants of io, by level: asked for until io's record shows it, and never in a flood.
+"""What the arm wants of io: wishes, which go out with every set-point until io's record shows them; and orders.
 
-A command may be lost with an io process that dies, so nothing is taken for done before the record says so. Each
-switch is asked for at once when it is wanted, then again every `RETRY_NS`, and slower when io refuses it.
+A wish is a level: nothing is sent again, nothing is lost with an io process that dies. What has an outcome (the encoder
+bias, an encoder that is set, a memory that is read) is an order and goes through io's mailbox.
 """
 
 from __future__ import annotations
@@ -11,108 +11,81 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from procs.arm.readings import Readings
+from procs.arm.readings import Fields, Readings
 from procs.lib.requests import Answer, Origin, Sender
+from procs.lib.wishes import NONE, OFF, ON, WISHES
 
-RETRY_NS = 100_000_000
 REFUSED_NS = 1_000_000_000
 MEMORY = 64
-
-Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
-
-
-class Wishes:
-    """Whether any wish is new or not yet fulfilled."""
-
-    def __init__(self) -> None:
-        self.changed = True
 
 
 class Switch:
     """One thing of io that the arm wants on, off, or has no wish about."""
 
-    __slots__ = ("_flag", "_next_ns", "_off", "_on", "_wishes", "refusal", "wanted")
+    __slots__ = ("_flag", "_is_new", "wanted")
 
-    def __init__(self, wishes: Wishes, flag: NDArray[Any] | None, on: Order, off: Order) -> None:
-        """`flag` of io's record shows it; None: the robot has no such thing, every wish is fulfilled."""
-        self._wishes = wishes
-        self._flag, self._on, self._off = flag, on, off
+    def __init__(self, flag: NDArray[Any] | None, is_new: Callable[[], None]) -> None:
+        """`flag` of io's record shows it; None: the robot has no such thing, every wish is fulfilled.
+
+        `is_new` is told of each change.
+        """
+        self._flag, self._is_new = flag, is_new
         self.wanted: bool | None = None
-        self.refusal = ""
-        self._next_ns = 0
 
     def want(self, on: bool | None) -> None:
-        """Change the wish; a new one is sent at once."""
+        """Change the wish."""
         if on is not self.wanted:
             self.wanted = on
-            self.refusal = ""
-            self._next_ns = 0
-            self._wishes.changed = True
-
-    def again(self) -> None:
-        """What was refused is to be asked for without a pause."""
-        if self.refusal:
-            self._next_ns = 0
+            self._is_new()
 
     @property
     def settled(self) -> bool:
         """io's record shows what is wanted."""
         return self.wanted is None or self._flag is None or bool(self._flag.item()) is self.wanted
 
-    def due(self, now_ns: int) -> Order | None:
-        """The command to send now, if any."""
-        if self.wanted is None or self.settled or now_ns < self._next_ns:
-            return None
-        self._next_ns = now_ns + RETRY_NS
-        return self._on if self.wanted else self._off
-
-    def sent(self, now_ns: int) -> None:
-        """It was asked for in another way."""
-        self._next_ns = now_ns + RETRY_NS
-
-    def refused(self, now_ns: int, reason: str) -> bool:
-        """io said no; True when this is news."""
-        news = reason != self.refusal
-        self.refusal = reason
-        self._next_ns = now_ns + REFUSED_NS
-        return news
+    @property
+    def code(self) -> int:
+        """As the set-points have it."""
+        return NONE if self.wanted is None or self._flag is None else ON if self.wanted else OFF
 
 
 class Duties:
     """All switches of one robot, and the encoder bias, which is an order and not a level."""
 
-    def __init__(self, io: Readings, sender: Sender, robot: str, warn: Callable[[str], None], *,
+    def __init__(self, io: Readings, setpoint: Fields, sender: Sender, robot: str, warn: Callable[[str], None], *,
                  has_brakes: bool) -> None:
-        """`warn` hears of refusals, once each."""
+        """`setpoint` gives the fields that the wishes go out in; `warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
-        self._wishes = wishes = Wishes()
-        self._turn = 0
-        self.power = Switch(wishes, io.power_wanted, ("power_on", ()), ("power_off", (0.0,)))
-        self.pid = _switch(wishes, io.pid_enabled, "pid_enable")
-        self.limits = _switch(wishes, io.limits_enforced, "enforce_limits")
-        self.tracking = _switch(wishes, io.tracking_check, "tracking_check")
-        self.velocity = _switch(wishes, io.velocity_used, "use_setpoint_v")
-        self.pots = _switch(wishes, io.pot_check, "pot_check")
-        self.no_fault = Switch(wishes, io.fault, ("clear_fault", ()), ("clear_fault", ()))
-        brakes = io.brakes_released if has_brakes else None
-        self.brakes = Switch(wishes, brakes, ("brake_release", ()), ("brake_engage", ()))
-        self._switches = (self.brakes, self.pid, self.power, self.limits, self.tracking, self.velocity, self.pots,
-                          self.no_fault)
-        self._asked: dict[int, Switch] = {}
+        switches = {wish.name: Switch(getattr(io, wish.shown) if has_brakes or wish.name != "brakes" else None,
+                                      self._change) for wish in WISHES}
+        self.power, self.pid, self.brakes = switches["power"], switches["pid"], switches["brakes"]
+        self.limits, self.tracking = switches["limits"], switches["tracking"]
+        self.velocity, self.pots = switches["velocity"], switches["pots"]
+        self.no_fault = switches["fault"]
+        self._out = [(switches[wish.name], setpoint(wish.field)) for wish in WISHES]
+        self._generation_out = setpoint("wish_generation")
+        self._whose = setpoint("wish_origin"), setpoint("wish_since"), setpoint("wish_program")
+        for cell in (*(cell for _, cell in self._out), self._generation_out, *self._whose):
+            cell[...] = b"" if cell.dtype.kind == "S" else 0
+        self._generation = 0
+        self._refusal = ""
+        self._is_new = False
         self._ended: dict[int, Answer] = {}
         self._samples = 0.0
         self._left_out: tuple[float, ...] = ()
         self._bias_next_ns = self._bias_id = 0
         self._bias_before = 0
-        self._again = False
         self.bias_refusal = ""
 
     def on_behalf(self, origin: Origin) -> None:
-        """What io is asked for from now on comes from this command of a person; what it refused is asked at once."""
+        """What io is asked for from now on comes from this command of a person: all wishes count anew."""
         self._sender.on_behalf(origin)
-        for switch in self._switches:
-            switch.again()
-        self._wishes.changed = True
+        for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):
+            cell[...] = value
+        self._change()
+
+    def _change(self) -> None:
+        self._is_new = True
 
     def order(self, name: str, values: Sequence[float], about: str = "") -> int:
         """Send a command that is no level, about the robot or something else; returns its id, 0: no room for it.
@@ -128,11 +101,6 @@ class Duties:
     def want_no_fault(self, wish: bool) -> None:
         """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
         self.no_fault.want(False if wish else None)
-
-    def power_again(self, now_ns: int) -> None:
-        """Ask for power once more, whatever io shows to be wanted: the first try has failed."""
-        self._again = True
-        self.power.sent(now_ns)  # not as a switch: that would be before the fault is cleared
 
     def bias(self, samples: float, left_out: Sequence[int] = ()) -> None:
         """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do.
@@ -150,10 +118,21 @@ class Duties:
         self._samples = 0.0
 
     @property
+    def is_void(self) -> bool:
+        """io has seen the wishes, and they count for nothing: a fault or a person's command to io came after them."""
+        io = self._io
+        return bool(io.wish_void.item()) and int(io.wish_generation.item()) == self._generation
+
+    @property
     def refusals(self) -> str:
-        """What io said to the requests that failed."""
-        switches = (self.power, self.pid, self.brakes, self.limits, self.no_fault)
-        return "; ".join(filter(None, (*(switch.refusal for switch in switches), self.bias_refusal)))
+        """What io says to wishes that are not fulfilled, and to the bias."""
+        return "; ".join(filter(None, (self._refused(), self.bias_refusal)))
+
+    def _refused(self) -> str:
+        io = self._io
+        if int(io.wish_generation.item()) != self._generation:
+            return ""
+        return bytes(io.wish_refused.item()).decode(errors="replace")
 
     @property
     def bias_done(self) -> bool:
@@ -163,59 +142,41 @@ class Duties:
         return bool(self._samples and counted and io.biased.item() and not io.biasing.item())
 
     def step(self, now_ns: int) -> None:
-        """Send what is due; nothing goes to an io that does not answer."""
+        """Put the wishes into the set-points, and send what is due; nothing is sent to an io that does not answer."""
         for answer in self._sender.poll():
-            self._heard(now_ns, answer)
+            self._heard(answer)
+        if self._is_new:
+            self._publish()
         if not self._io.fresh:
             return
-        if self._wishes.changed:
-            for switch in self._switches:
-                self._see_to(switch, now_ns)
-            self._wishes.changed = not all(switch.settled for switch in self._switches)
-        else:  # all is as wanted: one look a cycle is enough to notice that it no longer is
-            self._turn = (self._turn + 1) % len(self._switches)
-            switch = self._switches[self._turn]
-            if not switch.settled:
-                self._wishes.changed = True
-                self._see_to(switch, now_ns)
-        if self._again:
-            self._again = False
-            self._sender.send("power_off", (0.0,), self._robot)  # power_on alone means nothing to an io that tries
-            self._sender.send("power_on", (), self._robot)
+        self._hear_refusal()
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing
             self._bias_next_ns = now_ns + REFUSED_NS
             self._bias_id = self._sender.send("bias_encoders", (self._samples, *self._left_out), self._robot)
 
-    def _see_to(self, switch: Switch, now_ns: int) -> None:
-        command = switch.due(now_ns)
-        if command is not None:
-            number = self._sender.send(command[0], command[1], self._robot)
-            if number:
-                self._remember(number, switch)
+    def _publish(self) -> None:
+        """Another generation; not one that a predecessor has had."""
+        self._is_new = False
+        self._generation = max(self._generation, int(self._io.wish_generation.item())) + 1
+        self._generation_out[...] = self._generation
+        for switch, cell in self._out:
+            cell[...] = switch.code
 
-    def _remember(self, number: int, switch: Switch) -> None:
-        if len(self._asked) >= MEMORY:  # replies that never came: their io has died
-            self._asked.clear()
-        self._asked[number] = switch
+    def _hear_refusal(self) -> None:
+        refusal = "" if self.is_void else self._refused()
+        if refusal and refusal != self._refusal:
+            self._warn(f"io refused a request: {refusal}")
+        self._refusal = refusal or self._refusal
 
-    def _heard(self, now_ns: int, answer: Answer) -> None:
+    def _heard(self, answer: Answer) -> None:
         if answer.outcome == "accepted":
             return
-        switch = self._asked.pop(answer.id, None)
-        if switch is None and answer.id != self._bias_id:
+        if answer.id != self._bias_id:
             if len(self._ended) >= MEMORY:
                 self._ended.clear()
             self._ended[answer.id] = answer
-        if answer.outcome == "done":
-            return
-        if answer.id == self._bias_id:
+        elif answer.outcome != "done":
             if answer.text != self.bias_refusal:
                 self._warn(f"io will not bias the encoders: {answer.text}")
             self.bias_refusal = answer.text
-        elif switch is not None and switch.refused(now_ns, answer.text):
-            self._warn(f"io refused a request: {answer.text}")
-
-
-def _switch(wishes: Wishes, flag: NDArray[Any], command: str) -> Switch:
-    return Switch(wishes, flag, (command, (1.0,)), (command, (0.0,)))

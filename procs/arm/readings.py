@@ -54,6 +54,8 @@ class Readings:
         self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
         self.brakes_released = flag("brakes_released")
         self.fault, self.holding = flag("fault"), flag("holding")
+        self.wish_generation, self.wish_void, self.wish_refused = (
+            flag("wish_generation"), flag("wish_void"), flag("wish_refused"))
         # (6, axes): position, velocity, effort, measured and then as set-point
         self._actuator = stacked([axis(name) for name in ROWS])
         self._read = np.zeros((6, joints.axes))

@@ -14,10 +14,12 @@ from procs.io.devices import AxisDrive, Bias, DigitalOutputs, Gains, Instruments
 from procs.io.follow import Follow
 from procs.io.record import Flags, Record
 from procs.io.robots import Robots
+from procs.io.wishes import Wishes
 from procs.lib import faults
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 from procs.lib.requests import Origin
+from procs.lib.wishes import SWITCHING
 from shm.faults import Cell
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
@@ -73,14 +75,15 @@ class Commands:
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
                  safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
-                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[Cell]) -> None:
-        """`faults` of every robot: what was asked of it before the last one is void."""
+                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[Cell],
+                 wishes: Wishes) -> None:
+        """`faults` of every robot: what was asked of it before the last one is void. `wishes`: what arms want."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
         self._axis_drive = axis_drive
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
-        self._faults = faults
+        self._faults, self._wishes = faults, wishes
         self._powering: list[tuple[int, Command]] = []
         self._biasing: list[tuple[int, Flags, Command]] = []  # robot, what shows that it has been done
         self._now_ns = 0
@@ -97,19 +100,29 @@ class Commands:
         }
 
     def execute(self, commands: Iterable[Command], now_ns: int) -> None:
-        """Carry out what came in."""
+        """Carry out what came in, then what arms want; who commands a robot itself voids the wishes of its arm."""
         self._now_ns = now_ns
         for command in commands:
-            try:
-                action = self._table.get(command.name)
-                if action is None:
-                    raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
-                place = self._place(command)
-                if command.name not in ABOUT:
-                    self._need_person(place, command)
-                action(place, command)
-            except Refused as reason:
-                command.refuse(str(reason))
+            robot = self._carry_out(command)
+            if robot >= 0 and command.name in SWITCHING:
+                self._wishes.void(robot, f"{command.origin.program or 'somebody'} asked for {command.name} meanwhile")
+        for wish in self._wishes.due():
+            self._carry_out(wish)
+
+    def _carry_out(self, command: Command) -> int:
+        """Returns what it is about, -1 when it was refused."""
+        try:
+            action = self._table.get(command.name)
+            if action is None:
+                raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
+            place = self._place(command)
+            if command.name not in ABOUT:
+                self._need_person(place, command)
+            action(place, command)
+        except Refused as reason:
+            command.refuse(str(reason))
+            return -1
+        return place
 
     def _need_person(self, robot: int, command: Command) -> None:
         if command.origin.generation < self._faults[robot].void and command.needs_person:

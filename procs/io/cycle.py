@@ -35,6 +35,7 @@ from procs.io.safety import Safety
 from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
+from procs.io.wishes import Asked, Wishes
 from procs.lib import faults
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
@@ -61,11 +62,13 @@ class RobotIo:
     def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
-                 cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool) -> None:
+                 cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
+                 tell: Callable[[Asked, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
-        up in the middle of this cycle. `gains` and `instruments` give the fields of these records; None: nobody looks.
+        up in the middle of this cycle. `tell` hears what became of arms' wishes. `gains` and `instruments` give the
+        fields of these records; None: nobody looks.
         """
         self.io, self.record, self.reports = io, record, Reports()
         self._port, self._now_ns, self._is_over = port, now_ns, is_over
@@ -93,11 +96,12 @@ class RobotIo:
         self._buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
+        wishes = Wishes(robots, record, self._follow, tell)
         self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                   self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
-                                  cells)
+                                  cells, wishes)
         self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes,
-                                    cells)
+                                    cells, wishes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns

@@ -16,14 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.io.devices import Measured
-from procs.io.record import Flags, Floats, Record
+from procs.io.record import Field, Flags, Floats, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots
 from procs.lib import faults
 from procs.lib.document import Io
 from procs.lib.pid import Pid
+from procs.lib.wishes import WISHES
+from shm.origins import Origin
 
 DRIVE: Final = 1  # mode of a set-point that asks for something
+
+
+class WishFields:
+    """What the arm wants of io, in its set-point record; see procs/lib/wishes.py."""
+
+    def __init__(self, field: Field) -> None:
+        """`field` gives the arrays of the record."""
+        self.generation = field("wish_generation")
+        self.wanted = [field(wish.field) for wish in WISHES]
+        self._origin = [field(name) for name in ("wish_origin", "wish_since", "wish_program")]
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command that they come from."""
+        number, since, program = (cell.item() for cell in self._origin)
+        return Origin(number, since, program.decode(errors="replace"))
 
 
 class SetpointSource(Protocol):
@@ -39,6 +57,7 @@ class SetpointSource(Protocol):
     velocity: Floats
     effort: Floats
     feed_forward: Floats
+    wishes: WishFields
 
     @property
     def stamp_ns(self) -> int:
@@ -56,6 +75,7 @@ class Follower:
     axes: slice
     arm: str
     source: SetpointSource
+    is_fresh: bool = False  # the newest record is
     stamp_ns: int = 0
     fresh_ns: int = 0  # stamp of the last fresh set-point, or when the controller was enabled
     resting: bool = True  # nothing is asked for
@@ -83,11 +103,11 @@ class Follow:
         pid.requested_effort, pid.feed_forward = self._incoming[2], self._incoming[3]
         self._low, self._high = np.full(n, -np.inf), np.full(n, np.inf)
         self._dirty = False
-        self._followers = []
+        self.followers = []
         for row, source in zip(io.pids, sources, strict=True):
             robot = robots.names.index(row.robot)
-            self._followers.append(Follower(robot, robots.slices[robot], row.arm, source))
-        self._of_robot = {f.robot: f for f in self._followers}
+            self.followers.append(Follower(robot, robots.slices[robot], row.arm, source))
+        self._of_robot = {f.robot: f for f in self.followers}
 
     def stamp_ns(self, robot: int) -> int:
         """Stamp of the newest set-point that was taken of the robot's arm; 0: none."""
@@ -134,7 +154,7 @@ class Follow:
     def receive(self, now_ns: int) -> None:
         """Newest set-points of all arms, then what the joint controller is to follow."""
         record = self._record
-        for follower in self._followers:
+        for follower in self.followers:
             source = follower.source
             stamp_ns = source.stamp_ns if source.newest() else 0  # what is not whole was never there
             if stamp_ns < 0:
@@ -142,9 +162,10 @@ class Follow:
             age_ns = now_ns - stamp_ns
             robot = follower.robot
             record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1
+            follower.is_fresh = stamp_ns != 0 and -self._timeout_ns <= age_ns <= self._timeout_ns
             if not record.pid_enabled[robot]:
                 continue
-            if -self._timeout_ns <= age_ns <= self._timeout_ns and stamp_ns:
+            if follower.is_fresh:
                 follower.fresh_ns = stamp_ns
                 if stamp_ns != follower.stamp_ns or follower.resting:
                     follower.stamp_ns = stamp_ns
@@ -261,7 +282,7 @@ class Follow:
 
     def _refuse(self, now_ns: int) -> None:
         """Something is not a number: that robot's controller goes off before any of it is used."""
-        for follower in self._followers:
+        for follower in self.followers:
             bad = ~np.logical_and.reduce(self._finite[:, follower.axes])
             if bad.any():
                 self._reports.trip(faults.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))

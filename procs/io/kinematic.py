@@ -27,6 +27,7 @@ from procs.io.reactions import Reactions
 from procs.io.record import Field, Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots
+from procs.io.wishes import Asked, Wishes
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
 from shm.faults import NoFaults, OwnCell
@@ -141,8 +142,9 @@ class KinematicIo:
     """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
 
     def __init__(self, io: Io, now_ns: Callable[[], int], record: Record, sources: Sequence[SetpointSource], *,
-                 gains: Field | None = None, cells: Sequence[OwnCell] = ()) -> None:
-        """`sources` in the order of `io.pids`, `cells` of `io.robots`.
+                 gains: Field | None = None, cells: Sequence[OwnCell] = (),
+                 tell: Callable[[Asked, str, str], None] | None = None) -> None:
+        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `tell` hears what became of arms' wishes.
 
         The robots are where a predecessor left them in `record`.
         """
@@ -162,9 +164,11 @@ class KinematicIo:
         power, bias, brakes = (PlayedPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
+        wishes = Wishes(robots, record, self._follow, tell)
         self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
-                                  NoGains(), NoReaders(), NoAxisDrive(), cells)
-        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes, cells)
+                                  NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
+        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes, cells,
+                                    wishes)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)

@@ -8,6 +8,7 @@ from procs import runtime
 from procs.io import owner
 from procs.io.bus_port import BusPort
 from procs.io.cycle import RobotIo
+from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
 from procs.io.ports import port_of
 from procs.io.record import Record
@@ -33,6 +34,7 @@ class RingSource:
         self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
         self.position, self.velocity = ring.field("position"), ring.field("velocity")
         self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")
+        self.wishes = WishFields(ring.field)
 
     @property
     def stamp_ns(self) -> int:
@@ -57,12 +59,14 @@ class Loop(runtime.Loop):
         self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
         now_ns, record, gains = me.clock.now_ns, Record(self._out.field), self._others["gains"].field
+        tell = self._mailbox.audit.write if self._mailbox.audit is not None else None
         self._core: RobotIo | KinematicIo
         if port is None:
-            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells)
+            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells, tell=tell)
         else:
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                                 instruments=self._others["instruments"].field, cells=cells, is_over=me.is_over)
+                                 instruments=self._others["instruments"].field, cells=cells, is_over=me.is_over,
+                                 tell=tell)
 
     def _take_port(self, io: Io, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""

@@ -11,6 +11,7 @@ from procs.io.follow import Follow
 from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots
+from procs.io.wishes import Wishes
 from procs.lib import faults, wording
 from shm.faults import OwnCell
 
@@ -22,10 +23,11 @@ class Reactions:
     """All trips of `reports`, one after the other; what they bring about is added to them."""
 
     def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, power: Power, bias: Bias,
-                 brakes: Brakes, cells: Sequence[OwnCell]) -> None:
+                 brakes: Brakes, cells: Sequence[OwnCell], wishes: Wishes) -> None:
         """`cells` of every robot, which say since when commands count."""
         self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
         self._power, self._bias, self._brakes, self._cells = power, bias, brakes, cells
+        self._wishes = wishes
         self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
         """Number and axis of what was told of each robot since its latch was cleared."""
 
@@ -47,6 +49,7 @@ class Reactions:
                 record.fault[robot] = fault.number
             if self._power.reached[robot] or fault not in POWERING:
                 self._cells[robot].fault()
+            self._wishes.void(robot)
             self._follow.enable(robot, False, now_ns)
             self._brakes.engage(robot)  # what the joint controller no longer holds
             if fault.action in (faults.POWER_OFF, faults.CUT):

@@ -71,6 +71,9 @@ class Record:
         self.holding: Flags = field("holding")
         self.setpoint_age_ns: NDArray[np.int64] = field("setpoint_age_ns")
         self.fault: NDArray[np.uint16] = field("fault")
+        self.wish_generation: NDArray[np.uint32] = field("wish_generation")
+        self.wish_void: Flags = field("wish_void")
+        self.wish_refused: NDArray[np.bytes_] = field("wish_refused")
         self.calibration_mode = field("calibration_mode")
         self.simulated: Flags = field("simulated")
         self.robot_valid: Flags = field("robot_valid")
@@ -90,6 +93,6 @@ class Record:
         """Forget what a predecessor left, but count its generations on: what it biased or enabled is over."""
         bias, pid = self.bias_generation + 1, self.pid_generation + 1
         for array in self._all:
-            array[...] = 0
+            array[...] = array.dtype.type()
         self.bias_generation[...], self.pid_generation[...] = bias, pid
         self.setpoint_age_ns[...] = -1

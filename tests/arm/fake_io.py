@@ -16,6 +16,7 @@ from procs.arm.psm import Psm
 from procs.lib.arm_types import ARM_TYPES
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from procs.lib.faults import FaultReport
+from procs.lib.wishes import WISHES
 from shm.client import Reply
 from shm.events import sentence
 from shm.layout import schema_of
@@ -111,6 +112,8 @@ class FakeIo:
         self._replies: list[Reply] = []
         self._queue: list[tuple[int, str, tuple[float, ...]]] = []
         self._power_left = self._bias_left = 0
+        self._looked_at: set[str] = set()  # commands that the newest wishes came to
+        self._had_fault = False
         self.reader = f"{name}_dallas"
         self.memory, self.reading = "", Reading()
         self._read_left = 0
@@ -148,8 +151,14 @@ class FakeIo:
         replies, self._replies = self._replies, []
         return replies
 
+    def void(self, reason: str = "") -> None:
+        """A fault or a person came after the newest wishes."""
+        self.flag("wish_void", True)
+        self.flag("wish_refused", reason.encode())
+
     def drop_power(self) -> None:
         """What a watchdog or a supply does."""
+        self.void()
         for name in ("powered", "amps_on", "pid_enabled"):
             self.flag(name, False)
 
@@ -172,11 +181,43 @@ class FakeIo:
                 self._do(name, values)
                 self._replies.append(Reply(number, "done", ""))
         self._queue.clear()
+        self._look_at_wishes(setpoint)
         self._power_and_bias()
         self._control(setpoint)
         self.stamp_ns = now_ns
         self.record.set("valid", not self.blind)
         self.record.set("robot_valid", not self.blind)
+
+    def _look_at_wishes(self, setpoint: View) -> None:
+        """Each that is not so is carried out, unless it is `refuses`d; of `loses` the record is overlooked."""
+        if self.flag("fault") and not self._had_fault:
+            self.void()
+        self._had_fault = bool(self.flag("fault"))
+        generation = int(setpoint["wish_generation"].item())
+        if generation not in (0, self.flag("wish_generation")):
+            self.flag("wish_generation", generation)
+            self.flag("wish_void", False)
+            self.flag("wish_refused", b"")
+            self._looked_at.clear()
+        if not generation or self.flag("wish_void"):
+            return
+        self.origin = Origin(int(setpoint["wish_origin"]), int(setpoint["wish_since"]), setpoint.text("wish_program"))
+        refused = ""
+        for wish in WISHES:
+            wanted = int(setpoint[wish.field].item())
+            if wanted and bool(self.flag(wish.shown)) is not (wanted == 2):
+                name, values = wish.on if wanted == 2 else wish.off
+                if self.loses.get(name, 0) > 0:
+                    self.loses[name] -= 1
+                    return
+                if name not in self._looked_at:
+                    self._looked_at.add(name)
+                    self.sent.append((name, values))
+                if name in self.refuses:
+                    refused = self.refuses[name]
+                else:
+                    self._do(name, values)
+        self.flag("wish_refused", refused.encode())
 
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
@@ -187,7 +228,8 @@ class FakeIo:
                 self._power_left = self.power_cycles
             case "power_off":
                 self.flag("power_wanted", False)
-                self.drop_power()
+                for flag in ("powered", "amps_on", "pid_enabled"):
+                    self.flag(flag, False)
             case "bias_encoders":
                 self.flag("biasing", True)
                 self._bias_left = self.bias_cycles

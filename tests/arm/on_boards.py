@@ -10,6 +10,7 @@ import numpy as np
 from procs.arm.arm import Arm, Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import gripper_in, place_in
+from procs.io.follow import WishFields
 from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.document import System
 from procs.lib.faults import FaultReport
@@ -34,6 +35,7 @@ class OnBoards:
         self.source = self.rig.arms[self.document.robot]
         for field in SETPOINTS:
             setattr(self.source, field, self.setpoint[field])
+        self.source.wishes = WishFields(self.setpoint.field)
         self.place, first = place_in(self.rig.io, self.document)
         self.axes = slice(first, first + len(self.rig.io.robots[self.place].actuators))
         self.period_s = self.rig.io.period_s

@@ -11,6 +11,7 @@ import pytest
 from procs.arm.arm import Arm, Surroundings
 from procs.arm.ecm import Ecm
 from procs.arm.psm import Psm
+from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
 from procs.lib.arm_types import ARM_TYPES
@@ -37,6 +38,7 @@ class Source:
         for name in ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position",
                      "velocity", "effort", "feed_forward"):
             setattr(self, name, record[name])
+        self.wishes = WishFields(record.field)
 
     def newest(self) -> bool:
         return self.stamp_ns != 0

@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 
 from procs.io.cycle import RobotIo
+from procs.io.follow import WishFields
 from procs.io.port import BoardInfo, Counters
-from procs.io.record import Record
+from procs.io.record import Record, private
 from procs.lib import blocks, registers
 from procs.lib.document import (
     Actuator,
@@ -22,7 +23,9 @@ from procs.lib.document import (
     Robot,
     Tolerance,
 )
+from procs.lib.wishes import WISHES
 from shm.origins import Origin
+from shm.topics import SETPOINT
 
 PERIOD_NS = 1_000_000_000 // 1024  # 976562 ns and a half: steps are counted in the boards' own ticks
 TICKS = 48000  # 1/1024 s
@@ -198,6 +201,17 @@ class FakeSource:
         self.has_velocity, self.in_effort = np.array(False), np.zeros(8, dtype=bool)
         self.bias_generation, self.pid_generation = np.array(0), np.array(0)
         self.position, self.velocity, self.effort, self.feed_forward = (np.zeros(8) for _ in range(4))
+        self.wished = private(SETPOINT, {})
+        self.wishes = WishFields(self.wished)
+
+    def wish(self, origin: Origin | None = None, **wanted: int) -> None:
+        """Another generation: 0 none, 1 off, 2 on of the table's names; those not named are none."""
+        for wish in WISHES:
+            self.wished(wish.field)[...] = wanted.get(wish.name, 0)
+        self.wished("wish_generation")[...] += 1
+        origin = origin or PERSON
+        self.wished("wish_origin")[...], self.wished("wish_since")[...] = origin.id, origin.generation
+        self.wished("wish_program")[...] = origin.program.encode()
 
     def newest(self) -> bool:
         return self.stamp_ns != 0

@@ -31,7 +31,7 @@ class Torn:
         self.stand = Stand()
         self.plain = self.stand.arms[0]
         self.source = RingSource(self.reader)
-        self.stand.core._follow._followers[0].source = self.source
+        self.stand.core._follow.followers[0].source = self.source
         self.spoil: str = ""
 
     def run(self, cycles: int) -> None:

@@ -38,7 +38,7 @@ class Homed(Stage):
     def run(self) -> None:
         """See Stage."""
         control = self.control
-        control.duties.want_no_fault(control.io.problem == 0)  # that we were missed is over
+        control.duties.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # we were missed: over
         control.duties.tracking.want(self._checks_tracking and control.motion.mode is not Mode.EFFORT)
         limited = control.io.at_limit.tobytes()
         if limited != self._limited:

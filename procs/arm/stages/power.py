@@ -51,32 +51,37 @@ class Powering(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        self._tries = 1
-        duties = self.control.duties
-        duties.power.want(True)
-        duties.pid.want(None if self.control.is_played else False)  # a played robot's is on with the power
-        self.within(POWER_NS)
+        self._tries = 0
+        self.control.duties.pid.want(None if self.control.is_played else False)  # a played robot's is on with the power
+        self._ask()
 
     def run(self) -> None:
         """See Stage."""
         control, duties, io = self.control, self.control.duties, self.control.io
-        if duties.power.settled and io.has_power:
+        if not duties.power.wanted:  # between two tries
+            if duties.power.settled and duties.no_fault.settled:
+                self._ask()
+            elif self.is_late:
+                self.fail("power-timeout", "failed to enable power")
+        elif duties.power.settled and io.has_power:
             control.machine.fire(Event.POWERED)
-            return
-        gave_up = io.problem in POWER_PROBLEMS and duties.no_fault.wanted is None
-        if self.is_late or gave_up:
-            if self._tries >= TRIES:
-                if io.problem:
-                    control.machine.fault(control.fault_report(io.problem))
-                else:
-                    self.fail("power-timeout", "failed to enable power")
-                return
-            self._tries += 1
-            duties.want_no_fault(True)
-            duties.power_again(control.now_ns)
-            self.within(POWER_NS)
-        elif duties.no_fault.settled:
-            duties.want_no_fault(False)
+        elif duties.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
+            self.fail("power-timeout", "failed to enable power")
+        elif self.is_late or io.problem in POWER_PROBLEMS:
+            if self._tries < TRIES:
+                duties.power.want(False)
+                duties.want_no_fault(True)
+                self.within(SWITCH_NS)
+            elif io.problem:
+                control.machine.fault(control.fault_report(io.problem))
+            else:
+                self.fail("power-timeout", "failed to enable power")
+
+    def _ask(self) -> None:
+        self._tries += 1
+        self.control.duties.power.want(True)
+        self.control.duties.want_no_fault(False)
+        self.within(POWER_NS)
 
     @property
     def waits(self) -> str:

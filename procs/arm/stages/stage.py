@@ -8,7 +8,7 @@ from procs.arm.control import Control
 from procs.lib.faults import FaultReport
 
 NEVER_NS: Final = 1 << 62
-SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this, also when it refused once, see duties
+SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this
 
 
 class Stage:

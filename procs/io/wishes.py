@@ -1,0 +1,130 @@
+"""What arms want of io, by level: wishes come with their set-points and are looked at every cycle until they are so.
+
+    nothing changes by a wish that is none, by generation 0, and by set-points that are not fresh
+    TAKEN   a generation other than the one before: what of it is not yet so is tried in every cycle
+    SO      all of it is so: nothing but what voids it can change that
+    VOID    a person's command to the robot, or a fault that switched something off, came after it: it counts no more
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.io.follow import Follow, Follower
+from procs.io.record import Record
+from procs.io.robots import Robots
+from procs.lib.wishes import NONE, OFF, ON, WISHES, Order
+from shm.commands import COMMANDS, Command
+from shm.layout import shorten
+from shm.origins import Origin
+
+ROWS: Final = {row.name: row for row in COMMANDS["io"]}
+
+
+@dataclass(slots=True)
+class State:
+    """How far io is with the wishes of one robot."""
+
+    taken: int = 0  # the newest generation
+    open: bool = False  # something of the newest generation is not yet so
+    told: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
+    refusals: list[str] = field(default_factory=list)  # of this cycle
+
+
+class Asked:
+    """One wish, as a command of the arm; `Commands` carries it out."""
+
+    pid = place = 0
+
+    def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: State,
+                 tell: Callable[[Asked, str, str], None]) -> None:
+        self.command: Command = ROWS[order[0]]
+        self.name, self.values = order[0], np.array(order[1])
+        self.text, self.id, self.origin = robot, generation, origin
+        self._state, self._tell = state, tell
+
+    @property
+    def needs_person(self) -> bool:
+        """Whether a person's command has to stand behind it."""
+        return self.command.needs_person(self.text, self.values)
+
+    def accept(self, text: str = "") -> None:
+        """It is under way."""
+        self._say("accepted", text)
+
+    def refuse(self, reason: str) -> None:
+        """Not now; it is tried again in the next cycle."""
+        self._state.refusals.append(reason)
+        self._say("refused", reason)
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+        self._say("done", text)
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed."""
+        self._say("failed", reason)
+
+    def _say(self, outcome: str, reason: str) -> None:
+        what = self.name, outcome, reason
+        if what not in self._state.told:  # brakes let go over many cycles
+            self._state.told.add(what)
+            self._tell(self, outcome, reason)
+
+
+class Wishes:
+    """The wishes of all arms of an io."""
+
+    def __init__(self, robots: Robots, record: Record, follow: Follow,
+                 tell: Callable[[Asked, str, str], None] | None) -> None:
+        """`tell` hears what became of each, once."""
+        self._robots, self._record, self._follow = robots, record, follow
+        self._tell = tell or (lambda asked, outcome, reason: None)
+        self._flags: list[NDArray[Any]] = [getattr(record, wish.shown) for wish in WISHES]
+        self._states = [State() for _ in robots.names]
+        self._cut = record.wish_refused.dtype.itemsize
+
+    def void(self, robot: int, reason: str = "") -> None:
+        """The present generation of this robot counts for nothing from now on; `reason` where nothing else says it."""
+        record, state = self._record, self._states[robot]
+        for follower in self._follow.followers:
+            if follower.robot == robot and follower.is_fresh:
+                self._take(robot, follower.source.wishes.generation.item())
+        state.open = False
+        record.wish_void[robot] = True
+        record.wish_refused[robot] = shorten(reason, self._cut)
+
+    def due(self) -> Iterator[Asked]:
+        """What is wanted and not so, as commands, to be carried out one by one."""
+        for follower in self._follow.followers:
+            if follower.is_fresh:
+                self._take(follower.robot, follower.source.wishes.generation.item())
+                if self._states[follower.robot].open:
+                    yield from self._open(follower)
+
+    def _take(self, robot: int, generation: int) -> None:
+        record, state = self._record, self._states[robot]
+        if generation not in (0, state.taken):
+            record.wish_generation[robot], record.wish_void[robot], record.wish_refused[robot] = generation, False, b""
+            state.taken, state.open, state.told = generation, True, set()
+
+    def _open(self, follower: Follower) -> Iterator[Asked]:
+        robot, fields, record = follower.robot, follower.source.wishes, self._record
+        state, origin = self._states[robot], fields.origin
+        state.refusals.clear()
+        state.open = False
+        for wish, cell, flag in zip(WISHES, fields.wanted, self._flags, strict=True):
+            wanted = cell.item()
+            order = wish.on if wanted == ON else wish.off if wanted == OFF else ("", ())
+            if wanted == NONE or not order[0] or bool(flag[robot]) is (wanted == ON):
+                continue
+            yield Asked(self._robots.names[robot], order, state.taken, origin, state, self._tell)
+            state.open |= bool(flag[robot]) is not (wanted == ON)
+        refused = shorten("; ".join(dict.fromkeys(state.refusals)), self._cut)
+        if refused != record.wish_refused[robot]:
+            record.wish_refused[robot] = refused
