@@ -1,18 +1,17 @@
 """Real-time blocks of firmware Rev 7, 8 and 9: what is in which quadlet, of read blocks, hub memory and write groups.
 
-`io` and `boards` use the tables (`LAYOUTS`, `AXES_OF`, columns) on whole arrays, a row a board; the dataclasses serve
-everything that looks at one block of a QLA1. Columns are the same in every revision: Rev 7 only lacks the last kind.
+`io` and `boards` use the tables (`LAYOUTS`, `AXES_OF`, columns) on whole arrays, a row a board. Columns are the same in
+every revision: Rev 7 only lacks the last kind.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
 from procs.lib import registers
-from procs.lib.wire import MAX_DATA, Buffer, WireError
+from procs.lib.wire import MAX_DATA, WireError
 
 AXES_OF: Final = {"QLA1": (4, 4), "DQLA": (8, 8), "dRA1": (10, 7)}  # hardware: motors (with brakes), encoders
 MOST_HUB_QUADS: Final = MAX_DATA // 4  # of a hub read: hub memory has 512, a block on the wire a few less
@@ -44,8 +43,6 @@ QUARTER_1: Final = _PLAIN.quarter_1
 QUARTER_5: Final = _PLAIN.quarter_5
 RUNNING: Final = _PLAIN.running
 MOTOR_STATUS: Final = _PLAIN.motor_status  # Rev 8 on; zero in the arrays of Rev 7
-READ_COLUMNS: Final = _PLAIN.count
-WRITE_COLUMNS: Final = registers.AXES + 1  # DAC 1-4, control
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,178 +123,3 @@ def hub_read_quads(firmware: int, boards: int) -> int:
 def hub_read_quads_of(boards: Iterable[tuple[int, str]]) -> int:
     """The same for any boards: firmware and hardware of each."""
     return sum(read_quads(firmware, *AXES_OF[hardware]) + 1 for firmware, hardware in boards) + 1
-
-
-def _words(data: Buffer, where: str) -> tuple[int, ...]:
-    if len(data) % 4:
-        raise WireError(f"{len(data)} bytes; allowed: whole quadlets", where)
-    return struct.unpack(f">{len(data) // 4}I", data)
-
-
-def _bytes(words: tuple[int, ...], where: str) -> bytes:
-    try:
-        return struct.pack(f">{len(words)}I", *words)
-    except struct.error as error:
-        raise WireError("a word does not fit 32 bits", where) from error
-
-
-@dataclass(frozen=True, slots=True)
-class ReadBlock:
-    """One board's real-time sample; the tuples hold axis 1 first."""
-
-    timestamp: int
-    status: int
-    digital_input: int
-    temperature: int
-    adc: tuple[int, ...]
-    position: tuple[int, ...]
-    period: tuple[int, ...]
-    quarter_1: tuple[int, ...]
-    quarter_5: tuple[int, ...]
-    running: tuple[int, ...]
-    motor_status: tuple[int, ...] = ()
-
-    @property
-    def board(self) -> int:
-        """Board id in the status quadlet."""
-        return registers.board_of(self.status)
-
-
-def decode_read_block(data: Buffer, firmware: int) -> ReadBlock:
-    """The real-time block of a QLA1 of that firmware."""
-    words = _words(data, "real-time block")
-    expected = layout_of(firmware).read_quads
-    if len(words) != expected:
-        raise WireError(f"{len(words)} quadlets; allowed for Rev {firmware}: {expected}", "real-time block")
-    return ReadBlock(words[TIMESTAMP], words[STATUS], words[DIGITAL_INPUT], words[TEMPERATURE], words[ADC],
-                     words[POSITION], words[PERIOD], words[QUARTER_1], words[QUARTER_5], words[RUNNING],
-                     words[MOTOR_STATUS])
-
-
-def encode_read_block(block: ReadBlock, firmware: int) -> bytes:
-    """The bytes of a real-time block."""
-    words = (block.timestamp, block.status, block.digital_input, block.temperature, *block.adc, *block.position,
-             *block.period, *block.quarter_1, *block.quarter_5, *block.running, *block.motor_status)
-    expected = layout_of(firmware).read_quads
-    if len(words) != expected:
-        raise WireError(f"{len(words)} quadlets; allowed for Rev {firmware}: {expected}", "real-time block")
-    return _bytes(words, "real-time block")
-
-
-@dataclass(frozen=True, slots=True)
-class HubBlock:
-    """One board's block in hub memory; `sequence` has 16 bits in Rev 7, 8 after it; `size` is 0 in Rev 7."""
-
-    sequence: int
-    update_ticks: int
-    block: ReadBlock
-    mismatch: bool = False
-    size: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class HubRead:
-    """What a hub read returns: blocks in wire order, and start and end of the read in ticks since the query."""
-
-    blocks: tuple[HubBlock, ...]
-    start_ticks: int
-    finish_ticks: int
-
-
-def decode_hub_header(word: int, firmware: int) -> tuple[int, int, bool, int]:
-    """(sequence, update ticks, mismatch, size) of a hub header; WireError where a bit that must be 0 is set."""
-    layout = layout_of(firmware)
-    if word & ~(layout.check_mask | layout.time_mask):
-        raise WireError(f"0x{word:08X} has bits set that Rev {firmware} leaves 0", "hub header")
-    sequence = word >> layout.sequence_shift & layout.sequence_mask
-    return sequence, word & layout.time_mask, bool(word & layout.mismatch), word >> 24 if layout.has_size else 0
-
-
-def encode_hub_header(block: HubBlock, firmware: int) -> int:
-    """The header quadlet of a hub block."""
-    layout = layout_of(firmware)
-    fields = (("sequence", block.sequence, layout.sequence_mask), ("update time", block.update_ticks, layout.time_mask),
-              ("size", block.size, 0xFF if layout.has_size else 0), ("mismatch", block.mismatch, bool(layout.mismatch)))
-    for name, value, largest in fields:
-        if not 0 <= value <= largest:
-            raise WireError(f"{name} {value}; allowed for Rev {firmware}: 0 to {largest}", "hub header")
-    return (block.size << 24 | block.sequence << layout.sequence_shift | (layout.mismatch if block.mismatch else 0)
-            | block.update_ticks)
-
-
-def decode_hub(data: Buffer, firmware: int) -> HubRead:
-    """Hub memory as a hub read returns it."""
-    words = _words(data, "hub read")
-    stride = layout_of(firmware).hub_quads
-    if len(words) % stride != 1:
-        raise WireError(f"{len(words)} quadlets; allowed for Rev {firmware}: {stride} a board and 1", "hub read")
-    blocks = []
-    for at in range(0, len(words) - 1, stride):
-        sequence, ticks, mismatch, size = decode_hub_header(words[at], firmware)
-        block = decode_read_block(data[4 * at + 4 : 4 * (at + stride)], firmware)
-        blocks.append(HubBlock(sequence, ticks, block, mismatch, size))
-    return HubRead(tuple(blocks), words[-1] >> 16, words[-1] & 0xFFFF)
-
-
-def encode_hub(hub: HubRead, firmware: int) -> bytes:
-    """The bytes of a hub read."""
-    if not (0 <= hub.start_ticks <= 0xFFFF and 0 <= hub.finish_ticks <= 0xFFFF):
-        raise WireError(f"{hub.start_ticks}, {hub.finish_ticks}; allowed: 16 bits each", "hub timing")
-    parts = []
-    for item in hub.blocks:
-        parts.append(_bytes((encode_hub_header(item, firmware),), "hub header"))
-        parts.append(encode_read_block(item.block, firmware))
-    return b"".join(parts) + _bytes((hub.start_ticks << 16 | hub.finish_ticks,), "hub timing")
-
-
-@dataclass(frozen=True, slots=True)
-class WriteGroup:
-    """One board's part of a real-time write: its id, the DAC words (axis 1 first, as they are on the wire), control."""
-
-    board: int
-    dac: tuple[int, ...]
-    control: int
-
-
-def decode_write(data: Buffer, firmware: int) -> tuple[WriteGroup, ...]:
-    """The groups of a real-time block write, in wire order."""
-    words = _words(data, "real-time write")
-    if layout_of(firmware).firmware != 7:
-        return _decode_sized_groups(words)
-    if len(words) % WRITE_COLUMNS:
-        raise WireError(f"{len(words)} quadlets; allowed for Rev 7: 5 a board", "real-time write")
-    groups = []
-    for at in range(0, len(words), WRITE_COLUMNS):
-        dac = words[at : at + registers.AXES]
-        boards = {word >> registers.DAC_BOARD_SHIFT & 0xF for word in dac}
-        if len(boards) != 1:
-            raise WireError(f"DAC words of boards {sorted(boards)} in one group", f"real-time write, quadlet {at}")
-        groups.append(WriteGroup(boards.pop(), dac, words[at + registers.AXES]))
-    return tuple(groups)
-
-
-def _decode_sized_groups(words: tuple[int, ...]) -> tuple[WriteGroup, ...]:
-    groups = []
-    at = 0
-    while at < len(words):
-        length = words[at] & 0xFF
-        if words[at] >> 12 or not 2 <= length <= len(words) - at:
-            raise WireError(f"header 0x{words[at]:08X}", f"real-time write, quadlet {at}")
-        groups.append(WriteGroup(words[at] >> 8, words[at + 1 : at + length - 1], words[at + length - 1]))
-        at += length
-    return tuple(groups)
-
-
-def encode_write(groups: tuple[WriteGroup, ...], firmware: int) -> bytes:
-    """The bytes of a real-time block write (Rev 7 DAC words must carry the board id already)."""
-    rev_7 = layout_of(firmware).firmware == 7
-    words: list[int] = []
-    for group in groups:
-        if not 0 <= group.board <= 0xF or len(group.dac) > 0xFD:
-            raise WireError(f"board {group.board} with {len(group.dac)} DAC words", "real-time write")
-        if not rev_7:
-            words.append(group.board << 8 | len(group.dac) + 2)
-        elif [word >> registers.DAC_BOARD_SHIFT & 0xF for word in group.dac] != [group.board] * registers.AXES:
-            raise WireError(f"DAC words without the id of board {group.board}", "real-time write")
-        words += (*group.dac, group.control)
-    return _bytes(tuple(words), "real-time write")

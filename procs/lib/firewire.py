@@ -123,12 +123,6 @@ def encode_request(tcode: int, length: int, offset: int, closure: int, data_at: 
     return _REQUEST.pack(tcode, length, offset, closure, data_at, generation)
 
 
-def decode_request(data: Buffer) -> tuple[int, int, int, int, int, int]:
-    """The parts of a request as `encode_request` takes them."""
-    tcode, length, offset, closure, data_at, generation = _REQUEST.unpack(data)
-    return tcode, length, offset, closure, data_at, generation
-
-
 def vendor_of(rom: Buffer) -> int:
     """The vendor in a configuration ROM, as quadlets of this machine; 0 where it has none."""
     first, _, _, fourth = _ROM.unpack_from(rom)

@@ -1,9 +1,8 @@
-"""The wire protocol of the controllers as pure functions: datagrams and real-time blocks to values and back.
+"""The wire protocol of the controllers as pure functions: requests to datagrams, and their responses back to values.
 
 A request is a 2-byte control word and a FireWire request packet; a response is a FireWire response packet and an 8-byte
-trailer. Whatever decodes encodes to the same bytes again, so CRCs, reserved bits and spare bytes are kept as fields.
-Everything on the wire is big-endian. The cyclic path of `io` uses the layouts here on whole arrays instead of the
-dataclasses.
+trailer. CRCs, reserved bits and spare bytes are kept as fields. Everything on the wire is big-endian. The cyclic path
+of `io` uses the layouts here on whole arrays instead of the dataclasses.
 """
 
 from __future__ import annotations
@@ -174,37 +173,6 @@ def block_write(node: int, address: int, data: bytes, tl: int, generation: int, 
     return encode_request(Request(BLOCK_WRITE, node, address, tl, generation, flags, data))
 
 
-def decode_request(data: Buffer) -> Request:
-    """The request in a datagram; raises WireError for anything else. CRCs are kept, not judged (`crc_ok`)."""
-    size = len(data)
-    if size < 18:
-        raise WireError(f"{size} bytes; a request has at least 18", "request")
-    flags, generation, q0, q1, q2 = _REQUEST.unpack_from(data)
-    tcode = q0 >> 4 & 0xF
-    payload, length, data_crc, crc_at = b"", 0, None, 18
-    if tcode == QUADLET_READ:
-        crc_at = 14
-    elif tcode == QUADLET_WRITE:
-        payload = bytes(data[14:18])
-    elif tcode not in (BLOCK_WRITE, BLOCK_READ):
-        raise WireError(f"tcode {tcode}; allowed: 0, 1, 4, 5", "request")
-    if size < crc_at + 4:
-        raise WireError(f"{size} bytes with tcode {tcode}; allowed: {crc_at + 4} or more", "request")
-    end = crc_at + 4
-    if tcode in (BLOCK_WRITE, BLOCK_READ):
-        length = _block_length(data, 14, "request")
-    if tcode == BLOCK_WRITE:
-        end += length + 4
-        if size == end:
-            payload, length = _block(bytes(data[22:-4]), "block write"), 0
-            data_crc = _QUAD.unpack_from(data, size - 4)[0]
-    if size != end:
-        raise WireError(f"{size} bytes with tcode {tcode}; allowed: {end}", "request")
-    address = (q1 & 0xFFFF) << 32 | q2
-    return Request(tcode, q0 >> 16 & 0x3F, address, q0 >> 10 & 0x3F, generation, flags, payload, length, q0 >> 22,
-                   q1 >> 16, q0 >> 8 & 3, q0 & 0xF, _QUAD.unpack_from(data, crc_at)[0], data_crc)
-
-
 def _block_length(data: Buffer, at: int, where: str) -> int:
     quad: int = _QUAD.unpack_from(data, at)[0]
     if quad & 0xFFFF:
@@ -225,12 +193,6 @@ class Trailer:
     receive_ticks: int = 0
     total_ticks: int = 0
     spare: int = 0
-
-    def encode(self) -> bytes:
-        """The 8 bytes; raises WireError where a field does not fit."""
-        return _TRAILER.pack(_fit(self.flags, 8, "trailer flags"), _fit(self.generation, 8, "trailer generation"),
-                             _fit(self.spare, 8, "trailer spare"), _fit(self.packet_errors, 8, "packet errors"),
-                             _fit(self.receive_ticks, 16, "receive time"), _fit(self.total_ticks, 16, "total time"))
 
     @classmethod
     def decode(cls, data: Buffer) -> Trailer:
@@ -270,38 +232,6 @@ class Response:
     def value(self) -> int:
         """Data of a quadlet response."""
         return int.from_bytes(self.data[:4], "big")
-
-
-def encode_response(response: Response | Dropped) -> bytes:
-    """The datagram of a response; raises WireError where a field does not fit."""
-    if isinstance(response, Dropped):
-        return response.trailer.encode()
-    r = response
-    reserved = _fit(r.reserved, 44, "reserved")
-    head = _PACKET.pack(
-        _fit(r.destination, 16, "destination") << 16 | _fit(r.tl, 6, "tl") << 10 | _fit(r.retry, 2, "retry") << 8
-        | _fit(r.tcode, 4, "tcode") << 4 | _fit(r.priority, 4, "priority"),
-        _fit(r.bus, 10, "bus") << 22 | _fit(r.node, 6, "node") << 16 | _fit(r.rcode, 4, "rcode") << 12 | reserved >> 32,
-        reserved & 0xFFFFFFFF)
-    header_crc = _QUAD.pack(_fit(r.crc, 32, "crc"))
-    if r.tcode == QUADLET_RESPONSE:
-        if len(r.data) != 4:
-            raise WireError(f"{len(r.data)} data bytes; allowed: 4", "quadlet response")
-        return head + r.data + header_crc + r.trailer.encode()
-    if r.tcode != BLOCK_RESPONSE:
-        raise WireError(f"tcode {r.tcode}; allowed: 6, 7", "response")
-    return b"".join((head, _QUAD.pack(len(_block(r.data, "block response")) << 16), header_crc, r.data,
-                     _QUAD.pack(_fit(r.data_crc, 32, "data crc")), r.trailer.encode()))
-
-
-def quadlet_response(node: int, tl: int, value: int, trailer: Trailer) -> bytes:
-    """Datagram that answers a quadlet read."""
-    return encode_response(Response(QUADLET_RESPONSE, node, tl, _QUAD.pack(_fit(value, 32, "value")), trailer))
-
-
-def block_response(node: int, tl: int, data: bytes, trailer: Trailer) -> bytes:
-    """Datagram that answers a block read with `data` (big-endian quadlets)."""
-    return encode_response(Response(BLOCK_RESPONSE, node, tl, data, trailer))
 
 
 def decode_response(data: Buffer) -> Response | Dropped:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 from procs.lib import blocks, wire
 from procs.lib import registers as reg
+from tests.lib import board_side
 
 TIME_STAMP_TICKS = reg.CLOCK_HZ // 2000
 _SWITCH_PORT = 0x60  # trailer flags of Rev 9
@@ -48,7 +49,7 @@ class Exchange:
     @property
     def request(self) -> wire.Request:
         """The request, decoded."""
-        return wire.decode_request(self.data)
+        return board_side.decode_request(self.data)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from procs.lib import registers as reg
 from procs.lib import wire
 from procs.lib.document import Controller
 from tests.boards.captures import Capture, Comparison, Exchange, read_capture
+from tests.lib import board_side
 
 ALL = ("d_r7_p0", "d_r7_p1", "d_r7_p2", "d_r8_p0", "d_r8_p1", "d_r8_p2", "d_r9_p0", "d_r9_p1", "d_r9_p2", "d_r9b_p2")
 Data = Callable[[str], Path]
@@ -138,7 +139,7 @@ def turned(change: Callable[[list[int]], object]) -> Callable[[bytes], bytes]:
         assert isinstance(response, wire.Response)
         quads = list(struct.unpack(f">{len(response.data) // 4}I", response.data))
         change(quads)
-        return wire.encode_response(dataclasses.replace(response, data=struct.pack(f">{len(quads)}I", *quads)))
+        return board_side.encode_response(dataclasses.replace(response, data=struct.pack(f">{len(quads)}I", *quads)))
 
     return mutant
 

@@ -15,6 +15,7 @@ from procs.lib.config import load_system
 from shm.directory import create_ring
 from shm.topics import BOARDS_STATE
 from tests.conftest import World
+from tests.lib import board_side
 from tools.bench_io import write_system
 
 MEASURED = {"whole", "sockets", "paused", "physics", "query", "read", "write", "record", "answering"}
@@ -58,7 +59,7 @@ def test_a_hub_read_that_is_not_the_cycle_s_is_refused(bench: Bench) -> None:
     good = bytes(replies[1] or b"")
     bench.host.check(good, at)
     with pytest.raises(ValueError, match="bytes; wanted"):
-        bench.host.check(wire.quadlet_response(0, 1, 0, wire.Trailer()), at)
+        bench.host.check(board_side.quadlet_response(0, 1, 0, wire.Trailer()), at)
     off = bytearray(good)
     off[20 + 4 * (1 + blocks.STATUS) + 2] ^= 1  # the feedback of one amplifier
     with pytest.raises(ValueError, match="not every amplifier is on"):

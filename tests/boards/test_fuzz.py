@@ -27,6 +27,7 @@ from procs.lib.document import Bus, Controller, System
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
 from tests.conftest import ROOT
+from tests.lib import board_side
 
 # of CPU time for one datagram: a hundred physics steps to be made up for (25 ms; ten times that on test boards, where
 # PWM drives the encoders of all boards edge by edge), and a busy machine
@@ -289,7 +290,7 @@ def test_sockets_bear_any_datagram() -> None:
 RULES = {name: Rules(bus) for name, bus in BUSES.items()}
 READ = wire.quadlet_read(1, reg.FIRMWARE, 5, 3)
 BLOCK = wire.block_read(1, reg.REAL_TIME, 128, 5, 3)
-GOOD = wire.quadlet_response(1, 5, 8, wire.Trailer(generation=3))
+GOOD = board_side.quadlet_response(1, 5, 8, wire.Trailer(generation=3))
 
 
 def _judged(data: bytes, reply: bytes, name: str = "rev-8", to: int = GROUP) -> str:
@@ -298,10 +299,10 @@ def _judged(data: bytes, reply: bytes, name: str = "rev-8", to: int = GROUP) -> 
 
 def test_replies_that_may_be_pass_the_judge() -> None:
     assert _judged(READ, GOOD) == ""
-    assert _judged(BLOCK, wire.block_response(1, 5, bytes(128), wire.Trailer(generation=3))) == ""
-    assert _judged(wire.quadlet_read(1, 0, 5, 2), wire.Trailer(wire.DROPPED, 3).encode()) == ""
+    assert _judged(BLOCK, board_side.block_response(1, 5, bytes(128), wire.Trailer(generation=3))) == ""
+    assert _judged(wire.quadlet_read(1, 0, 5, 2), board_side.encode_trailer(wire.Trailer(wire.DROPPED, 3))) == ""
     query = wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | 0xC2, 5, 3, wire.NO_FORWARD)
-    blocks_of_three = wire.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
+    blocks_of_three = board_side.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
     assert _judged(query, blocks_of_three, "rev-9-ethernet") == ""
 
 
@@ -309,36 +310,37 @@ def test_replies_that_may_be_pass_the_judge() -> None:
     (READ[:17], GOOD, "less than a request"),
     (wire.quadlet_write(1, 0, 0, 5, 3), GOOD, "a reply to a write"),
     (wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | 0x2C0, 5, 3),
-     wire.block_response(0, 5, bytes(400), wire.Trailer(generation=3)), "a reply to a write"),
+     board_side.block_response(0, 5, bytes(400), wire.Trailer(generation=3)), "a reply to a write"),
     (READ[:2] + b"\x00" + READ[3:], GOOD, "another bus"),
     (wire.quadlet_read(1, 7, 6, 3), GOOD, "label"),
     (wire.quadlet_read(2, 7, 5, 3), GOOD, "source node"),
-    (wire.quadlet_read(3, 7, 5, 3), wire.quadlet_response(3, 5, 8, wire.Trailer(generation=3)), "source node"),
+    (wire.quadlet_read(3, 7, 5, 3), board_side.quadlet_response(3, 5, 8, wire.Trailer(generation=3)), "source node"),
     (wire.quadlet_read(1, 7, 5, 3, wire.NO_FORWARD), GOOD, "source node"),
     (READ, GOOD + b"\0", "29 bytes"),
-    (READ, GOOD[:-8] + wire.Trailer(generation=4).encode(), "trailer"),
-    (READ, GOOD[:-8] + wire.Trailer(0x10, 3).encode(), "trailer"),
+    (READ, GOOD[:-8] + board_side.encode_trailer(wire.Trailer(generation=4)), "trailer"),
+    (READ, GOOD[:-8] + board_side.encode_trailer(wire.Trailer(0x10, 3)), "trailer"),
     (READ, GOOD[:8] + b"\1" + GOOD[9:], "bits that are 0"),
-    (READ, wire.quadlet_response(1, 5, 9, wire.Trailer(generation=3)), "register 7 reads"),
-    (READ, wire.Trailer(wire.DROPPED, 3).encode(), "dropped"),
+    (READ, board_side.quadlet_response(1, 5, 9, wire.Trailer(generation=3)), "register 7 reads"),
+    (READ, board_side.encode_trailer(wire.Trailer(wire.DROPPED, 3)), "dropped"),
     (wire.quadlet_read(1, 7, 5, 2), GOOD, "dropped"),
-    (READ, wire.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "tcode"),
-    (BLOCK[:18], wire.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "nobody asked for"),
-    (BLOCK, wire.block_response(1, 5, bytes(132), wire.Trailer(generation=3)), "132 data bytes"),
-    (wire.block_read(1, 0, 2028, 5, 3), wire.block_response(1, 5, bytes(2028), wire.Trailer(generation=3)), "2028"),
+    (READ, board_side.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "tcode"),
+    (BLOCK[:18], board_side.block_response(1, 5, bytes(4), wire.Trailer(generation=3)), "nobody asked for"),
+    (BLOCK, board_side.block_response(1, 5, bytes(132), wire.Trailer(generation=3)), "132 data bytes"),
+    (wire.block_read(1, 0, 2028, 5, 3), board_side.block_response(1, 5, bytes(2028), wire.Trailer(generation=3)),
+     "2028"),
 ])
 def test_forbidden_replies_are_told(data: bytes, reply: bytes, why: str) -> None:
     assert why in _judged(data, reply)
 
 
 def test_unsolicited_responses_answer_queries_of_the_hub_only() -> None:
-    reply = wire.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
+    reply = board_side.block_response(7, 5, bytes(4 * 100), wire.Trailer(0x10, 3))
     for mask, flags in ((0x42, wire.NO_FORWARD), (0x82, wire.NO_FORWARD)):
         query = wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | mask, 5, 3, flags)
         assert _judged(query, reply, "rev-9-ethernet")
     other = wire.quadlet_write(wire.BROADCAST, reg.DIGITAL_OUTPUT, 1 << 16 | 0xC2, 5, 3, wire.NO_FORWARD)
     assert "a reply to a write" in _judged(other, reply, "rev-9-ethernet")
     late = wire.quadlet_read(wire.BROADCAST, reg.FIRMWARE, 5, 3, wire.NO_FORWARD)
-    firmware_9 = wire.quadlet_response(7, 5, 9, wire.Trailer(0x10, 3))
+    firmware_9 = board_side.quadlet_response(7, 5, 9, wire.Trailer(0x10, 3))
     assert _judged(late, firmware_9, "rev-9-ethernet", 7) == ""
     assert "source node" in _judged(late, firmware_9, "rev-9-ethernet", 6)

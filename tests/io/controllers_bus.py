@@ -8,9 +8,10 @@ import threading
 import time
 
 from procs.boards.controllers.bus import Bus
-from procs.lib import blocks, wire
+from procs.lib import wire
 from procs.lib.document import Controller
 from tests.io.stub_bus import own_address
+from tests.lib import board_side
 
 TICKS_PER_NS = 49.152e-3
 
@@ -29,7 +30,7 @@ class ControllersBus:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((self.address, port))
         self.port = self._socket.getsockname()[1]
-        self.groups: list[blocks.WriteGroup] = []
+        self.groups: list[board_side.WriteGroup] = []
         self._start_ns = time.monotonic_ns()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -47,9 +48,9 @@ class ControllersBus:
         while not self._stop.is_set():
             if select.select([self._socket], (), (), 0.02)[0]:
                 data, sender = self._socket.recvfrom(4096)
-                request = wire.decode_request(data)
+                request = board_side.decode_request(data)
                 if request.tcode == wire.BLOCK_WRITE:
-                    self.groups += blocks.decode_write(request.data, 8)
+                    self.groups += board_side.decode_write(request.data, 8)
                 reply = self.bus.answer(data, round((time.monotonic_ns() - self._start_ns) * TICKS_PER_NS))
                 if reply:
                     self._socket.sendto(bytes(reply), sender)

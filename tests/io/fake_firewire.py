@@ -119,7 +119,7 @@ class FakeFirewire(Bench):
         if request == firewire.GET_INFO:
             self._inform(path, argument)
             return
-        tcode, length, offset, closure, data_at, generation = firewire.decode_request(argument)
+        tcode, length, offset, closure, data_at, generation = firewire._REQUEST.unpack(argument)
         if request == firewire.SEND_BROADCAST_REQUEST:
             self._check(tcode in (0, 1), errno.EINVAL)
             self._check(offset >= firewire.BROADCAST_LEAST_OFFSET, errno.EACCES)

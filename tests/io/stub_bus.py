@@ -14,6 +14,7 @@ from procs.io.port import BROADCAST_QUERY
 from procs.io.ports import named
 from procs.io.udp import UdpTransport
 from procs.lib import blocks, registers, wire
+from tests.lib import board_side
 
 _COUNTER = iter(range(1, 1 << 16))
 
@@ -35,7 +36,7 @@ class StubBoard:
     sampled_ns: int = 0
     other_host_ns: int = 1 << 62  # how long ago another host sampled, at most
     writes: list[tuple[int, int]] = field(default_factory=list)
-    commands: list[blocks.WriteGroup] = field(default_factory=list)
+    commands: list[board_side.WriteGroup] = field(default_factory=list)
 
     def read(self, address: int) -> int:
         known = {
@@ -47,13 +48,13 @@ class StubBoard:
         }
         return self.registers.get(address, known.get(address, 0))
 
-    def sample(self, serial: int) -> blocks.ReadBlock:
+    def sample(self, serial: int) -> board_side.ReadBlock:
         now = time.monotonic_ns()
         ticks = min(min(now - self.sampled_ns, self.other_host_ns) * 49152 // 1_000_000, 0xFFFFFFFF)
         self.sampled_ns = now
         four = tuple(serial << 8 | self.board << 4 | axis for axis in range(4))
         motor = four if self.firmware > 7 else ()
-        return blocks.ReadBlock(ticks, self.read(0), 0xFF, 0x3C3E, four, four, four, four, four, four, motor)
+        return board_side.ReadBlock(ticks, self.read(0), 0xFF, 0x3C3E, four, four, four, four, four, four, motor)
 
 
 class StubBus:
@@ -102,7 +103,7 @@ class StubBus:
                 datagram, sender = each.recvfrom(4096)
                 self.heard.append(datagram)
                 try:
-                    request = wire.decode_request(datagram)
+                    request = board_side.decode_request(datagram)
                     assert request.crc_ok
                     for reply in self.fault(request, self.answer(request)):
                         each.sendto(reply, sender)
@@ -113,7 +114,7 @@ class StubBus:
         reading = request.tcode in (wire.QUADLET_READ, wire.BLOCK_READ)
         if request.node != wire.BROADCAST and request.generation != self.generation:
             dropped = wire.Trailer(wire.DROPPED, self.generation)
-            return [wire.encode_response(wire.Dropped(dropped))] if reading else []
+            return [board_side.encode_response(wire.Dropped(dropped))] if reading else []
         if request.node == wire.BROADCAST:
             addressed = [self.hub] if reading else self.boards
         else:
@@ -126,14 +127,14 @@ class StubBus:
         board = addressed[0]
         if request.tcode == wire.QUADLET_READ:
             value = board.read(request.address & 0xFFFF)
-            return [wire.quadlet_response(board.node, request.tl, value, self.trailer)]
+            return [board_side.quadlet_response(board.node, request.tl, value, self.trailer)]
         data = self._hub_memory() if request.address == registers.HUB else self._sample(board)
         assert len(data) == request.length
-        return [wire.block_response(board.node, request.tl, data, self.trailer)]
+        return [board_side.block_response(board.node, request.tl, data, self.trailer)]
 
     def _write(self, request, addressed):
         if request.tcode == wire.BLOCK_WRITE:
-            for group in blocks.decode_write(request.data, self.boards[0].firmware):
+            for group in board_side.decode_write(request.data, self.boards[0].firmware):
                 for board in addressed:
                     if board.board == group.board:
                         board.commands.append(group)
@@ -149,12 +150,12 @@ class StubBus:
 
     def _sample(self, board):
         self.serial += 1
-        return blocks.encode_read_block(board.sample(self.serial), board.firmware)
+        return board_side.encode_read_block(board.sample(self.serial), board.firmware)
 
     def _hub_block(self, board, sequence):
         layout = blocks.LAYOUTS[board.firmware]
         header = layout.header(sequence) | 150 + 500 * board.board & layout.time_mask
-        sample = blocks.encode_read_block(board.sample(self.serial), board.firmware)
+        sample = board_side.encode_read_block(board.sample(self.serial), board.firmware)
         return header.to_bytes(4, "big") + sample
 
     def _hub_memory(self):

@@ -12,6 +12,7 @@ from procs.io.port import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
 from procs.lib import blocks, registers
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus, udp_port_to
+from tests.lib import board_side
 
 MIXED = "all together"
 BUSES = {
@@ -79,7 +80,7 @@ def test_every_motor_and_every_board_get_their_own_words(boards, protocol):
             motors = blocks.AXES_OF[port.hardware[row]][0]
             words = [registers.DAC_VALID | 0x8000 + 16 * row + motor for motor in range(motors)]
             port.out[row, :motors], port.out[row, -1] = words, registers.CONTROL_RELAY_ON
-            wanted[board] = blocks.WriteGroup(board, tuple(words), registers.CONTROL_RELAY_ON)
+            wanted[board] = board_side.WriteGroup(board, tuple(words), registers.CONTROL_RELAY_ON)
         assert port.write_all()
         assert not port.out[:, -1].any()
         for board in boards.ids:

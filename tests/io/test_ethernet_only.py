@@ -12,6 +12,7 @@ from procs.lib import blocks, registers, wire
 from procs.lib.document import Controller
 from tests.io.rig import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
+from tests.lib import board_side
 
 
 def late(board: int, hardware: str = "QLA1") -> Controller:
@@ -49,14 +50,14 @@ def test_we_send_what_the_original_host_sent(data, recording, protocol):
     recorded = recorded_requests(data("golden/wire") / f"{recording}.jsonl")
     boards = Boards(late(0), late(1), late(5))
     boards.bus.generation = 3
-    commands = [wire.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
+    commands = [board_side.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
     per_cycle = 3 if protocol == SEQUENTIAL else 1
     with boards.port(protocol) as port:
         port._link.tl = port._link.sequence = 0  # the original host begins there, we do anywhere
         port.discover()
         for at in range(0, len(commands), per_cycle):
             assert port.read_all()
-            groups = blocks.decode_write(b"".join(request.data for request in commands[at : at + per_cycle]), 9)
+            groups = board_side.decode_write(b"".join(request.data for request in commands[at : at + per_cycle]), 9)
             port.out[...] = [(*group.dac, group.control) for group in groups]
             assert port.write_all()
     ours = [without_address(datagram) for _, datagram in boards.heard]
@@ -130,14 +131,14 @@ def test_a_reply_that_did_not_come_is_asked_for():
         assert port.read_all()
         assert (port.blocks != kept).any() and port.counters.timeouts == 1
         to, request = boards.heard[-1]
-        assert (to, wire.decode_request(request).address) == (3, registers.HUB)
+        assert (to, board_side.decode_request(request).address) == (3, registers.HUB)
 
 
 def test_boards_that_need_firewire_are_refused():
     boards = Boards(late(3), late(5))
     boards.change = lambda request, reply: (
         reply[:12] + (8).to_bytes(4, "big") + reply[16:]
-        if wire.decode_request(request).address == registers.FIRMWARE and request[3] & 0x3F == 5 else reply)
+        if board_side.decode_request(request).address == registers.FIRMWARE and request[3] & 0x3F == 5 else reply)
     with boards.port() as port, pytest.raises(PortError, match="board 5: firmware Rev 8 on FPGA V3 needs FireWire"):
         port.discover()
 

@@ -21,6 +21,7 @@ from procs.io.bus_port import BusPort
 from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 from procs.lib import blocks, registers, wire
 from procs.lib.document import Controller
+from tests.lib import board_side
 
 PERIOD_NS = 666_667
 WAY_NS, WORK_NS = 20_000, 30_000  # of a datagram, either way; of the boards, for each
@@ -92,7 +93,7 @@ class Line:
     def send(self, datagram: wire.Buffer) -> None:
         now, data, trouble = self.clock(), bytes(datagram), self.trouble
         self._number += 1
-        request = wire.decode_request(data)
+        request = board_side.decode_request(data)
         is_read, is_query = request.tcode == wire.BLOCK_READ, request.address == registers.QUERY
         self.reads, self.writes = self.reads + is_read, self.writes + (request.tcode == wire.BLOCK_WRITE)
         if is_read:

@@ -12,6 +12,7 @@ from procs.io.ethernet import EthernetTransport, interface_of
 from procs.io.port import PortError
 from procs.lib import registers, wire
 from tests.io.bench import OTHER_END, OUR_END, Bench, in_namespace
+from tests.lib import board_side
 
 on_cable = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 
@@ -64,7 +65,7 @@ def test_frames_of_others_are_no_replies():
     with Bench("eth") as bench, listening() as cable, bench.port(deadline_ms=20) as port:
         port.discover()
         own = cable_address(port)
-        reply = wire.quadlet_response(0, 1, 7, wire.Trailer())
+        reply = board_side.quadlet_response(0, 1, 7, wire.Trailer())
         length = len(reply).to_bytes(2, "big")
         board = wire.BOARD_MAC + b"\x02"
         for head in (b"\xff" * 6 + board, own + b"\x02" * 6, board + own):

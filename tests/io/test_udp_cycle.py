@@ -10,6 +10,7 @@ from procs.io import discovery
 from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
 from procs.lib import blocks, registers, wire
 from tests.io.stub_bus import bus_of, udp_port_to
+from tests.lib import board_side
 
 
 def port_to(bus, protocol=BROADCAST_QUERY, **options):
@@ -65,7 +66,7 @@ def test_commands_reach_their_boards(protocol):
         assert port.write_all()
         settle(port)
         for board, row in zip(bus.boards, wanted, strict=True):
-            assert board.commands == [blocks.WriteGroup(board.board, tuple(row[:4]), row[4])]
+            assert board.commands == [board_side.WriteGroup(board.board, tuple(row[:4]), row[4])]
         assert port.out[:, 4].tolist() == [0, 0, 0]
         assert port.out[:, :4].tolist() == [row[:4] for row in wanted]
         assert port.send_ns > 0
@@ -80,8 +81,8 @@ def test_rev_7_gets_enables_in_its_control_word(protocol):
         port.out[1, 3] |= registers.DAC_AMP_MASK
         assert port.write_all()
         settle(port)
-        assert bus.boards[0].commands[-1] == blocks.WriteGroup(0, (0x80008000,) * 4, 0x000C0000)
-        assert bus.boards[1].commands[-1] == blocks.WriteGroup(1, (0x81008000,) * 4, 0x000C0901)
+        assert bus.boards[0].commands[-1] == board_side.WriteGroup(0, (0x80008000,) * 4, 0x000C0000)
+        assert bus.boards[1].commands[-1] == board_side.WriteGroup(1, (0x81008000,) * 4, 0x000C0901)
 
 
 def test_datagrams_do_not_grow_with_boards():
@@ -103,7 +104,7 @@ def test_boards_that_were_asked_are_not_asked_again():
         port.ask_all()
         assert port.read_all() and port.read_all()
         settle(port)
-        kinds = [wire.decode_request(each).tcode for each in bus.heard[heard:-1]]
+        kinds = [board_side.decode_request(each).tcode for each in bus.heard[heard:-1]]
         assert kinds == [wire.QUADLET_WRITE, wire.BLOCK_READ] * 2
 
 
@@ -172,7 +173,7 @@ def mangled(**changes):
     def kind(request, replies):
         response = wire.decode_response(replies[0])
         fields = {name: getattr(response, name) for name in ("tcode", "node", "tl", "data", "trailer")}
-        return [wire.encode_response(wire.Response(**(fields | {k: v(fields[k]) for k, v in changes.items()})))]
+        return [board_side.encode_response(wire.Response(**(fields | {k: v(fields[k]) for k, v in changes.items()})))]
 
     return kind
 
@@ -187,7 +188,7 @@ def mangled(**changes):
         mangled(tcode=lambda _: wire.QUADLET_RESPONSE, data=lambda data: data[:4]),
         lambda request, replies: [b"noise" * 30],
         lambda request, replies: [b""],
-        lambda request, replies: [wire.Trailer(wire.DROPPED, 3).encode()],
+        lambda request, replies: [board_side.encode_trailer(wire.Trailer(wire.DROPPED, 3))],
     ],
 )  # fmt: skip
 def test_wrong_replies_are_bad_reads(protocol, kind):

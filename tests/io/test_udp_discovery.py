@@ -8,8 +8,9 @@ import pytest
 from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
 from procs.io.start import POWER_OFF
 from procs.io.udp import discovery_address
-from procs.lib import blocks, registers, wire
+from procs.lib import registers, wire
 from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
+from tests.lib import board_side
 
 DQLA, BCFG = registers.DQLA, 0x42434647
 
@@ -111,7 +112,7 @@ def recorded_requests(path):
 
 def without_address(datagram):
     """The one quadlet that differs: where the recorded hub was."""
-    request = wire.decode_request(datagram)
+    request = board_side.decode_request(datagram)
     return datagram[:14] if request.address == registers.IP_ADDRESS else datagram
 
 
@@ -138,13 +139,13 @@ def test_we_send_what_the_original_host_sent(data, recording, protocol, ids, fir
             port._link.tl = port._link.sequence = 0  # the original host begins there, we do anywhere
             port.discover()
             first = next((i for i, d in enumerate(recorded) if is_cyclic(d)), len(recorded))
-            commands = [wire.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
+            commands = [board_side.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
             per_cycle = len(ids) if protocol == SEQUENTIAL else 1
             cycles = [commands[i : i + per_cycle] for i in range(0, len(commands), per_cycle)]
             assert cycles
             for cycle in cycles:
                 assert port.read_all()
-                groups = blocks.decode_write(b"".join(request.data for request in cycle), firmware)
+                groups = board_side.decode_write(b"".join(request.data for request in cycle), firmware)
                 port.out[...] = [(*group.dac, group.control) for group in groups]
                 assert port.write_all()
             port.read_quadlet(ids[0], 0)  # answered: so everything before has arrived
@@ -155,7 +156,7 @@ def test_we_send_what_the_original_host_sent(data, recording, protocol, ids, fir
 
 
 def is_cyclic(datagram):
-    request = wire.decode_request(datagram)
+    request = board_side.decode_request(datagram)
     return request.tcode in (wire.BLOCK_READ, wire.BLOCK_WRITE) or request.address == registers.QUERY
 
 

@@ -13,12 +13,13 @@ from procs.io.udp import NODES, PORTS, UdpTransport, address_of
 from procs.lib import wire
 from tests.io.bench import block_address
 from tests.io.stand import Stand
+from tests.lib import board_side
 
 ASKING = wire.quadlet_read(wire.BROADCAST, 4, 1, 0)
 
 
 def reply_of(node: int) -> bytes:
-    return wire.quadlet_response(node, 1, 7, wire.Trailer())
+    return board_side.quadlet_response(node, 1, 7, wire.Trailer())
 
 
 def bound(address: str, port: int = 0) -> socket.socket:
@@ -87,7 +88,7 @@ def test_a_board_speaks_for_itself_only(boards, transport) -> None:
     transport.aim(3, 9, by_board=True)
     boards.sockets[4].sendto(reply_of(3), own_address(transport))
     assert heard(transport) == [0] and transport.stranger.startswith(f"{address_of(boards.address, 4)}:")
-    boards.sockets[4].sendto(wire.Trailer(wire.DROPPED).encode(), own_address(transport))
+    boards.sockets[4].sendto(board_side.encode_trailer(wire.Trailer(wire.DROPPED)), own_address(transport))
     assert heard(transport) == [wire.TRAILER_BYTES], "a dropped request has no sender but that of the datagram"
 
 

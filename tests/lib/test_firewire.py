@@ -91,7 +91,7 @@ def test_truncated_events_are_none() -> None:
 
 def test_requests_and_info_have_their_fields_where_the_kernel_looks() -> None:
     request = firewire.encode_request(5, 128, 0xFFFF_F000_0400, 9, 0x7F00_0000_1000, 41)
-    assert firewire.decode_request(request) == (5, 128, 0xFFFF_F000_0400, 9, 0x7F00_0000_1000, 41)
+    assert firewire._REQUEST.unpack(request) == (5, 128, 0xFFFF_F000_0400, 9, 0x7F00_0000_1000, 41)
     info = firewire.encode_info(0x1000, 0x2000)
     info[32:36] = (3).to_bytes(4, "little")
     assert len(info) == 40 and firewire.card_of(info) == 3

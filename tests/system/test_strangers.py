@@ -14,6 +14,7 @@ from procs.lib import registers, wire
 from procs.lib.document import from_json
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from tests.lib import board_side
 from tests.system.conftest import systems
 from tests.system.robot import Robot, wait_for
 from tests.system.samples import Records, is_well, newest, stop_boards
@@ -59,7 +60,7 @@ def forged(board_ids: list[int], sequence: int, label: int) -> bytes:
         block[8:12] = [FORGED] * 4
         quads += [HUB_QUADS << 24 | (sequence & 0xFF) << 16 | 200, *block]
     data = np.array([*quads, 0], dtype=">u4").tobytes()
-    return wire.block_response(board_ids[0], label % wire.TL_COUNT, data, wire.Trailer())
+    return board_side.block_response(board_ids[0], label % wire.TL_COUNT, data, wire.Trailer())
 
 
 def test_replies_of_strangers_change_nothing(several: Robot, records: Records) -> None:

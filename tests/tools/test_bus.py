@@ -21,6 +21,7 @@ from procs.lib.document import Controller
 from shm.clock import monotonic_ns, pause
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
+from tests.lib import board_side
 from tools import bus, cli, meanings, samples, serials
 from tools.desk import Board
 from tools.errors import Misuse, Problem
@@ -37,7 +38,8 @@ class Recorded(ControllersBus):
         super().__init__(*controllers, port=wire.UDP_PORT)
         self.requests: list[wire.Request] = []
         answer = self.bus.answer
-        self.bus.answer = lambda data, tick: (self.requests.append(wire.decode_request(data)), answer(data, tick))[1]
+        self.bus.answer = lambda data, tick: (
+            self.requests.append(board_side.decode_request(data)), answer(data, tick))[1]
 
     @property
     def name(self) -> str:
