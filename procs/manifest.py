@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from procs.lib import sizes
 from procs.lib.document import Process, System
@@ -109,6 +109,9 @@ PROCS: tuple[Proc, ...] = (
              ] if system.consoles else [],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
 )
+
+THIRD_PARTY: Final = frozenset(row.kind for row in PROCS if not row.module)
+"""Kinds of programs that somebody else starts."""
 
 
 def proc(kind: str) -> Proc:

@@ -87,6 +87,21 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
     assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
 
 
+@functools.cache
+def kinds_compared(path: Path) -> set[str]:
+    """Kinds of process that a module compares a `kind` with, by name."""
+    kinds, found = {row.kind for row in PROCS}, set()
+    for node in nodes_of(path):
+        if isinstance(node, ast.Compare) and "kind" in (getattr(node.left, "attr", ""), getattr(node.left, "id", "")):
+            found |= {n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and n.value in kinds}
+    return found
+
+
+def test_what_a_kind_is_stands_in_its_row() -> None:
+    asked = ("procs/runtime", "procs/supervisor/", "procs/lib/", "shm/")
+    each_keeps_to(kinds_compared, [path for path in SOURCES if relative(path).startswith(asked)])
+
+
 def each_keeps_to(rule: Callable[[Path], object], paths: Iterable[Path] = SOURCES) -> None:
     """All that breaks a rule, told at once; `rule` says what is wrong with a file, nothing if nothing is."""
     found = {relative(path): wrong for path in paths if (wrong := rule(path))}

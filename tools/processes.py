@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from procs.lib.document import Process, from_json
-from procs.manifest import hung_s, late_s
+from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
@@ -17,7 +17,6 @@ from tools.systems import alive, is_simulated
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
-EXTERNAL = "external"  # a program of somebody else
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
@@ -117,7 +116,7 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row:
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(pulse.get("heartbeat_ns"))
-    shown = SHOWN_OF_OTHERS.get(state, state) if kind == EXTERNAL else state
+    shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
     return Life(
         name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
@@ -136,7 +135,7 @@ def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, simulated: 
     if not lives_on:
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, pulse, simulated):
-        return "silent" if row.kind == EXTERNAL else "stalled"
+        return "silent" if row.kind in THIRD_PARTY else "stalled"
     return ""
 
 

@@ -20,7 +20,7 @@ from procs import lifecycle
 from procs.lib.config import load_system
 from procs.lib.document import LOCKSTEP, PACED, WALL, Process, System
 from procs.lib.paths import log_folder
-from procs.manifest import hung_s, late_s, proc
+from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.realtime import realtime
 from procs.rights import lacking
 from procs.supervisor import memory
@@ -99,7 +99,7 @@ class Supervisor:
         self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
         self._state = self._writes("state")
-        self._rows = tuple(row for row in system.processes if proc(row.kind).module)  # others are not ours to start
+        self._rows = tuple(row for row in system.processes if row.kind not in THIRD_PARTY)  # those are ours
         self.children = [self._child(row, folder) for row in self._rows]
 
     def _writes(self, topic: str) -> RingWriter:

@@ -10,7 +10,7 @@ import socket
 from typing import Final
 
 from procs.lib.document import PACED, WALL, Process, System, to_json
-from procs.manifest import PROCS, proc
+from procs.manifest import THIRD_PARTY, proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -38,8 +38,6 @@ from shm.segment import (
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
 MEGABYTE: Final = 1e6
-THEIRS: Final = {row.kind for row in PROCS if not row.module}
-"""Kinds of programs of somebody else."""
 
 
 def hold_name(name: str) -> socket.socket:
@@ -106,7 +104,7 @@ def _is_external(system: str, instance: str) -> bool:
     """Whether it is somebody else's program, which has nothing to do with the next system of this name."""
     try:
         with Segment(segment_name(system, instance, "state")) as segment:
-            return segment.header.info.get("kind") in THEIRS
+            return segment.header.info.get("kind") in THIRD_PARTY
     except SegmentError:
         return False
 
@@ -132,7 +130,7 @@ def needed(system: System) -> int:
 
 def simulated(system: System) -> Table:
     """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
-    members = [row.name for row in system.processes if proc(row.kind).module]
+    members = [row.name for row in system.processes if row.kind not in THIRD_PARTY]
     return Table(tuple(members), next((row.name for row in proc("boards").instances(system)), ""),
                  tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
