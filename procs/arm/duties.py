@@ -149,7 +149,8 @@ class Duties:
             self._publish()
         if not self._io.fresh:
             return
-        self._hear_refusal()
+        if self._io.wish_refused.item() and not self.is_void:
+            self._hear_refusal()
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing
             self._bias_next_ns = now_ns + REFUSED_NS
@@ -164,10 +165,10 @@ class Duties:
             cell[...] = switch.code
 
     def _hear_refusal(self) -> None:
-        refusal = "" if self.is_void else self._refused()
+        refusal = self._refused()
         if refusal and refusal != self._refusal:
+            self._refusal = refusal
             self._warn(f"io refused a request: {refusal}")
-        self._refusal = refusal or self._refusal
 
     def _heard(self, answer: Answer) -> None:
         if answer.outcome == "accepted":
