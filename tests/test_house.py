@@ -87,6 +87,12 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
     assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
 
 
+def test_the_architecture_names_files_that_are_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:procs|shm|tools|tests)/[\w/]+(?:\.py)?)`", page))
+    assert not {name for name in named if not (ROOT / name).exists()}
+
+
 @functools.cache
 def kinds_compared(path: Path) -> set[str]:
     """Kinds of process that a module compares a `kind` with, by name."""
