@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Protocol, TypeVar
 
+from procs.lib import codes
 from procs.lib.document import WALL, Process, System, from_json
 from procs.manifest import late_s, proc
 from procs.pacing import Pacing
@@ -179,7 +180,7 @@ class Me:
         self._begun = held_up, held_up
         self.pulse.show("STARTING")
         self.pulse.field("pauses")[...] += 1
-        self.events.warning("held-up", held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
+        self.events.report(codes.HELD_UP, held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
         self.held_up_ns = 0
         self._pauses.end()
         gc.collect()  # what is left of the old loop; all that is older is frozen

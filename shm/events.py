@@ -1,13 +1,15 @@
 """Events of an instance: a ring with history, so that late comers see the last ones too.
 
-An error is data: severity, code, component, axis, board, value, limit, text, hint. `text` is one sentence that says by
-itself whom or what it is about, so that it is shown the same everywhere; the log has it, with its hint, uncut.
+An error is data: severity, code, component, axis, board, value, limit, text, hint. Code, severity and hint come from a
+row of a table of codes. `text` is one sentence that says by itself whom or what it is about, so that it is shown the
+same everywhere; the log has it, with its hint, uncut.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from shm.clock import local_ns, monotonic_ns
 from shm.layout import cut_text, shorten
@@ -19,6 +21,22 @@ NAMES = ("event", "severity", "code", "component", "axis", "board", "value", "li
          "sub_state", "is_homed", "is_busy", "monotonic_ns", "local_ns")
 
 Log = Callable[[int, str], None]
+
+
+class Code(Protocol):
+    """A row of the table of codes; see procs/lib/codes.py."""
+
+    @property
+    def code(self) -> str:
+        """Lower case with hyphens."""
+
+    @property
+    def severity(self) -> int:
+        """WARNING or ERROR."""
+
+    @property
+    def remedy(self) -> str:
+        """What a person can do about it."""
 
 
 def sentence(text: str, component: str) -> str:
@@ -63,17 +81,11 @@ class Events:
         """Something a person may like to know."""
         self.emit("status", text, severity=STATUS, component=component)
 
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = math.nan,
-                limit: float = math.nan, board: int = -1, hint: str = "") -> None:
-        """Something a person should know; the robot goes on."""
-        self.emit("warning", text, severity=WARNING, code=code, component=component, axis=axis, value=value,
-                  limit=limit, board=board, hint=hint)
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = math.nan,
-              limit: float = math.nan, board: int = -1, hint: str = "") -> None:
-        """Something failed; the robot has reacted."""
-        self.emit("error", text, severity=ERROR, code=code, component=component, axis=axis, value=value, limit=limit,
-                  board=board, hint=hint)
+    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = math.nan,
+               limit: float = math.nan, board: int = -1) -> None:
+        """A warning: something a person should know; or an error: something failed, and the robot has reacted."""
+        self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,
+                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy)
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, on every change and as the answer to every state command."""

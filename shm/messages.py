@@ -13,7 +13,7 @@ EVENTS = Topic(
     fields=(
         Field("event", "S32", "", "what happened: operating_state, goal_reached, button, status, warning, error, …"),
         Field("severity", "u1", "", "0 none, 1 status, 2 warning, 3 error"),
-        Field("code", "S32", "", "code of a warning or error, a name of the fault table"),
+        Field("code", "S32", "", "of a message: a row of docs/errors.md; of others their kind (clicked, READ)"),
         Field("component", "S24", "", "robot, board, axis group or input it is about"),
         Field("axis", "<i2", "", "actuator or joint, from 0, -1: none"),
         Field("board", "<i2", "", "controller it is about, -1: none"),

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from procs.lib.codes import SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.printing import plain
 from tools.processes import Life
 
-FAULT, FOLLOWER = "FAULT", "shared-board"
+FAULT = "FAULT"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -77,7 +78,10 @@ def _external(system: str, life: Life, reader: RingReader) -> Standing:
 
 def _teleop(system: str, life: Life, reader: RingReader) -> Standing:
     state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
-    return Standing(life.name, life.kind, state, None, _text(reader, "reason"))
+    reason, fault = _text(reader, "reason"), _last_error(system, life)
+    if reason and fault and str(fault["text"]).endswith(reason):
+        reason += f"; {fault['hint']}"
+    return Standing(life.name, life.kind, state, None, reason)
 
 
 def _console(system: str, life: Life, reader: RingReader) -> Standing:
@@ -124,7 +128,7 @@ def first_thing(processes: Sequence[Life], found: Sequence[Standing]) -> str:
 def _cause_first(one: Standing) -> tuple[bool, int]:
     """The fault that came first is the cause of others, but for one that says itself that it follows from another."""
     fault = one.fault or {}
-    return fault.get("code") == FOLLOWER, int(fault.get("monotonic_ns") or 0)
+    return fault.get("code") == SHARED_BOARD.code, int(fault.get("monotonic_ns") or 0)
 
 
 def next_step(found: Sequence[Standing]) -> str:

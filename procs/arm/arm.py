@@ -34,7 +34,7 @@ from procs.arm.stages.stage import Stage
 from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
-from procs.lib import document
+from procs.lib import codes, document
 from procs.lib.arm_types import ARM_TYPES
 from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request, Sender
@@ -173,7 +173,8 @@ class Arm:
     def end_efforts(self) -> None:
         """Who pushed is silent: hold."""
         control = self.control
-        control.warn_of_episode("effort-timeout", f"no effort command for {control.arm.effort_timeout_s:g} s; holding")
+        control.report_episode(codes.EFFORT_TIMEOUT,
+                               f"no effort command for {control.arm.effort_timeout_s:g} s; holding")
         control.stop(control.io.setpoint, Mode.POSITION, "nobody pushes any more")
         control.motion.space = Space.JOINT
 
@@ -272,7 +273,7 @@ class Arm:
             return
         found = trouble(state, io, self._epoch, control.driving, self._around.fault_report,
                         self._around.power_report)
-        if found.code:
+        if found.code is not None:
             self.machine.fault(found)
 
     def _rest_on(self, setup: SetupBase) -> None:
@@ -291,7 +292,7 @@ class Arm:
         if pressed and self.state is State.HOMED:
             self.machine.fire(Event.PRESSED)
         elif pressed:
-            self.control.warn("not-ready", "arm not ready yet, manipulator clutch ignored", SAID_NS)
+            self.control.report(codes.NOT_READY, "arm not ready yet, manipulator clutch ignored", SAID_NS)
 
     def _resume(self) -> None:
         """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""
@@ -323,7 +324,7 @@ class Arm:
         return not self.io.fresh or self.io.power_wanted.item() is False
 
     def _io_refused(self, text: str) -> None:
-        self.control.warn("io-refused", text)
+        self.control.report(codes.IO_REFUSED, text)
 
     def _state_command(self, request: Request) -> None:
         if request.text.strip() == Event.UNHOME:

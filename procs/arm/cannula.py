@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.joints import Joints
+from procs.lib import codes
 from procs.lib.document import Tool
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Cannula:
         kinematics = self._control.joints.kinematics
         if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < LEAST_GOAL:
             reason = "can't solve IK too close to RCM"
-            self._control.warn("inverse-kinematics", reason, SAID_NS)
+            self._control.report(codes.NEAR_RCM, reason, SAID_NS)
             raise Refused(f"unable to solve inverse kinematics ({reason})")
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 

@@ -15,6 +15,7 @@ from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
+from procs.lib import codes
 from procs.lib.inverse.solver import Inverse
 from procs.lib.poses import matrix_from_pose, unit_quaternion
 from procs.lib.requests import Request
@@ -60,7 +61,7 @@ class CartesianCommands:
             return
         why = self._safe(control.here)
         if why:
-            control.warn("cartesian", f"{name}: {why}", SAID_NS)
+            control.report(codes.NOT_INSERTED, f"{name}: {why}", SAID_NS)
             raise Refused(f"{name}: {why}")
 
     # poses
@@ -102,7 +103,7 @@ class CartesianCommands:
         control, inverse = self._control, self._inverse(name)
         if not inverse.solve(goal, seed):
             reason = f"unable to solve inverse kinematics ({inverse.reason})"
-            control.error("inverse-kinematics", f"{name}: {reason}", ERROR_EVERY_NS)
+            control.report(codes.INVERSE_KINEMATICS, f"{name}: {reason}", ERROR_EVERY_NS)
             raise Refused(f"{name}: {reason}")
         if self._guard is not None:
             self._guard(inverse.q, seed)
@@ -116,7 +117,7 @@ class CartesianCommands:
         own[...] = found
         if not why:
             return control.follow(name, Space.CARTESIAN, velocity)
-        control.warn("at-limit", f"{name}: at its limit: {why}", SAID_NS)
+        control.report(codes.AT_LIMIT, f"{name}: at its limit: {why}", SAID_NS)
         control.follow(name, Space.CARTESIAN)
         return f"at its limit: {why}"
 

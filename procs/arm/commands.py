@@ -16,6 +16,7 @@ from typing import Final
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode
 from procs.arm.states import State
+from procs.lib import codes
 from procs.lib.poses import PoseError
 from procs.lib.requests import Request
 
@@ -93,7 +94,7 @@ class Commands:
         if row.ready is not Ready.ALWAYS:
             if state is not State.HOMED:
                 reason = f"{request.name}: arm not ready, it is in {state} and must be in {State.HOMED}"
-                control.warn("not-ready", reason, SAID_NS)
+                control.report(codes.NOT_READY, reason, SAID_NS)
                 raise Refused(reason)
             if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
                 raise Refused(f"{request.name}: there is no instrument, so no tip")
@@ -116,4 +117,4 @@ class Commands:
         if control.machine.state is not State.HOMED:
             return  # it was stopped already
         control.stop(control.here, Mode.POSITION, "its client is silent")
-        control.warn("client-silent", f"no servo command for {silent_ns * 1e-9:.3f} s; holding")
+        control.report(codes.CLIENT_TIMEOUT, f"no servo command for {silent_ns * 1e-9:.3f} s; holding")

@@ -21,6 +21,8 @@ from procs.arm.readings import Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.streams import Stream
 from procs.arm.supervision import Generations
+from procs.lib import codes
+from procs.lib.codes import Code
 from procs.lib.document import Arm
 from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request
@@ -84,8 +86,8 @@ class Control:
         """When a goal of a stream of poses was last followed."""
         self._moves: dict[str, tuple[Request, str]] = {}
         """Under way, with what of the goal was clipped."""
-        self._said_ns: dict[str, int] = {}
-        self._episodes_ns: dict[str, int] = {}
+        self._said_ns: dict[Code, int] = {}
+        self._episodes_ns: dict[Code, int] = {}
         self.use(joints)
 
     def use(self, joints: Joints) -> None:
@@ -121,24 +123,18 @@ class Control:
         """Tell something about this arm."""
         self.reports.status(f"{self.arm.name}: {text}", self.arm.name)
 
-    def warn(self, code: str, text: str, every_ns: int = 0) -> None:
-        """Warn of something about this arm; the same code again only after `every_ns`."""
+    def report(self, code: Code, text: str, every_ns: int = 0) -> None:
+        """A warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
         if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
             self._said_ns[code] = self.now_ns
-            self.reports.warning(code, f"{self.arm.name}: {text}", self.arm.name)
+            self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name)
 
-    def warn_of_episode(self, code: str, text: str) -> None:
-        """Warn of something that comes again and again once, until it has stayed away for a while."""
+    def report_episode(self, code: Code, text: str) -> None:
+        """Something that comes again and again is told once, until it has stayed away for a while."""
         last_ns = self._episodes_ns.get(code, -NEVER_NS)
         self._episodes_ns[code] = self.now_ns
         if self.now_ns - last_ns >= EPISODE_NS:
-            self.warn(code, text)
-
-    def error(self, code: str, text: str, every_ns: int = 0) -> None:
-        """Tell an error of this arm that does not stop it; the same code again only after `every_ns`."""
-        if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
-            self._said_ns[code] = self.now_ns
-            self.reports.error(code, f"{self.arm.name}: {text}", self.arm.name)
+            self.report(code, text)
 
     # where the joints are to go; `goal` is what the command at hand works on
 
@@ -174,7 +170,7 @@ class Control:
             return ""
         names = self.joints.named(outside) if asked is None else self.joints.changed(outside, asked, self.goal)
         if self._clipped.is_news(outside, self.now_ns):
-            self.warn("clipped", f"clipped to the joint limits: {names}")
+            self.report(codes.CLIPPED, f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
 
     def _judge(self, stream: Stream, name: str, *, jaw: bool = False) -> None:
@@ -182,7 +178,7 @@ class Control:
         is_streamed = self.motion.is_streamed(self.now_ns, jaw=jaw)
         why = stream.objection(self.joints, self.goal, self.here, self.now_ns, is_streamed=is_streamed)
         if why:
-            self.warn("stream-jump", f"{name}: {why}", SAID_NS)
+            self.report(codes.STREAM_JUMP, f"{name}: {why}", SAID_NS)
             raise Refused(f"{name}: {why}")
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
@@ -256,7 +252,8 @@ class Control:
             self._say_efforts_clipped()
         elif self.now_ns >= motion.feed_end_ns:
             motion.end_feed()
-            self.warn_of_episode("effort-timeout", f"no new wrench for {self.arm.effort_timeout_s:g} s; none any more")
+            self.report_episode(codes.EFFORT_TIMEOUT,
+                                f"no new wrench for {self.arm.effort_timeout_s:g} s; none any more")
 
     def _say_efforts_clipped(self) -> str:
         outside = self.efforts.clipped
@@ -264,7 +261,7 @@ class Control:
             return ""
         names = self.joints.named(outside)
         if self._efforts_clipped.is_news(outside, self.now_ns):
-            self.warn("effort-clipped", f"efforts clipped to what motors and joints bear: {names}")
+            self.report(codes.EFFORT_CLIPPED, f"efforts clipped to what motors and joints bear: {names}")
         return f"clipped: {names}"
 
     def move(self, request: Request, space: Space, what: str = MOVE) -> None:

@@ -11,6 +11,7 @@ from typing import Final
 
 from procs.arm.control import Control, Refused
 from procs.arm.joints import Joints, joints
+from procs.lib import codes
 from procs.lib.catalogue import Found, find, full_name
 from procs.lib.document import Tool
 
@@ -111,7 +112,7 @@ class Detection:
     def _fail(self, reason: str) -> None:
         self._order = 0
         self._control.reports.emit("tool_type", "ERROR")
-        self._control.error("tool-type", f"instrument not known: {reason}")
+        self._control.report(codes.TOOL_UNKNOWN, f"instrument not known: {reason}")
         self._ask()
 
     @property
@@ -124,4 +125,4 @@ class Detection:
         if not self.asks:
             self.asks = True
             self._control.reports.emit("tool_type_request")
-            self._control.warn("tool-type", self.request)
+            self._control.report(codes.TOOL_NOT_NAMED, self.request)

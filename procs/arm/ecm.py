@@ -17,6 +17,7 @@ from procs.arm.joints import joints
 from procs.arm.motion import Mode
 from procs.arm.states import State
 from procs.arm.takeover import Predecessor
+from procs.lib import codes
 from procs.lib.endoscopes import NAMES
 from procs.lib.requests import Request
 
@@ -56,7 +57,7 @@ class Ecm(Arm):
         if name not in NAMES:
             control.reports.emit("endoscope_type", "ERROR")
             reason = f"set_endoscope_type: no endoscope {name or '(empty)'}; allowed: {', '.join(NAMES)}"[:199]
-            control.error("endoscope-type", reason)
+            control.report(codes.ENDOSCOPE_TYPE, reason)
             raise Refused(reason)
         self._carry(name)
         control.cartesian.update()

@@ -15,9 +15,11 @@ from procs.arm.detection import Reading
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.setup_base import SetupBase, place_of
 from procs.arm.supervision import power_lost
+from procs.lib import codes
 from procs.lib.arm_types import ARM_TYPES, class_of
+from procs.lib.codes import AMPLIFIER
 from procs.lib.document import Actuator, Arm, Brake, Io
-from procs.lib.faults import AMPLIFIER, FaultReport, reported
+from procs.lib.faults import FaultReport, reported
 from procs.lib.wording import axis_titles, boards_of, place, sentence
 from procs.manifest import proc
 from shm.ring import RingReader
@@ -85,9 +87,9 @@ def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int
     def report(number: int) -> FaultReport:
         known = reported(number)
         for row in events.since(io.stamp_ns - RECENT_NS)[::-1]:
-            if row["code"] == known.code.encode() and row["component"] == robot.encode():
+            if known.code and row["code"] == known.code.code.encode() and row["component"] == robot.encode():
                 return FaultReport(known.code, row["text"].decode(errors="replace"), int(row["axis"]),
-                                   int(row["board"]), float(row["value"]), float(row["limit"]), known.hint)
+                                   int(row["board"]), float(row["value"]), float(row["limit"]))
         return known
 
     return report
@@ -110,8 +112,8 @@ def power_reports(io: LastGood, document: Io, number: int) -> Callable[[], Fault
             return power_lost()
         boards = boards_of(drives[off[0]])
         also = f"also axis {', '.join(map(str, off[1:]))}" if off[1:] else ""
-        text = sentence(place(robot.name, titles[off[0]], boards), AMPLIFIER.text, also)
-        return FaultReport(AMPLIFIER.code, text, off[0], boards[0] if boards else -1, hint=AMPLIFIER.hint)
+        text = sentence(place(robot.name, titles[off[0]], boards), AMPLIFIER.cause, also)
+        return FaultReport(AMPLIFIER, text, off[0], boards[0] if boards else -1)
 
     return report
 
@@ -192,7 +194,8 @@ class Loop(runtime.Loop):
         """
         periods = min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods) if is_short else 1
         if periods > 1 and now_ns >= self._warn_ns:
-            self._events.warning("short-of-time", f"{self._name}: the machine is short of time: one cycle in {periods}")
+            self._events.report(codes.CPU_OVERLOAD,
+                                f"{self._name}: the machine is short of time: one cycle in {periods}")
             self._warn_ns = now_ns + WARN_EVERY_NS
         return periods
 

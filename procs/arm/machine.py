@@ -17,6 +17,7 @@ from procs.arm.states import (
     follow,
     refusal,
 )
+from procs.lib import codes
 from procs.lib.faults import FaultReport
 from procs.lib.requests import Reports, Request
 
@@ -70,8 +71,8 @@ class Machine:
     def fault(self, found: FaultReport) -> None:
         """Something went wrong: say it, and stop driving the arm."""
         self.reason, self.fault_text = found.words, found.text
-        self.reports.error(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board,
-                           found.hint)
+        if found.code is not None:
+            self.reports.report(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board)
         self.fire(Event.PROBLEM)
 
     def place(self, state: State, paused: State = State.ENABLED) -> None:
@@ -95,7 +96,7 @@ class Machine:
         if not reason and word in (Event.ENABLE, Event.HOME):
             reason = objection
         if reason:
-            self.reports.warning("state-command", f"{self.name}: {reason}", self.name)
+            self.reports.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
             request.refuse(reason)
             self.publish()
             return False

@@ -21,6 +21,7 @@ from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event, State
 from procs.arm.takeover import Predecessor
+from procs.lib import codes
 
 Array = NDArray[np.float64]
 
@@ -102,7 +103,8 @@ class Mtm(Arm):
     def end_efforts(self) -> None:
         """See Arm: a hand may be on it, so it is let go of, but for its weight."""
         control = self.control
-        control.warn_of_episode("effort-timeout", f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
+        control.report_episode(codes.EFFORT_TIMEOUT,
+                               f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
         control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
         control.gravity.used = control.gravity.known
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode, Space
+from procs.lib import codes
 from procs.lib.inverse.master import Master
 from procs.lib.poses import matrix_from_pose, unit_quaternion
 from procs.lib.requests import Request
@@ -64,7 +65,7 @@ class OrientationLock:
             self._bring_within(found)
         if found is None or self._beyond(found):
             reason = f"{request.name}: unable to solve inverse kinematics ({self._why(found)})"
-            control.warn("orientation-lock", reason, SAID_NS)
+            control.report(codes.ORIENTATION_LOCK, reason, SAID_NS)
             raise Refused(reason)
         self._rotation[...] = rotation
         self._seed[...] = found
@@ -144,7 +145,8 @@ class OrientationLock:
         if found is None or self._beyond(found):
             if not self._failing:
                 self._failing = True
-                self._control.warn("orientation-lock", f"the locked orientation cannot be kept: {self._why(found)}")
+                self._control.report(codes.ORIENTATION_LOCK,
+                                     f"the locked orientation cannot be kept: {self._why(found)}")
             return self._goal
         self._failing = False
         self._seed[WRIST + 1 :] = found[WRIST + 1 :]  # not the platform's: it comes back to where it was locked

@@ -24,6 +24,7 @@ from procs.arm.stages.homed import Homed
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event, State
 from procs.arm.takeover import Predecessor
+from procs.lib import codes
 from procs.lib.catalogue import full_name
 from procs.lib.coupling import coupling
 from procs.lib.document import Tool
@@ -165,7 +166,7 @@ class Psm(Arm):
         if not self.tool.waits or self.detection.joints is None or self.detection.tool is None:
             return None
         if self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
-            self.control.warn("adapter", "there is an instrument, and no sterile adapter is seen", 30 * SAID_NS)
+            self.control.report(codes.ADAPTER_MISSING, codes.ADAPTER_MISSING.cause, 30 * SAID_NS)
             return None
         if self.tool.fit is Fit.NEW and not played:
             discs = self.joints.to_actuator @ self.io.setpoint
@@ -251,7 +252,7 @@ class Psm(Arm):
         if not (freely or self.detection.asks):
             reason = "set_tool_type: nobody asks for it: " + ("the instrument is known" if self.tool.present else
                                                              "there is no instrument")
-            control.warn("tool-type", reason, SAID_NS)
+            control.report(codes.COMMAND_REFUSED, reason, SAID_NS)
             raise Refused(reason)
         self.detection.named(request.text.strip())
         if freely:

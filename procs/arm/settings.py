@@ -11,6 +11,7 @@ import numpy as np
 from procs.arm.cartesian_commands import switch
 from procs.arm.commands import Row, Table
 from procs.arm.control import Control, Refused
+from procs.lib import codes
 from procs.lib.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
 from procs.lib.requests import Request
 
@@ -42,7 +43,7 @@ class Settings:
         values = request.values
         if len(values) != 1 or not 0.0 < values[0] <= 1.0:
             reason = f"{request.name}: ratio must be within ]0;1]"
-            self._control.warn("ratio", reason)
+            self._control.report(codes.COMMAND_REFUSED, reason)
             raise Refused(reason)
         return float(values[0])
 
@@ -81,7 +82,7 @@ class Settings:
         gravity, wanted = self._control.gravity, switch(request)
         if wanted and not gravity.known:
             reason = f"{request.name}: this arm has no gravity model"
-            self._control.warn("gravity", reason)
+            self._control.report(codes.COMMAND_REFUSED, reason)
             raise Refused(reason)
         gravity.used = wanted
         return ""

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from procs.arm.readings import Readings
 from procs.arm.states import UP, State
-from procs.lib.faults import AMPLIFIER, NO_FAULT, POWER_LOST, POWER_TIMEOUT, FaultReport
+from procs.lib import codes
+from procs.lib.codes import AMPLIFIER, POWER_TIMEOUT
+from procs.lib.faults import NO_FAULT, FaultReport
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
@@ -29,7 +31,7 @@ class Generations:
 
 def power_lost() -> FaultReport:
     """That power went, when nobody knows more."""
-    return FaultReport("power-loss", "detected power loss (actuators)", hint=POWER_LOST.hint)
+    return FaultReport(codes.POWER_LOST, "detected power loss (actuators)")
 
 
 def trouble(
@@ -43,9 +45,9 @@ def trouble(
     if state in UNWATCHED:
         return NO_FAULT
     if not io.fresh:
-        return FaultReport("io-silent", "io does not answer")
+        return FaultReport(codes.IO_TIMEOUT, "io does not answer")
     if io.epoch != epoch:
-        return FaultReport("io-restarted", "io was restarted")
+        return FaultReport(codes.IO_RESTARTED, "io was restarted")
     if io.problem and not (state is State.POWERING and io.problem in POWER_PROBLEMS):
         return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
@@ -53,9 +55,9 @@ def trouble(
     if driving is None:
         return NO_FAULT
     if not io.pid_enabled.item():
-        return FaultReport("pid-off", "the joint controller was switched off")
+        return FaultReport(codes.PID_OFF, "the joint controller was switched off")
     if io.pid_generation.item() != driving.pid:
-        return FaultReport("pid-off", "the joint controller was switched off and on again")
+        return FaultReport(codes.PID_OFF, "the joint controller was switched off and on again")
     if io.bias_generation.item() != driving.bias and state is not State.SETTING_ROLL:
-        return FaultReport("bias-changed", "the encoders were set anew while the joint controller was on")
+        return FaultReport(codes.BIAS_CHANGED, "the encoders were set anew while the joint controller was on")
     return NO_FAULT

@@ -10,6 +10,7 @@ from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.orders import Orders
 from procs.boards.robots.plant import Plant
+from procs.lib import codes
 from shm.ring import RingWriter
 
 BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken
@@ -90,7 +91,7 @@ class Loop(runtime.Loop):
             self._orders.carry_out(command)
         if world.skipped_steps != self._skipped:
             steps, self._skipped = world.skipped_steps - self._skipped, world.skipped_steps
-            self.me.events.warning("BOARDS_LATE", f"stopped for {steps} physics steps; the robots stood still "
+            self.me.events.report(codes.BOARDS_LATE, f"stopped for {steps} physics steps; the robots stood still "
                                    "meanwhile", value=steps)
 
     def close(self) -> None:

@@ -7,6 +7,8 @@ from typing import Final
 
 from procs.console.logic import Logic
 from procs.console.selection import Member
+from procs.lib import codes
+from procs.lib.codes import Code
 from procs.lib.debounce import NAMES
 from procs.lib.requests import Origin
 from procs.runtime import Me
@@ -66,9 +68,9 @@ class Mailboxes:
         """Something a person may like to know."""
         self._me.events.status(text, self._me.name)
 
-    def warn(self, code: str, text: str) -> None:
+    def report(self, code: Code, text: str) -> None:
         """Something a person should know."""
-        self._me.events.warning(code, text, self._me.name)
+        self._me.events.report(code, text, self._me.name)
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         """A sound, at the system's volume."""
@@ -101,7 +103,7 @@ class Mailboxes:
     def _complain(self, teleop: str, reason: str) -> None:
         if self._told.get(teleop) != reason:
             self._told[teleop] = reason
-            self._me.events.warning("teleop-refused", f"{teleop} refuses: {reason}", teleop)
+            self._me.events.report(codes.TELEOP_REFUSED, f"{teleop} refuses: {reason}", teleop)
 
 
 def _send(client: LoopClient | None, command: str, values: Sequence[float], text: str) -> int:

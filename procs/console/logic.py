@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm, tapped
+from procs.lib import codes
+from procs.lib.codes import Code
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
 from procs.lib.requests import Origin
 from shm.origins import NOBODY
@@ -47,7 +49,7 @@ class Desk(Protocol):
     def status(self, text: str) -> None:
         """Something a person may like to know."""
 
-    def warn(self, code: str, text: str) -> None:
+    def report(self, code: Code, text: str) -> None:
         """Something a person should know."""
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
@@ -111,8 +113,7 @@ class Logic:
     def faults_until(self, generation: int) -> None:
         """The last fault of an arm was this one: tele-operation that was wanted before it no longer is."""
         if self.wanted and self.origin.generation < generation:
-            self._desk.warn("teleop-disabled", f"{self.name}: an arm had a fault, teleoperation is no longer enabled; "
-                            "teleop_enable 1 when all is well again")
+            self._desk.report(codes.TELEOP_DISABLED, f"{self.name}: {codes.TELEOP_DISABLED.cause}")
             self.enable(False)
 
     def enable(self, on: bool, origin: Origin = NOBODY) -> None:

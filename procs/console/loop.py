@@ -12,6 +12,7 @@ from procs.console.inputs import Inputs
 from procs.console.logic import Logic
 from procs.console.record import Record, go_on
 from procs.console.selection import members_of
+from procs.lib.codes import HEAD_SENSOR
 from procs.lib.document import System, TeleopPsm
 from shm.faults import Watched
 
@@ -32,7 +33,7 @@ class Loop(runtime.Loop):
         self._desk = Mailboxes(me, members)
         self._logic = logic = Logic(me.name, members, self._desk, first_scale(me.document, me.name))
         began_anew = go_on(me.reads(me.name, "state"), logic)
-        warn = partial(me.events.warning, "head-sensor", component=me.name)
+        warn = partial(me.events.report, HEAD_SENSOR, component=me.name)
         self._head = Goovis(row.head, warn) if row.head is not None else None
         self._inputs = Inputs(row, me.document, me.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:

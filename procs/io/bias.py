@@ -19,7 +19,7 @@ from procs.io.port import Port, PortError
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots, Samples
-from procs.lib import conversion, faults, registers
+from procs.lib import codes, conversion, registers
 
 SETTLE_SAMPLES: Final = 2
 ATTEMPTS: Final = 3
@@ -197,5 +197,5 @@ class Bias:
         assert job.goal is not None
         error = np.where(job.written, np.abs(self._samples.position[axes] - job.goal), 0.0)
         axis = int(np.argmax(np.where(np.isfinite(error), error, np.inf)))
-        self._reports.trip(faults.BIAS_FAILED, robot, axis, float(self._samples.position[axes][axis]),
+        self._reports.trip(codes.BIAS_FAILED, robot, axis, float(self._samples.position[axes][axis]),
                            float(job.goal[axis]))

@@ -15,7 +15,7 @@ from procs.io.follow import Follow
 from procs.io.record import Flags, Record
 from procs.io.robots import Robots
 from procs.io.wishes import Wishes
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.faults import fault_of
 from procs.lib.pid import Pid
 from procs.lib.requests import Origin
@@ -153,7 +153,7 @@ class Commands:
 
     def _why(self, robot: int, otherwise: str) -> str:
         fault = fault_of(int(self._record.fault[robot]))
-        return f"{fault.text}; {fault.hint}" if fault else otherwise
+        return f"{fault.cause}; {fault.remedy}" if fault else otherwise
 
     def _place(self, command: Command) -> int:
         """What it is about: a robot, an output, a reader of instruments."""
@@ -294,7 +294,7 @@ class Commands:
             if not self._follow.controlled(robot):
                 raise Refused("it has no joint controller")
             if self._robots.motors_off[robot]:
-                raise Refused(faults.CALIBRATION_MOTORS.text)
+                raise Refused(codes.CALIBRATION_MOTORS.cause)
             biased = record.biased | ~self._robots.with_encoders  # without any, nothing is to be biased
             for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
                                (biased, "its encoders are not biased")):
@@ -338,7 +338,7 @@ class Commands:
         self._record.pot_check[robot] = on and not calibrating
         self._safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
-        command.done(faults.CALIBRATION_MODE.text if calibrating else "")
+        command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
     def _use_velocity(self, robot: int, command: Command) -> None:
         self._follow.use_velocity(robot, _switch(command))

@@ -36,7 +36,7 @@ from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
 from procs.io.wishes import Asked, Wishes
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.document import Io, PidAxis
 from procs.lib.pid import Pid
 from shm.faults import NoFaults, OwnCell
@@ -125,7 +125,7 @@ class RobotIo:
         self._bad_by_board = port.counters.board_bad_reads.copy()
         record.calibration_mode[...] = io.calibration_mode
         if io.calibration_mode:
-            self.reports.warn(faults.CALIBRATION_MODE, io.name)
+            self.reports.warn(codes.CALIBRATION_MODE, io.name)
         if io.close_all_relays:
             self._outputs.close_relays()
 
@@ -211,7 +211,7 @@ class RobotIo:
 
     def _trip_away(self, robot: int) -> None:
         ids, lacks = self.robots.board_ids, self.robots.on_board[robot] & self._away
-        self.reports.trip(faults.BOARD_AWAY, robot, boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
+        self.reports.trip(codes.BOARD_AWAY, robot, boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
 
     def _who_is_away_changed(self, away: Flags) -> None:
         """Boards that have left the bus are faults of their robots alone; who is back is as after power-up."""
@@ -227,7 +227,7 @@ class RobotIo:
         for row in np.flatnonzero(back).tolist():
             self.reports.status(f"board {ids[row]} is back", self.io.name)
         for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has inputs and outputs only
-            self.reports.warn(faults.READ_MISSED, self.io.name, boards=(ids[row],))
+            self.reports.warn(codes.READ_MISSED, self.io.name, boards=(ids[row],))
 
     def _missed(self, now_ns: int) -> None:
         """A bad read: tolerated for the watchdog time; nobody gets power until there is a good one."""
@@ -235,7 +235,7 @@ class RobotIo:
         age_ns, limit_s = now_ns - self._good_ns, self._oldest_ns * 1e-9
         if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
             self._missed_ns = now_ns
-            self.reports.warn(faults.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
+            self.reports.warn(codes.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
         if age_ns <= self._oldest_ns:
             return
         # what was told already is told again to a robot that was asked to power on meanwhile
@@ -244,7 +244,7 @@ class RobotIo:
             blamed = self._blamed()
             for robot in range(len(self.robots.names)):
                 if not self._lost or again[robot]:
-                    self.reports.trip(faults.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, boards=blamed)
+                    self.reports.trip(codes.BAD_READS, robot, value=age_ns * 1e-9, limit=limit_s, boards=blamed)
             self._lost = True
 
     def _blamed(self) -> tuple[int, ...]:
@@ -263,7 +263,7 @@ class RobotIo:
             for robot, axes in enumerate(self.robots.slices):
                 if tripped[axes].any():
                     axis = int(np.argmax(tripped[axes]))
-                    self.reports.trip(faults.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
+                    self.reports.trip(codes.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
                                       float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
         if self.reports.trips:
             self._reactions.act(now_ns)
@@ -275,7 +275,7 @@ class RobotIo:
         for robot, places in enumerate(self.robots.of_robot):
             bad = ~np.isfinite(request[places])
             if bad.any():
-                self.reports.trip(faults.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
+                self.reports.trip(codes.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
         request[~np.isfinite(request)] = 0.0
         self._reactions.act(now_ns)
 
@@ -304,7 +304,7 @@ class RobotIo:
         stranger = self._port.stranger
         if stranger != self._stranger and now_ns - self._stranger_ns >= STRANGER_REPEAT_NS:
             self._stranger, self._stranger_ns = stranger, now_ns
-            self.reports.warn(faults.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
+            self.reports.warn(codes.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
 
     def farewell(self) -> None:
         """Zero every output: amplifiers and power off, relays open; then the books. On every path out.

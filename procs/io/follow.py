@@ -19,7 +19,7 @@ from procs.io.devices import Measured
 from procs.io.record import Field, Flags, Floats, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.document import Io
 from procs.lib.pid import Pid
 from procs.lib.wishes import WISHES
@@ -226,10 +226,10 @@ class Follow:
             self._reports.status(f"no set-point of {follower.arm}; holding", self._robots.names[robot])
         if silent_ns > self._lost_ns and not follower.lost:
             follower.lost = True
-            self._reports.trip(faults.ARM_LOST, robot, value=silent_ns * 1e-9, limit=self._io.arm_lost_s)
+            self._reports.trip(codes.ARM_LOST, robot, value=silent_ns * 1e-9, limit=self._io.arm_lost_s)
         if self._off_ns and silent_ns > self._off_ns and not follower.off:
             follower.off = True
-            self._reports.trip(faults.ARM_LOST_POWER_OFF, robot, value=silent_ns * 1e-9,
+            self._reports.trip(codes.ARM_LOST_POWER_OFF, robot, value=silent_ns * 1e-9,
                                limit=self._io.arm_lost_power_off_s)
 
     def _rest(self, follower: Follower) -> None:
@@ -285,7 +285,7 @@ class Follow:
         for follower in self.followers:
             bad = ~np.logical_and.reduce(self._finite[:, follower.axes])
             if bad.any():
-                self._reports.trip(faults.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))
+                self._reports.trip(codes.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))
                 self.enable(follower.robot, False, now_ns)
         self._incoming[~np.isfinite(self._incoming)] = 0.0
         self._dirty = False

@@ -23,7 +23,7 @@ from procs.io.port import Port
 from procs.io.record import Flags, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
-from procs.lib import blocks, faults, registers
+from procs.lib import blocks, codes, registers
 
 OFF: Final = "OFF"
 SUPPLY: Final = "SUPPLY"
@@ -87,7 +87,7 @@ class Power:
         self.reached[robot] = False
         self._wake_ns, self.changed = 0, True
         if self._robots.motors_off[robot]:
-            self._reports.warn(faults.CALIBRATION_MOTORS, self._robots.names[robot])
+            self._reports.warn(codes.CALIBRATION_MOTORS, self._robots.names[robot])
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
         """Close the relay and switch the motor supply on for a while, amplifiers off; returns why not, or ""."""
@@ -191,14 +191,14 @@ class Power:
         supply, record, reports = self._supplies[robot], self._record, self._reports
         age_ns = now_ns - supply.start_ns
         if record.watchdog[robot] and (supply.watchdog_clear or age_ns > FAULT_GRACE_NS):
-            reports.trip(faults.WATCHDOG, robot, boards=self._with(robot, registers.STATUS_WATCHDOG))
+            reports.trip(codes.WATCHDOG, robot, boards=self._with(robot, registers.STATUS_WATCHDOG))
         if record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
-            reports.trip(faults.POWER_FAULT, robot, boards=self._with(robot, registers.STATUS_MV_FAULT))
+            reports.trip(codes.POWER_FAULT, robot, boards=self._with(robot, registers.STATUS_MV_FAULT))
         words = self._now[self._rows[robot]]
         supplied = int(np.bitwise_and.reduce(words)) & GOOD == GOOD and len(words) > 0
         if not supplied and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
             rows = self._rows[robot][words & GOOD != GOOD]
-            reports.trip(faults.POWER_LOST if supply.state == ON else faults.POWER_TIMEOUT, robot,
+            reports.trip(codes.POWER_LOST if supply.state == ON else codes.POWER_TIMEOUT, robot,
                          boards=tuple(self._robots.board_ids[row] for row in rows))
         if record.powered[robot] and not record.amps_on[robot]:
             self._judge_amps(robot, now_ns, age_ns)
@@ -219,7 +219,7 @@ class Power:
             late = age_ns > POWER_GRACE_NS
         if late:
             off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5) & self._switched[robot]
-            self._reports.trip(faults.AMPLIFIER, robot, int(np.argmax(off)), detail=also(off))
+            self._reports.trip(codes.AMPLIFIER, robot, int(np.argmax(off)), detail=also(off))
 
     def _with(self, robot: int, bit: int) -> tuple[int, ...]:
         """Boards of a robot whose status has this bit."""

@@ -12,10 +12,11 @@ from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots
 from procs.io.wishes import Wishes
-from procs.lib import faults, wording
+from procs.lib import codes, wording
+from shm.events import SEVERITIES
 from shm.faults import OwnCell
 
-POWERING: Final = (faults.POWER_TIMEOUT, faults.AMPLIFIER)
+POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
 """Not faults of a robot that has power: whoever asked for it may try once more."""
 
 
@@ -40,10 +41,10 @@ class Reactions:
             if not record.fault[robot]:
                 self._told[robot].clear()
             what = fault.number, trip.axis
-            if fault.action == faults.NOTHING or what not in self._told[robot]:
+            if fault.action == codes.NOTHING or what not in self._told[robot]:
                 self._told[robot].add(what)
                 self._tell(trip)
-            if fault.action == faults.NOTHING:
+            if fault.action == codes.NOTHING:
                 continue
             if not record.fault[robot]:
                 record.fault[robot] = fault.number
@@ -52,12 +53,12 @@ class Reactions:
             self._wishes.void(robot)
             self._follow.enable(robot, False, now_ns)
             self._brakes.engage(robot)  # what the joint controller no longer holds
-            if fault.action in (faults.POWER_OFF, faults.CUT):
+            if fault.action in (codes.POWER_OFF, codes.CUT):
                 self._bias.stop(robot)
-                self._power.off(robot, open_relays=fault.action == faults.CUT)
+                self._power.off(robot, open_relays=fault.action == codes.CUT)
                 for other in self._robots.sharing(robot):
                     if record.power_wanted[other]:
-                        self._reports.trip(faults.SHARED_BOARD, other)
+                        self._reports.trip(codes.SHARED_BOARD, other)
 
     def _tell(self, trip: Trip) -> None:
         fault, robots, name = trip.fault, self._robots, self._robots.names[trip.robot]
@@ -65,9 +66,9 @@ class Reactions:
         if trip.axis >= 0:
             drive = int(robots.of_robot[trip.robot][trip.axis])
             axis, boards = robots.titles[trip.robot][trip.axis], boards or wording.boards_of(robots.all[drive])
-            unit = robots.unit(drive) if unit == faults.JOINT else unit
-        text = wording.sentence(wording.place(name, axis, boards), fault.text,
+            unit = robots.unit(drive) if unit == codes.JOINT else unit
+        text = wording.sentence(wording.place(name, axis, boards), fault.cause,
                                 wording.figures(fault, trip.value, trip.limit, unit), trip.detail)
-        kind = "warning" if fault.severity == faults.WARNING else "error"
-        self._reports.events.append(Event(kind, text, fault.code, name, trip.axis, trip.value, trip.limit,
-                                          boards[0] if boards else -1, fault.hint))
+        self._reports.events.append(Event(
+            SEVERITIES[fault.severity], text, fault.code, name, trip.axis, trip.value, trip.limit,
+            boards[0] if boards else -1, fault.remedy))

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import faults, wording
-from procs.lib.faults import Fault
+from procs.lib import codes, wording
+from procs.lib.codes import Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Trip:
     `boards` are those to blame where that is not the axis's alone.
     """
 
-    fault: Fault
+    fault: Code
     robot: int
     axis: int = -1
     value: float = math.nan
@@ -62,16 +62,16 @@ class Reports:
         """Something a person may like to know."""
         self.events.append(Event("status", text, component=component, axis=axis))
 
-    def warn(self, fault: Fault, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
+    def warn(self, fault: Code, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
              boards: tuple[int, ...] = ()) -> None:
         """A warning of the fault table, in whose text `sender` takes its place; nothing is switched off."""
         measured = wording.figures(fault, value, limit, fault.unit)
-        text = wording.sentence(wording.place(component, boards=boards), fault.text.replace(faults.SENDER, sender),
+        text = wording.sentence(wording.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
                                 measured)
         board = boards[0] if boards else -1
-        self.events.append(Event("warning", text, fault.code, component, -1, value, limit, board, fault.hint))
+        self.events.append(Event("warning", text, fault.code, component, -1, value, limit, board, fault.remedy))
 
-    def trip(self, fault: Fault, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
+    def trip(self, fault: Code, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
              detail: str = "", boards: tuple[int, ...] = ()) -> None:
         """A fault of the table; what it switches off is off before anything is written."""
         self.trips.append(Trip(fault, robot, axis, value, limit, detail, boards))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
-from procs.lib import conversion, faults
+from procs.lib import codes, conversion
 
 CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
 CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated
@@ -101,7 +101,7 @@ class Safety:
         for robot, places in enumerate(self._robots.of_robot):
             self._check_current(robot, fine[CURRENT, places], places)
             if not fine[SAFETY, places].all():
-                self._reports.trip(faults.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]),
+                self._reports.trip(codes.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]),
                                    detail=also(~fine[SAFETY, places]))
             if not fine[TEMPERATURE, places].all():
                 self._check_temperature(robot, places, now_ns)
@@ -120,7 +120,7 @@ class Safety:
         if self._cycles[robot] > CURRENT_CYCLES:
             axis = _first(fine)
             self._cycles[robot] = 0
-            self._reports.trip(faults.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
+            self._reports.trip(codes.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
                                float(self._limits[CURRENT, places][axis]), also(~fine))
 
     def _check_current_error(self, fine: Flags) -> None:
@@ -136,7 +136,7 @@ class Safety:
             bad = late[places]
             if bad.any():
                 axis = int(np.argmax(bad))
-                self._reports.trip(faults.CURRENT_ERROR, robot, axis, float(self._current_apart[places][axis]),
+                self._reports.trip(codes.CURRENT_ERROR, robot, axis, float(self._current_apart[places][axis]),
                                    self._error_a, also(bad))
 
     def _check_temperature(self, robot: int, places: NDArray[np.intp], now_ns: int) -> None:
@@ -144,11 +144,11 @@ class Safety:
         hot = ~(celsius <= HOT_C)
         if hot.any():
             axis = int(np.argmax(hot))
-            self._reports.trip(faults.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C, also(hot))
+            self._reports.trip(codes.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C, also(hot))
         elif now_ns - self._warm_ns[robot] >= WARM_REPEAT_NS:
             axis = int(np.argmax(celsius))
             self._warm_ns[robot] = now_ns
-            self._reports.trip(faults.TEMPERATURE_HIGH, robot, axis, float(celsius[axis]), WARM_C)
+            self._reports.trip(codes.TEMPERATURE_HIGH, robot, axis, float(celsius[axis]), WARM_C)
 
     def _check_overflow(self, robot: int, fine: Flags) -> None:
         if fine.all():
@@ -158,7 +158,7 @@ class Safety:
         if not self._overflow_handled[robot]:
             self._overflow_handled[robot] = True
             self.set_encoder_zero.append(robot)
-            self._reports.trip(faults.ENCODER_OVERFLOW, robot, _first(fine), detail=also(~fine))
+            self._reports.trip(codes.ENCODER_OVERFLOW, robot, _first(fine), detail=also(~fine))
 
     def _check_pots(self, fine: Flags) -> None:
         apart = ~fine
@@ -175,9 +175,9 @@ class Safety:
             self._pot_reported[axis] = True
             robot, place = self._robots.place(axis)
             if self._robots.has_table[axis] and np.isnan(self._samples.pot_error[axis]):
-                self._reports.trip(faults.POT_MISSING, robot, place)
+                self._reports.trip(codes.POT_MISSING, robot, place)
                 continue
-            self._reports.trip(faults.POTENTIOMETER, robot, place, float(self._samples.pot_error[axis]),
+            self._reports.trip(codes.POTENTIOMETER, robot, place, float(self._samples.pot_error[axis]),
                                float(self._distance[axis]))
 
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots, Samples
-from procs.lib import document, faults
-from procs.lib.faults import Fault
+from procs.lib import codes, document
+from procs.lib.codes import Code
 from procs.lib.pid import Pid
 from procs.lib.tasks import Sample, Task, TaskMaker, TaskRobot
 
@@ -100,7 +100,7 @@ class Tasks:
             try:
                 each.task.step(sample, each.effort)
             except (Exception, SystemExit) as error:
-                self._detach(each, faults.TASK_FAILED, _reason(error, each.file))
+                self._detach(each, codes.TASK_FAILED, _reason(error, each.file))
                 gone = True
             end_ns = self._now_ns()
             gone |= self._book(each, end_ns - begin_ns)
@@ -126,7 +126,7 @@ class Tasks:
         each.debt += FORGIVEN_AFTER
         if not each.patience or each.debt <= FORGIVEN_AFTER * (each.patience - 1):
             return False
-        self._detach(each, faults.TASK_OVER_BUDGET, _times(each), spent_ns * 1e-9, each.budget_ns * 1e-9)
+        self._detach(each, codes.TASK_OVER_BUDGET, _times(each), spent_ns * 1e-9, each.budget_ns * 1e-9)
         return True
 
     def _switched(self, each: Attached) -> None:
@@ -142,10 +142,10 @@ class Tasks:
             bad = ~np.isfinite(each.row)
             if bad.any():
                 axis = int(np.argmax(bad))
-                self._detach(each, faults.TASK_FAILED, f"effort {each.row[axis]}", axis=axis)
+                self._detach(each, codes.TASK_FAILED, f"effort {each.row[axis]}", axis=axis)
         self._rows[~np.isfinite(self._rows)] = 0.0
 
-    def _detach(self, each: Attached, fault: Fault, reason: str, value: float = np.nan, limit: float = np.nan,
+    def _detach(self, each: Attached, fault: Code, reason: str, value: float = np.nan, limit: float = np.nan,
                 axis: int = -1) -> None:
         """No more of this one, nor what it has written in this cycle."""
         each.patience = 0

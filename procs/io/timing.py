@@ -9,7 +9,7 @@ from typing import Final
 
 from procs.io.record import Record
 from procs.io.reports import Reports
-from procs.lib import faults
+from procs.lib import codes
 
 INTERVAL_NS: Final = 1_000_000_000
 START_NS: Final = 10_000_000_000  # nothing is judged before
@@ -43,7 +43,7 @@ class Timing:
         if period_s > RATIO * self._period_s:
             for robot, wanted in enumerate(self._record.power_wanted.tolist()):
                 if wanted:
-                    self._reports.trip(faults.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
+                    self._reports.trip(codes.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
         elif work_s > self._period_s and now_ns - self._warned_ns >= REPEAT_NS:
             self._warned_ns = now_ns
-            self._reports.warn(faults.PERIOD_LONG, self._name, value=work_s, limit=self._period_s)
+            self._reports.warn(codes.PERIOD_LONG, self._name, value=work_s, limit=self._period_s)

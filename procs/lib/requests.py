@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.codes import Code
+
 
 class Origin(Protocol):
     """The person's command that another comes from; see shm/origins.py."""
@@ -63,13 +65,9 @@ class Reports(Protocol):
     def status(self, text: str, component: str = "") -> None:
         """Something a person may like to know."""
 
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-                limit: float = ..., board: int = -1, hint: str = "") -> None:
-        """Something a person should know."""
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = ...,
-              limit: float = ..., board: int = -1, hint: str = "") -> None:
-        """Something failed."""
+    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = ...,
+               limit: float = ..., board: int = -1) -> None:
+        """A warning or error, as the row of the table of codes says."""
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, whenever it changes or is asked for."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from procs.lib.codes import Code
 from procs.lib.document import Actuator, Brake, Io
-from procs.lib.faults import Fault
 
 
 def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
@@ -35,7 +35,7 @@ def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
     return (drive.board_id,) if drive.board_id >= 0 else ()
 
 
-def figures(fault: Fault, value: float, limit: float, unit: str) -> str:
+def figures(fault: Code, value: float, limit: float, unit: str) -> str:
     """What was measured and what is allowed, in `unit`; empty where nothing was."""
     if math.isnan(value) or not fault.unit:
         return ""

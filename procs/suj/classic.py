@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
 from procs.lib.cart import Cart
 from procs.lib.requests import Reports
 from procs.suj.brakes import Brakes
@@ -163,8 +164,8 @@ class Classic:
             if until_ns and now_ns > until_ns:
                 self._until_ns[place] = 0
                 name = self._arms[place].name
-                self._reports.warning("clutch-over", f"{name}: clutched by command for a minute; its brakes hold again",
-                                      name)
+                self._reports.report(codes.CLUTCH_RELEASED,
+                                     f"{name}: clutched by command for a minute; its brakes hold again", name)
             if pressed[place]:
                 self._until_ns[place] = 0  # when the button is let go, that ends what a command began, too
             clutched = bool(pressed[place]) or self._until_ns[place] > 0
@@ -200,7 +201,7 @@ class Classic:
             self._wrong = multiplexer.wrong
             if self._wrong is not None:
                 text = f"{self._name}: the multiplexer shows channel {self._wrong[0]}, expected was {self._wrong[1]}"
-                self._reports.warning("multiplexer", text, self._name)
+                self._reports.report(codes.MULTIPLEXER_CHANNEL, text, self._name)
 
     def _lose_all(self, now_ns: int) -> None:
         """Old readings are none."""
@@ -209,7 +210,7 @@ class Classic:
         self._is_away = True
         if self._board.is_fresh(now_ns):
             text = f"{self._name}: the multiplexer does not count; where the set-up arms are is not known"
-            self._reports.error("multiplexer", text, self._name)
+            self._reports.report(codes.MULTIPLEXER_STUCK, text, self._name)
 
     def _read(self, place: int) -> None:
         """A whole round has been read."""

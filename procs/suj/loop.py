@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import runtime
+from procs.lib import codes
 from procs.lib.cart import CLASSIC, SI, Cart
 from procs.lib.faults import reported
 from procs.lib.requests import Origin
@@ -44,7 +45,7 @@ class IoMailbox:
         for reply in self._client.poll():
             if reply.outcome == "refused" and reply.text != self._told:
                 self._told = reply.text
-                self._me.events.warning("io-refused", f"{self._me.name}: io refuses: {reply.text}", self._me.name)
+                self._me.events.report(codes.IO_REFUSED, f"{self._me.name}: io refuses: {reply.text}", self._me.name)
 
 
 def clutches(me: runtime.Me, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, Protocol
 
+from procs.lib import codes
 from procs.lib.requests import Reports, Request
 
 
@@ -99,7 +100,7 @@ class Machine:
             reason = f"state_command {word!r}: allowed are {', '.join(WORDS)}"
             if word in ("pause", "resume"):
                 reason = f"{word}: set-up joints never move by themselves, so there is nothing to pause"
-            self._reports.warning("state-command", f"{self.name}: {reason}", self.name)
+            self._reports.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
             request.refuse(reason)
             self.publish()
             return
@@ -143,7 +144,7 @@ class Machine:
     def fault(self, reason: str) -> None:
         """Something went wrong: say it, and let the brakes hold."""
         self.reason = reason
-        self._reports.error("suj-fault", f"{self.name}: {reason}", self.name)
+        self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
         self.desired, self._homed = State.FAULT, False
         self._set(State.FAULT)
         self._answer(reason)

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
 from procs.lib.cart import SetupArm
 from procs.lib.requests import Reports
 from procs.suj.setups import Setups
@@ -68,10 +69,10 @@ class Readings:
             self._setups.lose(place, moved=False)
             if not apart:
                 text = f"{name}: the potentiometers of joint {pots.worst + 1} don't agree; its position is not known"
-                self._reports.error("setup-pots", text, name, pots.worst, pots.apart, pots.limit)
+                self._reports.report(codes.SETUP_POTS, text, name, pots.worst, pots.apart, pots.limit)
             return
         if apart:
             self._reports.status(f"{name}: the potentiometers agree", name)
         if self._setups.measure(place, pots.joints) >= 1.0:
             text = f"{name}: it has moved although nobody clutched it; base frames follow"
-            self._reports.warning("setup-moved", text, name)
+            self._reports.report(codes.SETUP_MOVED, text, name)

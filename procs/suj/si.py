@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
 from procs.lib.cart import Cart
 from procs.lib.requests import Reports
 from procs.suj.machine import State
@@ -84,7 +85,7 @@ class Si:
             try:
                 values = counts(reading)
             except ValueError as error:
-                self._reports.warning("setup-board", f"{self._name}: {address}: {error}", self._name)
+                self._reports.report(codes.SETUP_BOARD, f"{self._name}: {address}: {error}", self._name)
                 continue
             if address.upper() == self._base:
                 self._of_base, self._base_ns = values, now_ns
@@ -138,7 +139,7 @@ class Si:
         if text == self._told[place]:
             return
         if text:
-            self._reports.warning("setup-board", text, self._arms[place].name)
+            self._reports.report(codes.SETUP_BOARD, text, self._arms[place].name)
         elif self._told[place]:
             self._reports.status(f"{self._arms[place].name}: its potentiometer board answers", self._arms[place].name)
         self._told[place] = text

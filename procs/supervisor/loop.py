@@ -17,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 
 from procs import lifecycle
+from procs.lib import codes
 from procs.lib.config import load_system
 from procs.lib.document import LOCKSTEP, PACED, WALL, Process, System
 from procs.lib.paths import log_folder
@@ -205,7 +206,7 @@ class Supervisor:
             how = child.reap()
             if how:
                 planned = "restarting" if child.restart_at_ns else "not restarted"
-                self.events.warning("process-ended", f"{child.row.name} ended: {how}; {planned}", child.row.name)
+                self.events.report(codes.PROCESS_ENDED, f"{child.row.name} ended: {how}; {planned}", child.row.name)
                 self._show()
             if child.restart_when_due():
                 log.info("%s started again (pid %d)", child.row.name, child.pid)
@@ -219,7 +220,7 @@ class Supervisor:
             name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
             if verdict.what == LATE:
                 text = f"{name} is late: silent for {seconds:.2f} s, allowed are {allowed_s:g} s"
-                self.events.warning("process-late", text, name, value=seconds, limit=allowed_s)
+                self.events.report(codes.PROCESS_LATE, text, name, value=seconds, limit=allowed_s)
             elif verdict.what == HUNG:
                 log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
                 child.kill_hung(seconds)

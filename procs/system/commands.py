@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
+from procs.lib import codes
 from procs.lib.requests import Request
 from procs.system.climb import HOME, POWER_OFF, POWER_ON, Arm, Climb
 from procs.system.sound import Sound
@@ -78,7 +79,7 @@ class Commands:
         if climb is None or request is None:
             return
         if problems:
-            self._events.error("system-incomplete", f"{climb.goal} is not complete: {problems}", "system")
+            self._events.report(codes.SYSTEM_INCOMPLETE, f"{climb.goal} is not complete: {problems}", "system")
             request.fail(problems)
         else:
             self._events.status(f"system: {climb.goal} done", "system")
@@ -102,8 +103,8 @@ class Commands:
         used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]
         for what, value, good in zip(("duration", "frequency", "volume"), given, used, strict=True):
             if value != good:
-                self._events.warning("beep-clipped", f"beep: {what} {value:g} taken as {good:g}", "system", -1, value,
-                                     good)
+                self._events.report(codes.BEEP_CLIPPED, f"beep: {what} {value:g} taken as {good:g}", "system", -1,
+                                    value, good)
         self.beep(*used)
 
     def _say(self, request: Request) -> None:

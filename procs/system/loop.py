@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from procs import runtime
+from procs.lib import codes
 from procs.system.arms import arms_of
 from procs.system.centre import Centre, Source
 from procs.system.commands import Commands
@@ -52,7 +53,7 @@ class Loop(runtime.Loop):
         self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
         self._centre.step(now_ns)
         if trouble := self._sound.step(monotonic_ns()):
-            self.me.events.warning("sound", trouble, self.me.name)
+            self.me.events.report(codes.SOUND_FAILED, trouble, self.me.name)
         self._record.fill(self._commands, self._centre)
         self._state.publish(now_ns)
 

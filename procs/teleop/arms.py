@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib.codes import INVERSE_KINEMATICS
 from procs.lib.poses import angle_between
 from procs.lib.requests import Answer, Origin, Sender
 
@@ -20,7 +21,7 @@ SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # what answers to goals that could not be reached begin with
 JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not worth a word
-NO_FAULTS: Final = frozenset((b"inverse-kinematics",))
+NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors that are about a command: it was refused, and nothing is wrong with the arm."""
 ERROR: Final = 3  # severity of events
 POSITION: Final = 1  # control mode

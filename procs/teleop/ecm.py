@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
 from procs.lib.camera import Camera, outside
 from procs.lib.consoles import TeleopEcm as Settings
 from procs.lib.poses import matrix_from_pose, pose_from_matrix
@@ -61,7 +62,7 @@ class TeleopEcm(Teleop):
         for master in self.masters:
             reason = outside(master.name, master.measured[:3])
             if reason:
-                self.stop("master-outside", reason, master.name)
+                self.stop(codes.MASTER_OUTSIDE, reason, master.name)
                 return
         self.go(State.ENABLED)
 
@@ -78,14 +79,14 @@ class TeleopEcm(Teleop):
         """See Teleop."""
         unknown = [arm.name for arm in self.arms if not arm.has_pose]
         if unknown:
-            self.stop("pose-unknown", f"the pose of {unknown[0]} in its reference frame is not known", unknown[0])
+            self.stop(codes.POSE_UNKNOWN, f"the pose of {unknown[0]} in its reference frame is not known", unknown[0])
         elif not self.clutched:
             self._run_following()
 
     def lose(self) -> None:
         """See Teleop."""
         if self.operator.is_silent:
-            self.stop("operator-absent", self.operator.absence)
+            self.stop(codes.OPERATOR_TIMEOUT, self.operator.absence)
 
     # ENABLED
 
@@ -130,7 +131,7 @@ class TeleopEcm(Teleop):
             self._begin_here()
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
         if not float(np.abs(goal - self._goal).max()) <= MOST_STEP:
-            self.stop("camera-jump", "the camera would jump: hands must not cross, nor stand one behind the other")
+            self.stop(codes.CAMERA_JUMP, "the camera would jump: hands must not cross, nor stand one behind the other")
             return
         self._goal[...] = goal
         if self.slave.pursue("servo_jp", goal):

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
 from procs.lib.consoles import TeleopPsm as Settings
 from procs.lib.poses import angle_between
 from procs.lib.requests import Request
@@ -110,14 +111,14 @@ class TeleopPsm(Teleop):
     def _miss(self, who: Arm | BaseFrame) -> None:
         reason = who.doubt or f"the pose of {who.name} in its reference frame is not known"
         if self.state is State.ENABLED:
-            self.stop("pose-unknown", reason, who.name)
+            self.stop(codes.POSE_UNKNOWN, reason, who.name)
         else:
             self.wait(f"waiting: {reason}")
 
     def lose(self) -> None:
         """See Teleop."""
         if self.state is State.ENABLED:
-            self.events.warning("operator-absent", f"{self.name}: {self.operator.absence}; following has stopped",
+            self.events.report(codes.OPERATOR_ABSENT, f"{self.name}: {self.operator.absence}; following has stopped",
                                 self.name)
             self.forget_presence()
             self.go(State.ALIGNING)
@@ -153,7 +154,7 @@ class TeleopPsm(Teleop):
     def _run_alignment(self) -> None:
         master, slave, settings = self.master, self.slave, self.settings
         if not (settings.ignore_jaw or slave.has_jaw):
-            self.stop("no-jaw", f"{slave.name} has no jaw; mount an instrument or set ignore_jaw", slave.name)
+            self.stop(codes.NO_JAW, f"{slave.name} has no jaw", slave.name)
             return
         if self.desired is State.DISABLED:
             return
@@ -220,10 +221,10 @@ class TeleopPsm(Teleop):
     def _run_following(self) -> None:
         master, slave, settings, values = self.master, self.slave, self.settings, self._values
         if not (settings.ignore_jaw or slave.has_jaw):
-            self.stop("no-jaw", f"{slave.name} has no jaw anymore", slave.name)
+            self.stop(codes.NO_JAW, f"{slave.name} has no jaw anymore", slave.name)
             return
         if slave.tool != self._tool:
-            self.stop("tool-changed", f"the instrument of {slave.name} was changed", slave.name)
+            self.stop(codes.TOOL_CHANGED, f"the instrument of {slave.name} was changed", slave.name)
             return
         if slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True
@@ -256,7 +257,7 @@ class TeleopPsm(Teleop):
             self._wrench = None
             self.master.let_go()
             text = f"no new wrench for {self.settings.wrench_timeout_s:g} s; none any more"
-            self.events.warning("effort-timeout", f"{self.name}: {text}", self.name)
+            self.events.report(codes.EFFORT_TIMEOUT, f"{self.name}: {text}", self.name)
             return
         self._wrench_values[:6] = wrench
         self.master.send("body/servo_cf", self._wrench_values)

@@ -15,6 +15,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.lib import codes
+from procs.lib.codes import Code
 from procs.lib.requests import Origin, Request
 from procs.teleop.arms import Arm
 from procs.teleop.presence import Operator
@@ -47,11 +49,8 @@ class Events(Protocol):
     def status(self, text: str, component: str = "") -> None:
         """Something a person may like to know."""
 
-    def warning(self, code: str, text: str, component: str = "") -> None:
-        """Something a person should know."""
-
-    def error(self, code: str, text: str, component: str = "") -> None:
-        """Something failed."""
+    def report(self, code: Code, text: str, component: str = "") -> None:
+        """A warning or error, as the row of the table of codes says."""
 
     def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
         """An event of its own name."""
@@ -172,7 +171,7 @@ class Teleop:
     def _supervise(self) -> None:
         """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
         if self.desired is not State.DISABLED and self.origin.generation < self._faults.void:
-            self.stop("fault-since", "there was a fault since it was asked for; a person has to ask for it again")
+            self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
         for arm in self.arms:
             errors = arm.errors()
             if self.desired is not State.DISABLED:
@@ -180,30 +179,30 @@ class Teleop:
 
     def _watch(self, arm: Arm, errors: list[str]) -> None:
         for text in errors:
-            self.stop("arm-error", f"received from arm {arm.name}: {text}", arm.name)
+            self.stop(codes.ARM_ERROR, f"received from arm {arm.name}: {text}", arm.name)
         if self.state not in NEEDS_ARMS or errors:
             return
         if arm.is_silent:
-            self._interrupt("arm-silent", f"{arm.name} is silent", arm.name)
+            self._interrupt(codes.ARM_TIMEOUT, f"{arm.name} is silent", arm.name)
         elif arm.restarted:
-            self._interrupt("arm-restarted", f"{arm.name} was started anew", arm.name)
+            self._interrupt(codes.ARM_RESTARTED, f"{arm.name} was started anew", arm.name)
         elif arm.fault:
-            self._interrupt("arm-not-believed", arm.fault, arm.name)
+            self._interrupt(codes.ARM_IMPLAUSIBLE, arm.fault, arm.name)
         elif arm.rebased:
-            self._interrupt("base-frame", f"the base frame of {arm.name} was changed", arm.name)
+            self._interrupt(codes.BASE_FRAME, f"the base frame of {arm.name} was changed", arm.name)
         elif arm.is_in_hand:
-            self.events.warning("arm-in-hand", f"{self.name}: {arm.name} is moved by hand", arm.name)
+            self.events.report(codes.ARM_CLUTCHED, f"{self.name}: {arm.name} is moved by hand", arm.name)
             self._begin_anew()
         elif not arm.is_ready:
             self._miss_arm(arm)
 
     def _miss_arm(self, arm: Arm) -> None:
         missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
-        self.stop("arm-not-ready", f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
+        self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
 
-    def _interrupt(self, code: str, text: str, component: str) -> None:
+    def _interrupt(self, code: Code, text: str, component: str) -> None:
         """What is known of an arm holds no longer, its process is gone or was."""
-        self.events.error(code, f"{self.name}: {text}", component)
+        self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -226,7 +225,8 @@ class Teleop:
             return
         if self.now_ns - self.entered_ns > SETTING_NS:
             for arm in missing:
-                self.stop("arm-time-out", f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
+                self.stop(codes.ARM_SETUP_TIMEOUT,
+                          f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
             return
         if silent or held:
             names = ", ".join(arm.name for arm in missing)
@@ -269,10 +269,10 @@ class Teleop:
         if self.state is State.ENABLED or (state is State.DISABLED and self.state is not State.DISABLED):
             self.go(state)
 
-    def stop(self, code: str, text: str, component: str = "") -> None:
+    def stop(self, code: Code, text: str, component: str = "") -> None:
         """Something is wrong: say it; DISABLED from this cycle on, until it is asked for again."""
         self.reason = text
-        self.events.error(code, f"{self.name}: {text}", component or self.name)
+        self.events.report(code, f"{self.name}: {text}", component or self.name)
         self.desire(State.DISABLED)
 
     def follow(self, on: bool) -> None:
@@ -289,7 +289,7 @@ class Teleop:
         self.reason = reason
         if reason and self.now_ns - self._said_ns >= SAID_NS:
             self._said_ns = self.now_ns
-            self.events.warning("teleop-waiting", f"{self.name}: {reason}", self.name)
+            self.events.report(codes.TELEOP_WAITING, f"{self.name}: {reason}", self.name)
 
     def settle(self) -> None:
         """A new state: its first reason to wait is told when it has lasted."""
@@ -307,7 +307,7 @@ class Teleop:
                 raise Refused(f"{request.name} takes {row.values} finite values, {count} were given")
             row.do(request)
         except Refused as reason:
-            self.events.warning("teleop-command", f"{self.name}: {reason}", self.name)
+            self.events.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
             request.refuse(str(reason))
         else:
             request.done()

@@ -13,12 +13,14 @@ from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
 from procs.arm.detection import Reading
 from procs.arm.psm import Psm
+from procs.lib import codes
 from procs.lib.arm_types import ARM_TYPES
+from procs.lib.codes import Code
 from procs.lib.document import Arm, Chain, Jaw, Link, Tool
 from procs.lib.faults import FaultReport
 from procs.lib.wishes import WISHES
 from shm.client import Reply
-from shm.events import sentence
+from shm.events import SEVERITIES, sentence
 from shm.layout import schema_of
 from shm.origins import Origin
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
@@ -299,13 +301,9 @@ class FakeReports:
     def status(self, text: str, component: str = "") -> None:
         self.events.append(("status", text))
 
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-                limit: float = 0.0, board: int = -1, hint: str = "") -> None:
-        self.events.append(("warning", code, sentence(text, component)))
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-              limit: float = 0.0, board: int = -1, hint: str = "") -> None:
-        self.events.append(("error", code, sentence(text, component)))
+    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+               limit: float = 0.0, board: int = -1) -> None:
+        self.events.append((SEVERITIES[code.severity], code.code, sentence(text, component)))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         self.events.append(("operating_state", state, str(sub_state), is_homed, is_busy))
@@ -377,7 +375,7 @@ class Rig:
         self.reports = FakeReports()
         self.arm = self.kind(self.document, Surroundings(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
-            self.reports, lambda code: FaultReport("io-fault", f"fault number {code}"),
+            self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
             gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading))
 
     def press(self, name: str, on: bool = True) -> None:

@@ -11,6 +11,7 @@ from procs.arm.arm import Arm, Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import gripper_in, place_in
 from procs.io.follow import WishFields
+from procs.lib import codes
 from procs.lib.arm_types import ARM_TYPES, class_of
 from procs.lib.document import System
 from procs.lib.faults import FaultReport
@@ -51,7 +52,7 @@ class OnBoards:
         self.arm: Any = class_of(ARM_TYPES[self.document.type].process, Arm)(self.document, Surroundings(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
-            self.setpoint.field, self.reports, lambda code: FaultReport("io-fault", f"fault number {code}"),
+            self.setpoint.field, self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
             gripper=gripper_in(io, self.document), motors=motor_efforts(robot)))
 
     def send(self, name: str, values: Any, text: str) -> int:

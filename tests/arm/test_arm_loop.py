@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.lib import codes
 from procs.lib.document import Actuator, Io, Linear, Process, Robot, System
 from procs.supervisor import memory
 from shm import directory
@@ -148,7 +149,7 @@ def test_commands_to_a_dead_arm_do_not_move_its_successor(bench: Bench) -> None:
 
 def test_arm_process_gives_the_words_of_io_for_a_fault(bench: Bench) -> None:
     homed(bench)
-    bench.events.error("potentiometer", "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
+    bench.events.report(codes.POTENTIOMETER, "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
     bench.io.flag("fault", 7)
     bench.io.flag("pid_enabled", False)
     bench.until(lambda: bench.text("state") == "FAULT", "FAULT")

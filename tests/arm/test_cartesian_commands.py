@@ -299,7 +299,7 @@ def test_a_client_that_falls_silent_is_held_when_that_is_asked_for() -> None:
     assert rig.setpoint["in_effort"][:7].all()
     rig.run(0.1)
     assert not rig.setpoint["in_effort"].any() and rig.state["control_mode"] == 1
-    assert rig.reports.of("warning")[-1][1] == "client-silent"
+    assert rig.reports.of("warning")[-1][1] == "client-timeout"
     rig.reports.events.clear()
     rig.send("move_jp", BENT)
     rig.run(1.0)

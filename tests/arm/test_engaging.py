@@ -238,4 +238,4 @@ def test_an_instrument_without_an_adapter_is_told_and_not_turned() -> None:
     psm.put_on("tool")
     psm.run(1.0)
     assert psm.arm.state == "HOMED" and psm.state["count"] == 7 and not psm.homed_flag
-    assert [e[1] for e in psm.reports.of("warning")] == ["adapter"]
+    assert [e[1] for e in psm.reports.of("warning")] == ["adapter-missing"]

@@ -17,9 +17,9 @@ def fall_silent(rig: Rig) -> None:
 
 
 CAUSES = {
-    "power-loss": (lambda rig: rig.io.drop_power(), "detected power loss"),
+    "power-lost": (lambda rig: rig.io.drop_power(), "detected power loss"),
     "io-fault": (latch, "fault number 7"),
-    "io-silent": (fall_silent, "io does not answer"),
+    "io-timeout": (fall_silent, "io does not answer"),
     "io-restarted": (lambda rig: rig.io.restart(), "io was restarted"),
     "pid-off": (lambda rig: rig.io.flag("pid_enabled", False), "joint controller was switched off"),
     "pid-on-again": (lambda rig: rig.io.flag("pid_generation", 8), "switched off and on"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.arm.stack import stacked
-from procs.lib.faults import AMPLIFIER, POWER_TIMEOUT, Fault
+from procs.lib.codes import AMPLIFIER, POWER_TIMEOUT, Code
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 
 
@@ -117,7 +117,7 @@ def test_power_that_never_comes_is_a_fault_after_two_tries() -> None:
 
 @pytest.mark.parametrize("works", (False, True))
 @pytest.mark.parametrize("fault", (POWER_TIMEOUT, AMPLIFIER))
-def test_power_that_io_gives_up_is_tried_once_more(works: bool, fault: Fault) -> None:
+def test_power_that_io_gives_up_is_tried_once_more(works: bool, fault: Code) -> None:
     rig = Rig()
     rig.io.never_powers = True
     rig.run(0.1)

@@ -12,6 +12,7 @@ from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
 from procs.arm.psm import Psm
 from procs.arm.readings import SILENT_NS
+from procs.lib import codes
 from procs.lib.faults import FaultReport
 from shm import directory
 from shm.ring import HEAD
@@ -43,7 +44,7 @@ class TornRig(Rig):
         super().start_arm()
         self.arm = Psm(self.document, Surroundings(
             self.seen.field, 1, 2, {}, False, self.io, self.state.field, self.setpoint.field, self.reports,
-            lambda code: FaultReport("io-fault", f"fault number {code}")))
+            lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}")))
 
     def step(self, *requests: Any) -> None:
         self.now_ns += self.period_ns
@@ -109,7 +110,7 @@ def test_torn_records_are_an_io_that_is_silent(rig: TornRig, busy: bool) -> None
     assert rig.arm.state == "HOMED" and rig.state["valid"]
     rig.run(SILENT_NS * 1e-9)
     assert rig.arm.state == "FAULT"
-    assert [row[1] for row in rig.reports.of("error")] == ["io-silent"]
+    assert [row[1] for row in rig.reports.of("error")] == ["io-timeout"]
     assert not rig.state["valid"] and not rig.state["position"].any()
     assert np.abs(rig.setpoint["position"] - good).max() < 0.05  # it never asked for anything garbage said
     assert np.abs(rig.arm.io.rows).max() < 10.0

@@ -9,6 +9,7 @@ import pytest
 
 from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from procs.console.selection import ECM, PSM, Member, at_load, tapped
+from procs.lib.codes import Code
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import Origin
 
@@ -49,8 +50,8 @@ class FakeDesk:
     def status(self, text: str) -> None:
         self.said.append(("status", text))
 
-    def warn(self, code: str, text: str) -> None:
-        self.said.append((code, text))
+    def report(self, code: Code, text: str) -> None:
+        self.said.append((code.code, text))
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         self.beeps.append((duration_s, frequency_hz))
@@ -292,7 +293,7 @@ def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_
     logic.faults_until(4)
     assert not logic.wanted and desk.words(RIGHT.name)[-1] == DISABLE
     assert [text for code, text in desk.said if code == "teleop-disabled"] == [
-        "c: an arm had a fault, teleoperation is no longer enabled; teleop_enable 1 when all is well again"]
+        "c: an arm had a fault; teleoperation is no longer enabled"]
     logic.press(OPERATOR, RELEASED)
     logic.press(OPERATOR, PRESSED)
     assert desk.words(RIGHT.name)[-1] == DISABLE

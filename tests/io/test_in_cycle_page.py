@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from procs.io.tasks import TaskError
+from procs.lib.codes import FAULTS
 from procs.lib.config import load_system
 from procs.lib.config.tasks import TaskKeys
 from procs.lib.config.yamltext import parse_yaml
 from procs.lib.document import Pid, TaskRow
-from procs.lib.faults import FAULTS
 from procs.lib.tasks import Sample, TaskRobot
 from tests.conftest import ROOT
 from tests.io.stand import Stand, gains

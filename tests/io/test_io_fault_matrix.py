@@ -15,8 +15,8 @@ import pytest
 
 from procs.io.bias import ATTEMPTS
 from procs.lib import blocks, lookup, registers
+from procs.lib.codes import FAULTS
 from procs.lib.document import Brake, Linear
-from procs.lib.faults import FAULTS
 from tests.io.stand import Stand, actuator, robot
 
 RELEASED_A, ENGAGED_A = 0.1, 0.0
@@ -261,7 +261,7 @@ def test_a_command_that_its_cycle_undoes_fails_with_the_reason(row: Row) -> None
     stand.run(row.cycle - 1)
     command = stand.ask("power_on")
     assert command.outcome == "failed"
-    assert command.answers[-1][1].startswith(next(f.text for f in FAULTS if f.code == row.code))
+    assert command.answers[-1][1].startswith(next(f.cause for f in FAULTS if f.code == row.code))
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.code != "bad-reads"], ids=str)

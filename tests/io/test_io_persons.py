@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.lib import faults
+from procs.lib import codes
 from shm.faults import NoFaults
 from shm.origins import Origin
 from tests.io.stand import FakeCommand, Stand
@@ -37,7 +37,7 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
     assert asked(made, "power_on", 0) == "accepted"
     made.run_s(1.0)
     assert made.record.amps_on[0] and cell.void == 0
-    made.core.reports.trip(faults.POWER_LOST, 0)
+    made.core.reports.trip(codes.POWER_LOST, 0)
     made.run()
     assert cell.void == 1 and not made.record.power_wanted[0]
     assert asked(made, "power_on", 0) == "refused" and asked(made, "bias_encoders", 0, 10.0) == "refused"
@@ -48,6 +48,6 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
 def test_power_that_does_not_come_may_be_asked_for_once_more() -> None:
     made, cell = stand()
     asked(made, "power_on", 0)
-    made.core.reports.trip(faults.POWER_TIMEOUT, 0)
+    made.core.reports.trip(codes.POWER_TIMEOUT, 0)
     made.run()
     assert cell.void == 0 and asked(made, "power_on", 0) == "accepted"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.wishes import OFF, ON
 from shm.origins import Origin
 from tests.io.stand import FakeCommand, Stand
@@ -80,9 +80,9 @@ def test_a_wish_comes_true_as_soon_as_it_can() -> None:
     assert stand.record.pid_enabled[0] and not refusal(stand)
 
 
-@pytest.mark.parametrize("fault", [fault for fault in faults.FAULTS if fault.action != faults.NOTHING],
+@pytest.mark.parametrize("fault", [fault for fault in codes.FAULTS if fault.action != codes.NOTHING],
                          ids=lambda fault: fault.code)
-def test_after_every_fault_the_same_wish_gives_nothing_back(fault: faults.Fault) -> None:
+def test_after_every_fault_the_same_wish_gives_nothing_back(fault: codes.Code) -> None:
     stand = held(Stand())
     stand.core.reports.trip(fault, 0)
     stand.run(1)
@@ -96,21 +96,21 @@ def test_after_every_fault_the_same_wish_gives_nothing_back(fault: faults.Fault)
 def test_a_wish_in_the_cycle_of_a_fault_is_void() -> None:
     stand = held(Stand())
     stand.arms[0].wish(power=ON, pid=ON, fault=OFF)
-    stand.core.reports.trip(faults.POWER_LOST, 0)
+    stand.core.reports.trip(codes.POWER_LOST, 0)
     stand.run_s(0.5)
-    assert not stand.record.power_wanted[0] and stand.record.fault[0] == faults.POWER_LOST.number
+    assert not stand.record.power_wanted[0] and stand.record.fault[0] == codes.POWER_LOST.number
 
 
 def test_a_wish_older_than_the_last_fault_counts_for_nothing() -> None:
     stand, cell = held(Stand()), Cell()
     stand.core._commands._faults = stand.core._reactions._cells = [cell]
-    stand.core.reports.trip(faults.POWER_LOST, 0)
+    stand.core.reports.trip(codes.POWER_LOST, 0)
     stand.run(1)
     assert cell.void == 1
     stand.arms[0].wish(OLD, power=ON)
     stand.run(10)
     assert "a person has to ask for it again" in refusal(stand) and not stand.record.wish_void[0]
-    assert not stand.record.power_wanted[0] and stand.record.fault[0] == faults.POWER_LOST.number
+    assert not stand.record.power_wanted[0] and stand.record.fault[0] == codes.POWER_LOST.number
     stand.arms[0].wish(Origin(0, 1 << 60, ""), power=OFF, limits=OFF)
     stand.run(1)
     assert not refusal(stand), "to end something nobody needs to have asked"
@@ -165,7 +165,7 @@ def test_power_that_does_not_come_is_not_tried_again_by_the_same_wish() -> None:
     stand.port.has_supply = False
     stand.arms[0].wish(power=ON)
     stand.run_s(3.5)
-    assert stand.record.fault[0] == faults.POWER_TIMEOUT.number and stand.record.wish_void[0]
+    assert stand.record.fault[0] == codes.POWER_TIMEOUT.number and stand.record.wish_void[0]
     assert not stand.record.power_wanted[0] and stand.codes == ["power-timeout"]
     stand.port.has_supply = True
     stand.arms[0].wish(power=OFF, fault=OFF)

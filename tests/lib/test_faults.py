@@ -1,6 +1,7 @@
 import re
 
-from procs.lib.faults import FAULTS, NOTHING, WARNING, fault_of
+from procs.lib.codes import FAULTS, NOTHING, WARNING
+from procs.lib.faults import fault_of
 
 
 def test_numbers_and_codes_are_unique() -> None:
@@ -11,7 +12,7 @@ def test_numbers_and_codes_are_unique() -> None:
 def test_texts_fit_their_event() -> None:
     for row in FAULTS:
         assert len(row.code) <= 32 and re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", row.code)
-        assert len(f"{row.text}; {row.hint}") <= 200
+        assert len(f"{row.cause}; {row.remedy}") <= 200
 
 
 def test_warnings_switch_nothing_off() -> None:

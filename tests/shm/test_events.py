@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from procs.lib import codes
 from shm import directory
 from shm.clock import local_ns, monotonic_ns
 from shm.events import ERROR, STATUS, WARNING, Events
@@ -46,11 +47,11 @@ def test_stamps_increase_over_a_restart(world: Any, ends: tuple[Events, RingRead
 
 def test_every_field_of_an_event_is_its_own(ends: tuple[Events, RingReader]) -> None:
     events, reader = ends
-    events.error("position_limit", "too far", component="PSM1", axis=2, value=0.3, limit=0.25)
+    events.report(codes.TRACKING, "too far", component="PSM1", axis=2, value=0.3, limit=0.25)
     events.status("fine")
     first, second = reader.last(2)
     assert (first["event"], first["severity"], first["code"], first["component"], first["axis"]) == (
-        b"error", ERROR, b"position_limit", b"PSM1", 2)
+        b"error", ERROR, b"tracking", b"PSM1", 2)
     assert (first["value"], first["limit"]) == (0.3, 0.25)
     assert (second["severity"], second["code"], second["component"], second["axis"]) == (STATUS, b"", b"", -1)
     assert math.isnan(second["value"]) and math.isnan(second["limit"])
@@ -60,7 +61,7 @@ def test_states_and_goals_are_events(ends: tuple[Events, RingReader]) -> None:
     events, reader = ends
     events.operating_state("ENABLED", "HOMED", True, False)
     events.goal_reached(False)
-    events.warning("clipped", "at the limit")
+    events.report(codes.CLIPPED, "at the limit")
     state, goal, warning = reader.last(3)
     assert (state["state"], state["sub_state"], bool(state["is_homed"]), bool(state["is_busy"])) == (
         b"ENABLED", b"HOMED", True, False)
@@ -81,17 +82,17 @@ def test_a_long_sentence_ends_with_a_whole_word_and_the_log_has_the_rest(ends: t
     _, reader = ends
     events = Events(ends[0]._ring, lambda: 5000, lambda severity, text: logged.append((severity, text)))
     text = "PSM1: " + "blocked joint " * 40 + "end"
-    events.error("tracking", text, "PSM1", hint="look for a collision")
+    events.report(codes.TRACKING, text, "PSM1")
     events.status("nothing for the log", "PSM1")
     record = reader.last(2)[0]
     assert record["text"].decode().endswith(("blocked…", "joint…")) and len(record["text"]) <= 400
-    assert logged == [(ERROR, f"{text}; look for a collision")]
+    assert logged == [(ERROR, f"{text}; {codes.TRACKING.remedy}")]
 
 
 def test_a_sentence_names_once_whom_it_is_about(ends: tuple[Events, RingReader]) -> None:
     events, reader = ends
     for text in ("too hot", "PSM1: too hot", "PSM1 axis 2, board 6: too hot"):
-        events.warning("hot", text, "PSM1")
+        events.report(codes.TEMPERATURE_HIGH, text, "PSM1")
     assert [text.decode() for text in reader.last(3)["text"]] == [
         "PSM1: too hot", "PSM1: too hot", "PSM1 axis 2, board 6: too hot"]
 

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from procs.lib import poses
+from procs.lib.codes import Code
 from procs.lib.config import load_system
 from procs.lib.document import Cart, System
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Setups
+from shm.events import SEVERITIES
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
 from tests import stock
@@ -65,13 +67,9 @@ class FakeReports:
     def status(self, text: str, component: str = "") -> None:
         self.said.append(("status", "", text))
 
-    def warning(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-                limit: float = 0.0) -> None:
-        self.said.append(("warning", code, text))
-
-    def error(self, code: str, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-              limit: float = 0.0) -> None:
-        self.said.append(("error", code, text))
+    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
+               limit: float = 0.0, board: int = -1) -> None:
+        self.said.append((SEVERITIES[code.severity], code.code, text))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         self.states.append((state, sub_state, is_homed, is_busy))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from procs.lib.codes import Code
 from procs.lib.consoles import TeleopEcm as EcmSettings
 from procs.lib.consoles import TeleopPsm as PsmSettings
 from procs.lib.poses import matrix_from_pose, pose_from_matrix
@@ -18,6 +19,7 @@ from procs.teleop.presence import Operator
 from procs.teleop.psm import TeleopPsm
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
+from shm.events import SEVERITIES
 from shm.faults import NoFaults
 from shm.layout import schema_of
 from shm.operation import CONSOLE_STATE, TELEOP_STATE
@@ -155,11 +157,8 @@ class Reports:
     def status(self, text: str, component: str = "") -> None:
         self.said.append(("status", text))
 
-    def warning(self, code: str, text: str, component: str = "") -> None:
-        self.said.append(("warning", text))
-
-    def error(self, code: str, text: str, component: str = "") -> None:
-        self.said.append(("error", text))
+    def report(self, code: Code, text: str, component: str = "") -> None:
+        self.said.append((SEVERITIES[code.severity], text))
 
     def emit(self, event: str, text: str = "", *, value: float = math.nan) -> None:
         self.said.append((event, str(text) if text else str(value)))

@@ -48,7 +48,7 @@ def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once(
         for _ in range(AT_REST + 3):
             bench.step()
         assert loop.periods(True, bench.now_ns) == REST_PERIODS and loop.periods(False, bench.now_ns) == 1
-        warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"short-of-time"]
+        warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"cpu-overload"]
         told.close()
     assert warnings == ["PSM1: the machine is short of time: one cycle in 2"]
 

@@ -1,20 +1,67 @@
-"""docs/errors.md is the table of faults."""
+"""docs/errors.md is the table of codes, and the table has what processes tell: no more, no less."""
 
 from __future__ import annotations
 
-from procs.lib.faults import FAULTS
+import ast
+import re
+
+from procs.lib import codes
+from procs.lib.codes import CODES, FAULTS
+from procs.manifest import PROCS
 from tools import errors_page
+
+ROOT = errors_page.PAGE.parent.parent
+NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
+ELSEWHERE = {"runtime.py": "any", "client": "external", "lib": "arm"}  # who tells what is not named in a kind's folder
+
+
+def used() -> dict[str, set[str]]:
+    """Names of rows in the code, and the kinds whose code names them."""
+    found: dict[str, set[str]] = {}
+    for path in (*ROOT.glob("procs/**/*.py"), *ROOT.glob("tools/client/*.py")):
+        if path.name == "codes.py":
+            continue
+        room = path.relative_to(ROOT).parts[1]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+            if name in NAMES:
+                found.setdefault(name, set()).add(ELSEWHERE.get(room, room))
+    return found
 
 
 def test_the_page_is_as_the_table_says() -> None:
     assert errors_page.PAGE.read_text(encoding="utf-8") == errors_page.page(), "stale: run python -m tools.errors_page"
 
 
-def test_every_fault_has_its_cause_and_remedy() -> None:
+def test_every_code_has_its_cause_and_remedy() -> None:
     text = errors_page.page()
-    for fault in FAULTS:
-        assert f"| {fault.number} | [`{fault.code}`]" in text
-        assert f"- Cause: {fault.text}\n- Remedy: {fault.hint}\n" in text
+    for row in CODES:
+        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", row.code) and len(row.code) <= 32
+        assert row.cause and row.remedy and len(f"{row.cause}; {row.remedy}") <= 200
+        assert f"| {row.owner} | {row.cause} | {row.remedy} |" in text
+    assert all(f"| {row.number} | `{row.code}` |" in text for row in FAULTS)
+
+
+def test_codes_are_unique_and_their_owners_are_kinds() -> None:
+    assert len({row.code for row in CODES}) == len(CODES) == len(NAMES)
+    kinds = {row.kind for row in PROCS} | {"any"}
+    assert all(set(row.owner.split(", ")) <= kinds for row in CODES)
+
+
+def test_every_code_is_told_by_those_who_own_it() -> None:
+    """That no other code is told is a matter of types: processes give rows to what tells, not names."""
+    found = used()
+    assert not set(NAMES) - set(found), "nobody tells these"
+    for name, row in NAMES.items():
+        assert found[name] >= set(row.owner.split(", ")), name
+
+
+def test_codes_go_through_rows_only() -> None:
+    """`emit` takes any name: with a severity it is called where rows are taken apart, or a message is repeated."""
+    files = [path for folder in ("procs", "shm", "tools") for path in ROOT.glob(f"{folder}/**/*.py")]
+    places = {str(path.relative_to(ROOT)) for path in files
+              if re.search(r"emit\([^)]*severity=", path.read_text(encoding="utf-8"))}
+    assert places == {"shm/events.py", "procs/io/loop.py", "procs/system/centre.py"}
 
 
 def test_the_check_tells_a_stale_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

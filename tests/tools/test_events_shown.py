@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from procs.lib import codes
 from shm.rows import Field
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.tools.robot import Played, nothing_ages, robot
@@ -35,18 +36,19 @@ def run(played: Played, *words: str) -> Result:
 def test_echo_of_events_prints_the_history_with_local_time(played: Played) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
     played.events.operating_state("ENABLED", "HOMED", True, False)
-    played.events.error("tracking", "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look")
+    played.events.report(codes.TRACKING, "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
     shown = run(played, "echo", "PSM1/events", "-n", "3").stdout.splitlines()
     assert [re.sub(f"^{TIME}", "AT", line) for line in shown] == [
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
-        "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; look",
+        "AT  error tracking  PSM1 axis 2 (insertion), board 6: cannot follow; "
+        "look for a collision or a too fast command; the tolerance is in the PID file",
     ]
 
 
 def test_echo_of_one_kind_of_event_leaves_out_the_others(played: Played) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
-    played.events.warning("clipped", "clipped to the joint limits: insertion", "PSM1")
+    played.events.report(codes.CLIPPED, "clipped to the joint limits: insertion", "PSM1")
     shown = run(played, "echo", "PSM1/warning", "--timeout", "0")
     assert shown.exit_code == 0 and shown.stdout.count("\n") == 1
     assert "PSM1: clipped to the joint limits: insertion" in shown.stdout
@@ -72,10 +74,10 @@ def test_counting_records_ends_where_nothing_new_comes(played: Played) -> None:
 
 
 def test_events_carry_all_their_data_for_programs(played: Played) -> None:
-    played.events.error("tracking", "cannot follow", "PSM1", 2, 0.06, 0.05, 6, "look for a collision")
+    played.events.report(codes.TRACKING, "cannot follow", "PSM1", 2, 0.06, 0.05, 6)
     (row,) = (json.loads(line) for line in run(played, "echo", "PSM1/error", "--once", "--json").stdout.splitlines())
     assert (row["code"], row["component"], row["axis"], row["board"], row["value"], row["limit"], row["hint"]) == (
-        "tracking", "PSM1", 2, 6, 0.06, 0.05, "look for a collision")
+        "tracking", "PSM1", 2, 6, 0.06, 0.05, codes.TRACKING.remedy)
     assert row["local_ns"] > 10**18 and row["monotonic_ns"] > 0
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.lib import codes
 from shm.system_time import SystemTime
 from tests.tools.robot import Played, nothing_ages, robot
 from tools import following
@@ -134,7 +135,7 @@ def test_following_ends_when_the_arm_faults(played: Played) -> None:
     with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
         watch.look()
         follower = Follower(watch, remote, False, SystemTime(""))
-        played.events.error("watchdog", "the boards cut the amplifiers")
+        played.events.report(codes.WATCHDOG, "the boards cut the amplifiers")
         played.show_arm(0.0, "FAULT")
         with pytest.raises(Problem, match="FAULT: the boards cut"):
             follower.collect()

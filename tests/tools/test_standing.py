@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from procs.lib import codes
 from shm.clock import monotonic_ns, pause
 from tests.tools.robot import Played, nothing_ages, robot
-from tools import cli
+from tools import cli, standing
 from tools.arms import Climb
 from tools.processes import Life
 from tools.standing import Standing, first_thing, next_step
@@ -46,13 +47,13 @@ def test_arms_without_power_are_well_and_the_next_step_is_told(played: Played) -
 
 
 def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(played: Played) -> None:
-    played.events.error("amplifier", OFF, "PSM1", 2, board=6, hint="check the motor cable")
+    played.events.report(codes.AMPLIFIER, OFF, "PSM1", 2, board=6)
     played.events.status("PSM1: FAULT", "PSM1")
     played.arm.field("reason")[...] = OFF.encode()
     played.show_arm(state="FAULT")
     shown = status(played)
     assert shown.exit_code == 1
-    assert shown.stdout.splitlines()[-1] == f"first: {OFF}; check the motor cable. Then: trocar home PSM1"
+    assert shown.stdout.splitlines()[-1] == f"first: {OFF}; {codes.AMPLIFIER.remedy}. Then: trocar home PSM1"
     (row,) = json.loads(status(played, "--json").stdout)["standings"]
     assert (row["state"], row["homed"], row["reason"]) == ("FAULT", False, OFF)
     assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)
@@ -65,6 +66,15 @@ def test_what_a_person_has_to_do_for_an_arm_comes_first(played: Played) -> None:
     assert shown.exit_code == 0 and shown.stdout.splitlines()[-1] == f"first: PSM1 waits: {NAMED}"
 
 
+def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = {"state": "DISABLED", "reason": "PSM1 has no jaw"}
+    monkeypatch.setattr(standing, "_text", lambda _, field: shown[field])
+    monkeypatch.setattr(standing, "_flag", lambda *_: False)
+    error = {"text": "A_B: PSM1 has no jaw", "hint": codes.NO_JAW.remedy}
+    monkeypatch.setattr(standing, "_last_error", lambda *_: error)
+    assert standing._teleop("s", life("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
+
+
 def fault(name: str, code: str, stamp_ns: int) -> Standing:
     return Standing(name, "arm", "FAULT", False, f"{name}: {code}", fault={
         "code": code, "hint": "", "monotonic_ns": stamp_ns})
@@ -75,7 +85,7 @@ def life(name: str, trouble: str = "") -> Life:
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
-    ([life("IO1", "dead"), life("PSM1")], [fault("PSM1", "io-silent", 5)], "IO1 is dead: trocar logs IO1"),
+    ([life("IO1", "dead"), life("PSM1")], [fault("PSM1", "io-timeout", 5)], "IO1 is dead: trocar logs IO1"),
     ([], [fault("PSM1", "shared-board", 1), fault("PSM2", "amplifier", 2)],
      "PSM2: amplifier. Then: trocar home PSM2 PSM1"),
     ([], [fault("PSM1", "power-lost", 3), fault("PSM2", "watchdog", 2)], "PSM2: watchdog. Then: trocar home PSM2 PSM1"),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from procs.lib import codes
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from tests.tools.robot import JOINTS, Played, nothing_ages, robot
@@ -137,7 +138,7 @@ def test_operating_state_without_events_comes_from_the_record(played: Played) ->
 
 
 def test_error_events_carry_their_numbers(played: Played) -> None:
-    played.events.error("tracking", "joint 2 is off", "PSM1", 2, 0.3)
+    played.events.report(codes.TRACKING, "joint 2 is off", "PSM1", 2, 0.3)
     (row,) = lines(run("echo", "PSM1/error", "--once", "--json", "--system", played.name))
     assert (row["code"], row["axis"], row["value"], row["limit"]) == ("tracking", 2, 0.3, None)
 
@@ -232,8 +233,8 @@ def test_attach_prints_one_page(played: Played) -> None:
     played.arm.field("reason")[...] = b"brakes to let go"
     played.show_arm(state="ENABLED")
     for _ in range(2):
-        played.events.error("x", "something broke")
-    played.events.error("y", "and another thing")
+        played.events.report(codes.TRACKING, "something broke")
+    played.events.report(codes.CURRENT, "and another thing")
     text = run("attach", "--once", "--system", played.name).stdout
     assert "PSM1/state" in text and "brakes to let go" in text
     assert 0 < text.index("and another thing") < text.index("something broke")  # newest first
@@ -321,7 +322,7 @@ def play_arm(played: Played, script: dict[str, tuple[str, bool]], commands: int)
                 command.done()
                 state, homed = script[command.text]
                 if state == "FAULT":
-                    played.events.error("power", "the supply is off")
+                    played.events.report(codes.POWER_FAULT, "the supply is off")
                 played.show_arm(state=state, homed=homed)
             pause(0.001)
 
@@ -345,7 +346,7 @@ def test_power_on_tells_the_arms_error(played: Played) -> None:
     result = run("power-on", "PSM1", "--json", "--system", played.name)
     thread.join()
     assert result.exit_code == 1
-    assert json.loads(result.stdout)["problem"] == "the supply is off"
+    assert json.loads(result.stdout)["problem"] == f"the supply is off; {codes.POWER_FAULT.remedy}"
 
 
 def test_power_off_that_takes_too_long_says_so(played: Played) -> None:

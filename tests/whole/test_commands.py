@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.lib.codes import Code
 from procs.system.centre import BEEP_NS, Centre, Source
 from procs.system.commands import Commands
 from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
+from shm.events import SEVERITIES
 from shm.layout import schema_of
 from shm.topics import EVENTS
 from tests.io.stand import FakeCommand
@@ -34,11 +36,8 @@ class FakeEvents:
     def status(self, text: str, component: str = "") -> None:
         self.told.append(("status", text))
 
-    def warning(self, code: str, text: str, *_: object) -> None:
-        self.told.append(("warning", text))
-
-    def error(self, code: str, text: str, *_: object) -> None:
-        self.told.append(("error", text))
+    def report(self, code: Code, text: str, *_: object) -> None:
+        self.told.append((SEVERITIES[code.severity], text))
 
 
 class FakeConsole:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.debounce import CLICKED, PRESSED, RELEASED
 from shm import directory
 from shm.client import Client
@@ -35,7 +35,7 @@ WANTED: Final = st.tuples(st.just("person"), st.just("console"), st.just("teleop
                           st.sampled_from(((0.0,), (1.0,))), st.just(""))
 EVENTS: Final = st.one_of(
     PEDALS, PEDALS, WORDS, WHOLE, WANTED,
-    st.tuples(st.just("fault"), st.sampled_from(ARMS), st.sampled_from((faults.POWER_LOST, faults.TRACKING))),
+    st.tuples(st.just("fault"), st.sampled_from(ARMS), st.sampled_from((codes.POWER_LOST, codes.TRACKING))),
     st.tuples(st.just("restart"), st.sampled_from(("io", *ARMS, "MTMR_PSM1", "console", "system"))),
     st.tuples(st.just("wait"), st.integers(1, 60)),
 )
@@ -196,7 +196,7 @@ def pedals_after_a_fault(judge: Judge) -> None:
                   ("wait", 1200)):
         happens(judge, event)
     assert judge.states == {"MTMR": "HOMED", "PSM1": "HOMED"}  # by the chain console, teleoperation, arm, io
-    happens(judge, ("fault", "PSM1", faults.POWER_LOST))
+    happens(judge, ("fault", "PSM1", codes.POWER_LOST))
     for event in (("wait", 5), ("pedal", "operator_present", RELEASED), ("wait", 5),
                   ("pedal", "operator_present", PRESSED), ("wait", 60), ("restart", "console"), ("wait", 60),
                   ("restart", "MTMR_PSM1"), ("pedal", "operator_present", PRESSED), ("wait", 60)):

@@ -17,7 +17,7 @@ from procs.arm.arm import Surroundings
 from procs.arm.psm import Psm
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
-from procs.lib import faults
+from procs.lib import codes
 from procs.lib.faults import FaultReport
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
@@ -57,7 +57,7 @@ class IoAlone:
         self.cycle = cycle
         name, values = TO_IO.get(cycle, ("", ()))
         if cycle == FAULT_AT:
-            self.core.reports.trip(faults.NOT_FINITE, 0)
+            self.core.reports.trip(codes.NOT_FINITE, 0)
         self.core.cycle([Order(1, name, values, "PSM1", [])] if name else [])
         self.source.stamp_ns = ns(cycle)
 
@@ -69,7 +69,7 @@ class ArmAlone:
         self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
         self.arm = Psm(played_system().arms[0], Surroundings(
             io.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, FakeReports(),
-            lambda number: FaultReport("io-fault", f"fault number {number}")))
+            lambda number: FaultReport(codes.IO_FAULT, f"fault number {number}")))
 
     def send(self, name: str, values: Any, text: str) -> int:
         raise AssertionError(f"a played robot needs no order, not {name}")

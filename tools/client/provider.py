@@ -12,6 +12,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from procs.lib import codes
 from procs.lib.document import System, from_json
 from procs.lib.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
 from procs.manifest import late_s
@@ -175,7 +176,7 @@ class Provider:
 
     def error(self, text: str) -> None:
         """Something failed: tele-operations that use it stop until a person asks for them again."""
-        self._events.error("external", text, self.name)
+        self._events.report(codes.THIRD_PARTY_ERROR, text, self.name)
 
     def _button(self, button: str) -> int:
         if button not in self._place.inputs:
@@ -257,7 +258,7 @@ class Provider:
             self._take_ring()
             self._mailbox.refuse_waiting(words)
             self._pulse.field("pauses")[...] += 1
-            self._events.warning("held-up", words, self.name, value=self.held_up_s, limit=self._late_s)
+            self._events.report(codes.HELD_UP, words, self.name, value=self.held_up_s, limit=self._late_s)
             self._pauses.begin()
 
     def alive(self) -> bool:

@@ -11,6 +11,7 @@ from procs.arm.control import Control
 from procs.arm.motion import Mode
 from procs.arm.stages.homing import Driving
 from procs.arm.states import Event
+from procs.lib import codes
 
 Array = NDArray[np.float64]
 
@@ -61,4 +62,4 @@ class Engaging(Driving):
         reason = control.motion.move(self._goals[self._next], control.io.velocity, control.now_ns)
         self._next += 1
         if reason:
-            self.fail("engaging-plan", f"engaging {self._what}: {reason}")
+            self.fail(codes.ENGAGING_PLAN, f"engaging {self._what}: {reason}")

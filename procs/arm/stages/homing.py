@@ -13,6 +13,7 @@ from procs.arm.motion import Mode
 from procs.arm.stages.stage import SWITCH_NS, Stage
 from procs.arm.states import Event
 from procs.arm.supervision import Generations
+from procs.lib import codes
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ class Calibrating(Stage):
         if control.is_played:
             self._done()
         elif self.is_late:
-            self.fail("bias-timeout", "failed to bias encoders (timeout)")
+            self.fail(codes.BIAS_TIMEOUT, "failed to bias encoders (timeout)")
         elif self._asked:
             if duties.bias_done:
                 self._done()
@@ -111,7 +112,7 @@ class Driving(Stage):
             control.motion.hold(control.io.setpoint, Mode.NONE)
             self.begin()
         elif self.is_late:
-            self.fail("io-switch", "io does not switch the joint controller on")
+            self.fail(codes.IO_SWITCH, "io does not switch the joint controller on")
 
     @property
     def waits(self) -> str:
@@ -157,7 +158,7 @@ class Homing(Driving):
             control.status(f"moving into the joint limits: {control.joints.named(outside)}")
         reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
         if reason:
-            self.fail("homing-plan", f"homing: {reason}")
+            self.fail(codes.HOMING_PLAN, f"homing: {reason}")
 
     def drive(self) -> None:
         """See Driving."""
@@ -167,4 +168,4 @@ class Homing(Driving):
         if bool((np.abs(motion.goal - control.io.position) < self._tolerance()).all()):
             control.machine.fire(Event.ARRIVED)
         elif control.now_ns >= motion.end_ns + SETTLE_NS:
-            self.fail("homing-timeout", "unable to reach home position during calibration on pots")
+            self.fail(codes.HOMING_TIMEOUT, "unable to reach home position during calibration on pots")

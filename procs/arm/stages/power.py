@@ -8,6 +8,7 @@ from procs.arm.control import Control
 from procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
 from procs.arm.states import Event
 from procs.arm.supervision import POWER_PROBLEMS
+from procs.lib import codes
 
 POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; if it does not
 TRIES: Final = 2
@@ -38,7 +39,7 @@ class Disabled(Stage):
         elif self.deadline_ns == NEVER_NS:
             self.within(SWITCH_NS)
         elif self.is_late:
-            self.fail("io-switch", "io does not get ready for power-on")
+            self.fail(codes.IO_SWITCH, "io does not get ready for power-on")
 
     @property
     def waits(self) -> str:
@@ -62,11 +63,11 @@ class Powering(Stage):
             if duties.power.settled and duties.no_fault.settled:
                 self._ask()
             elif self.is_late:
-                self.fail("power-timeout", "failed to enable power")
+                self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif duties.power.settled and io.has_power:
             control.machine.fire(Event.POWERED)
         elif duties.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
-            self.fail("power-timeout", "failed to enable power")
+            self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
             if self._tries < TRIES:
                 duties.power.want(False)
@@ -75,7 +76,7 @@ class Powering(Stage):
             elif io.problem:
                 control.machine.fault(control.fault_report(io.problem))
             else:
-                self.fail("power-timeout", "failed to enable power")
+                self.fail(codes.POWER_TIMEOUT, "failed to enable power")
 
     def _ask(self) -> None:
         self._tries += 1

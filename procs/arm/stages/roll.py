@@ -15,6 +15,7 @@ from procs.arm.stages.homing import SETTLE_NS, Driving
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event
 from procs.arm.supervision import Generations
+from procs.lib import codes
 
 ROLL: Final = 6  # the joint, and its actuator
 LOWER_STOP: Final = math.radians(-480.0)
@@ -39,7 +40,7 @@ class FindingRoll(Driving):
         control.goal[ROLL] -= TRAVEL
         reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
         if reason:
-            self.fail("roll-plan", f"finding the roll's lower limit: {reason}")
+            self.fail(codes.ROLL_PLAN, f"finding the roll's lower limit: {reason}")
 
     def drive(self) -> None:
         """See Driving."""
@@ -49,9 +50,9 @@ class FindingRoll(Driving):
             control.status("found roll lower limit")
             control.machine.fire(Event.STOPPED)
         elif not motion.moving and lag < NEAR:
-            self.fail("roll-passed", "went past roll lower limit")
+            self.fail(codes.ROLL_PASSED, "went past roll lower limit")
         elif not motion.moving and control.now_ns >= motion.end_ns + SETTLE_NS:
-            self.fail("roll-timeout", "unable to hit roll lower limit in time")
+            self.fail(codes.ROLL_TIMEOUT, "unable to hit roll lower limit in time")
 
 
 class SettingRoll(Stage):
@@ -73,7 +74,7 @@ class SettingRoll(Stage):
         io = self.control.io
         if self.is_late:
             why = f" (io says: {self._refusal})" if self._refusal else ""
-            self.fail("roll-encoder", f"unable to set the roll encoder at its lower limit{why}")
+            self.fail(codes.ROLL_ENCODER, f"unable to set the roll encoder at its lower limit{why}")
         elif io.biasing.item() or not (io.in_effort[ROLL] or io.encoder_set[ROLL]):
             return
         elif io.encoder_set[ROLL]:
@@ -98,4 +99,5 @@ class SettingRoll(Stage):
             control.motion.hold(control.io.setpoint, Mode.NONE)
             control.machine.fire(Event.SET)
         else:
-            self.fail("roll-check", f"the roll encoder reads {math.degrees(reads):.1f}° at its lower limit, not -480°")
+            self.fail(codes.ROLL_CHECK,
+                      f"the roll encoder reads {math.degrees(reads):.1f}° at its lower limit, not -480°")

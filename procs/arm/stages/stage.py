@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs.arm.control import Control
+from procs.lib.codes import Code
 from procs.lib.faults import FaultReport
 
 NEVER_NS: Final = 1 << 62
@@ -38,7 +39,7 @@ class Stage:
         """It has not."""
         return self.control.now_ns >= self.deadline_ns
 
-    def fail(self, code: str, text: str) -> None:
+    def fail(self, code: Code, text: str) -> None:
         """FAULT, with what io said to the requests that failed."""
         why = self.control.duties.refusals
         self.control.machine.fault(FaultReport(code, f"{text} (io says: {why})" if why else text))

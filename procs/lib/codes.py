@@ -1,0 +1,361 @@
+"""THE TABLE of codes: every warning and error of any process, whose it is, its cause and what a person can do about it.
+
+Faults of io have a number as well, which travels in `fault` of io's record (0: none) and is never reused.
+Processes give rows, not names, to what tells events: a code that is not here cannot be told.
+docs/errors.md is generated from it: `python -m tools.errors_page`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+WARNING: Final = 2
+ERROR: Final = 3
+
+NOTHING: Final = 0
+STOP: Final = 1  # joint controller off, zero current
+POWER_OFF: Final = 2  # and amplifiers and motor power off
+CUT: Final = 3  # and the safety relays opened
+
+JOINT: Final = "joint"
+SENDER: Final = "ADDRESS:PORT"  # in the cause of a row: who it was
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Code:
+    """One row: `cause` says what is wrong in one sentence, `remedy` what a person can do.
+
+    `owner`: the kinds of process that tell it, "any": all. What follows is of io's faults: `action` is NOTHING, STOP,
+    POWER_OFF or CUT; `unit` of the value and limit that come with it: JOINT is rad or m as the axis is; empty: they
+    come with none. `bound` says what the limit is.
+    """
+
+    code: str
+    severity: int
+    owner: str
+    cause: str
+    remedy: str
+    number: int = 0
+    action: int = NOTHING
+    unit: str = ""
+    bound: str = "allowed"
+
+
+# io: faults, by number
+BAD_READS: Final = Code(
+    "bad-reads", ERROR, "io", "no good sample from the controllers within the watchdog time",
+    "check the cable and the controllers' supply, then power on and home", 1, POWER_OFF, "s")
+READ_MISSED: Final = Code(
+    "read-missed", WARNING, "io", "a read of the controllers failed; the last output is kept",
+    "once in a while is harmless; often means a bad cable, or a controller in trouble", 2, NOTHING, "s")
+CURRENT: Final = Code(
+    "current", ERROR, "io", "measured motor current above its limit for more than 100 cycles",
+    "look for a blocked joint or a wrong current calibration", 3, POWER_OFF, "A")
+SAFETY_AMP_DISABLE: Final = Code(
+    "safety-amp-disable", ERROR, "io", "the controller cut an amplifier: measured and requested current differ",
+    "check the motor cable and the current calibration, then power on", 4, POWER_OFF)
+TEMPERATURE: Final = Code(
+    "temperature", ERROR, "io", "amplifier too hot",
+    "let the controller cool down, check its fans and the load", 5, POWER_OFF, "°C")
+TEMPERATURE_HIGH: Final = Code(
+    "temperature-high", WARNING, "io", "amplifier getting hot",
+    "lower the load or improve the cooling", 6, NOTHING, "°C")
+POTENTIOMETER: Final = Code(
+    "potentiometer", ERROR, "io", "potentiometer and encoder disagree for longer than tolerated",
+    "home again; if it returns, check the potentiometer, its calibration and the tolerance in the IO file",
+    7, POWER_OFF, JOINT)
+ENCODER_OVERFLOW: Final = Code(
+    "encoder-overflow", ERROR, "io", "encoder counter overflow",
+    "power on, bias and home again; check the encoder", 8, POWER_OFF)
+POWER_LOST: Final = Code(
+    "power-lost", ERROR, "io, arm", "motor power went off unexpectedly",
+    "check the emergency stop and the safety chain, then power on and home", 9, POWER_OFF)
+POWER_TIMEOUT: Final = Code(
+    "power-timeout", ERROR, "io, arm", "motor power did not come on in 3 s",
+    "check the emergency stop, the safety chain and the controllers' supply", 10, POWER_OFF)
+POWER_FAULT: Final = Code(
+    "power-fault", ERROR, "io", "a controller reports a motor supply fault",
+    "check the controllers' supply", 11, POWER_OFF)
+WATCHDOG: Final = Code(
+    "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
+    "power on and home; if it returns, see the missed deadlines in trocar status", 12, POWER_OFF)
+AMPLIFIER: Final = Code(
+    "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
+    "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
+TRACKING: Final = Code(
+    "tracking", ERROR, "io", "the joint controller cannot follow its set-point",
+    "look for a collision or a too fast command; the tolerance is in the PID file", 14, STOP, JOINT)
+NOT_FINITE: Final = Code(
+    "not-finite", ERROR, "io", "a set-point or a requested current was not a finite number",
+    "a program sent NaN or infinity; nothing of it reached the motors", 15, STOP)
+ARM_LOST: Final = Code(
+    "arm-lost", ERROR, "io", "the arm's process has sent no set-points for too long; holding",
+    "see why the arm's process does not come back (trocar status); power off if in doubt", 16, NOTHING, "s")
+ARM_LOST_POWER_OFF: Final = Code(
+    "arm-lost-power-off", ERROR, "io", "the arm's process stayed away; power was switched off",
+    "restart the arm, power on and home", 17, POWER_OFF, "s")
+BIAS_FAILED: Final = Code(
+    "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
+    "try again; if it returns, look at the potentiometers' values", 18, NOTHING, JOINT, "set to")
+SHARED_BOARD: Final = Code(
+    "shared-board", ERROR, "io", "another robot on the same controller had a fault; power was switched off",
+    "see the other robot's fault", 19, POWER_OFF)
+POT_MISSING: Final = Code(
+    "pot-missing", ERROR, "io", "a potentiometer reads where its table has no position; relays were opened",
+    "check that the table belongs to this arm, and the arm's cable; move the joint by hand and try again", 20, CUT)
+CURRENT_ERROR: Final = Code(
+    "current-error", ERROR, "io", "measured and requested motor current differ for longer than tolerated",
+    "check motor, motor cable and current calibration; the tolerance is io.current_error_a and _s", 21, POWER_OFF, "A")
+CALIBRATION_MODE: Final = Code(
+    "calibration-mode", WARNING, "io", "calibration mode: potentiometers are not compared with encoders",
+    "for calibrating only; without calibration_mode the checks are back", 22, NOTHING)
+CALIBRATION_MOTORS: Final = Code(
+    "calibration-motors", WARNING, "io", "in calibration mode the motor amplifiers of a dRA1 stay off",
+    "its brakes can be released, the arm moved by hand; without calibration_mode the motors are switched on",
+    23, NOTHING)
+PERIOD: Final = Code(
+    "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
+    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s",
+    24, STOP, "s")
+PERIOD_LONG: Final = Code(
+    "period-long", WARNING, "io", "an I/O cycle works longer than its period on average over a second",
+    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s",
+    25, NOTHING, "s")
+FOREIGN_DATAGRAMS: Final = Code(
+    "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller is there",
+    "find the program that sends them; on a network of their own nobody else reaches io or the controllers",
+    26, NOTHING)
+BOARD_AWAY: Final = Code(
+    "board-away", ERROR, "io", "the controller has left the bus: it has no power, or its cable is out",
+    "check its supply and its cables; the other controllers are not affected; then power on and home", 27, POWER_OFF)
+TASK_OVER_BUDGET: Final = Code(
+    "task-over-budget", ERROR, "io", "an in-cycle task was too slow and was detached",
+    "shorten its step or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
+TASK_FAILED: Final = Code(
+    "task-failed", ERROR, "io", "an in-cycle task failed and was detached",
+    "mend its module and start again (docs/in-cycle.md)", 32, NOTHING)
+
+# any process
+HELD_UP: Final = Code(
+    "held-up", WARNING, "any",
+    "a process was stopped, starved of a core or suspended, and began anew as if it had been killed",
+    "often: the machine is too slow or too busy (trocar doctor), or allow more: processes.NAME.late_s")
+
+# supervisor
+PROCESS_ENDED: Final = Code(
+    "process-ended", WARNING, "supervisor", "a process ended by itself",
+    "trocar status says how and whether it is back, trocar logs NAME why")
+PROCESS_LATE: Final = Code(
+    "process-late", WARNING, "supervisor", "a process that should go on was silent for longer than its late_s",
+    "often: the machine is too slow or too busy (trocar doctor, docs/operating.md)")
+
+# boards
+BOARDS_LATE: Final = Code(
+    "boards-late", WARNING, "boards", "the emulated boards were held up; the robots stood still meanwhile",
+    "the machine is too busy, or was suspended; give the emulation a core of its own")
+
+# arm: what makes it go FAULT
+IO_TIMEOUT: Final = Code(
+    "io-timeout", ERROR, "arm", "io does not answer",
+    "trocar status says whether io is back")
+IO_RESTARTED: Final = Code(
+    "io-restarted", ERROR, "arm", "io was restarted",
+    "trocar logs IO says why it ended")
+IO_FAULT: Final = Code(
+    "io-fault", ERROR, "arm", "io reports a fault whose number is not known here",
+    "start all parts from the same version")
+PID_OFF: Final = Code(
+    "pid-off", ERROR, "arm", "the joint controller was switched off, or off and on again, by somebody else",
+    "trocar logs IO --commands says by whom")
+BIAS_CHANGED: Final = Code(
+    "bias-changed", ERROR, "arm", "the encoders were set anew while the joint controller was on",
+    "trocar logs IO --commands says by whom")
+IO_SWITCH: Final = Code(
+    "io-switch", ERROR, "arm", "io did not do what it was asked for in time",
+    "see trocar logs IO")
+BIAS_TIMEOUT: Final = Code(
+    "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
+    "look at the potentiometers' values")
+HOMING_PLAN: Final = Code(
+    "homing-plan", ERROR, "arm", "there is no motion to the home position",
+    "move the arm by hand, away from the limits of its joints")
+HOMING_TIMEOUT: Final = Code(
+    "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
+    "remove what is in its way; look at the tolerances in the PID file")
+ROLL_PLAN: Final = Code(
+    "roll-plan", ERROR, "arm", "there is no motion to the lower stop of the roll",
+    "turn the roll by hand")
+ROLL_PASSED: Final = Code(
+    "roll-passed", ERROR, "arm", "the roll went past where its lower stop should be",
+    "check the roll's stop and its encoder")
+ROLL_TIMEOUT: Final = Code(
+    "roll-timeout", ERROR, "arm", "the roll did not come to its lower stop in time",
+    "turn it by hand; check the roll's motor and cable")
+ROLL_ENCODER: Final = Code(
+    "roll-encoder", ERROR, "arm", "the roll's encoder was not set at the lower stop",
+    "home again; if it returns, check the encoder")
+ROLL_CHECK: Final = Code(
+    "roll-check", ERROR, "arm", "the roll's encoder does not read what it was set to",
+    "home again; if it returns, check the encoder")
+ENGAGING_PLAN: Final = Code(
+    "engaging-plan", ERROR, "arm", "there is no motion that engages the adapter or instrument",
+    "take it off and put it on again")
+
+# arm: what it tells and goes on
+IO_REFUSED: Final = Code(
+    "io-refused", WARNING, "arm, suj", "io refused what it was asked for",
+    "trocar logs IO --commands lists what io was asked for, by whom, and what became of it")
+COMMAND_REFUSED: Final = Code(
+    "command-refused", WARNING, "arm, suj, teleop", "a command was refused, and nothing of it done",
+    "trocar send NAME lists what can be asked of it")
+NOT_READY: Final = Code(
+    "not-ready", WARNING, "arm", "motion was asked of an arm that is not homed, or its clutch was pressed",
+    "trocar home NAME")
+NOT_INSERTED: Final = Code(
+    "not-inserted", WARNING, "arm", "Cartesian motion was asked before the tip is past the cannula",
+    "insert the instrument or endoscope further, by hand or with move_jp")
+NEAR_RCM: Final = Code(
+    "near-rcm", WARNING, "arm", "a goal is too close to the remote centre, where there is no solution",
+    "give a goal that is further in")
+INVERSE_KINEMATICS: Final = Code(
+    "inverse-kinematics", ERROR, "arm", "a pose that was asked for cannot be reached; the command was refused",
+    "give a pose within reach")
+AT_LIMIT: Final = Code(
+    "at-limit", WARNING, "arm", "a pose that was asked for lies beyond; the arm follows along its limit",
+    "move the goal back")
+CLIPPED: Final = Code(
+    "clipped", WARNING, "arm", "a goal lay beyond the limits of a joint; the arm went as far as it may",
+    "give goals within the limits of these joints")
+EFFORT_CLIPPED: Final = Code(
+    "effort-clipped", WARNING, "arm", "efforts beyond what motors and joints bear were taken as the largest allowed",
+    "ask for less")
+STREAM_JUMP: Final = Code(
+    "stream-jump", WARNING, "arm", "a goal of a stream was too far from the one before, and not taken",
+    "stream from where the arm is (setpoint), or use move_jp, move_cp")
+CLIENT_TIMEOUT: Final = Code(
+    "client-timeout", WARNING, "arm", "the program that streamed goals went silent; the arm holds",
+    "see why it stopped or was too slow; stream anew")
+EFFORT_TIMEOUT: Final = Code(
+    "effort-timeout", WARNING, "arm, teleop", "the program that gave efforts or wrenches went silent; they have ended",
+    "send them again within 0.1 s for as long as they are to act")
+ORIENTATION_LOCK: Final = Code(
+    "orientation-lock", WARNING, "arm", "an orientation cannot be locked, or no longer be kept",
+    "turn the gripper away from its limit")
+ADAPTER_MISSING: Final = Code(
+    "adapter-missing", WARNING, "arm", "there is an instrument, and no sterile adapter is seen",
+    "check the adapter and its switch")
+TOOL_UNKNOWN: Final = Code(
+    "tool-unknown", ERROR, "arm", "the instrument could not be read or is not in the list",
+    "name it: trocar send NAME set_tool_type TYPE")
+TOOL_NOT_NAMED: Final = Code(
+    "tool-not-named", WARNING, "arm", "an instrument is on, and neither file nor memory say which",
+    "trocar send NAME set_tool_type without a name lists those there are")
+ENDOSCOPE_TYPE: Final = Code(
+    "endoscope-type", ERROR, "arm", "an endoscope of this name is not known",
+    "give one of those that are allowed")
+CPU_OVERLOAD: Final = Code(
+    "cpu-overload", WARNING, "arm", "the machine is short of time: the arm works in every second or third period only",
+    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time)")
+
+# set-up joints
+SUJ_FAULT: Final = Code(
+    "suj-fault", ERROR, "suj", "the set-up joints have lost power or their io; brakes hold",
+    "remove the cause")
+CLUTCH_RELEASED: Final = Code(
+    "clutch-released", WARNING, "suj", "a clutch that a command had pressed was released after a minute",
+    "clutch again if you still need it")
+MULTIPLEXER_CHANNEL: Final = Code(
+    "multiplexer-channel", WARNING, "suj", "the interface board shows another channel than it was told to",
+    "once in a while is harmless; often: check the board and its cable")
+MULTIPLEXER_STUCK: Final = Code(
+    "multiplexer-stuck", ERROR, "suj", "the interface board does not count; where the set-up arms are is not known",
+    "check the board, its supply and its cable")
+SETUP_POTS: Final = Code(
+    "setup-pots", ERROR, "suj", "the two potentiometers of a joint differ by more than 1° or 2 mm (Si: 2°, 3 mm)",
+    "look at cable and calibration")
+SETUP_MOVED: Final = Code(
+    "setup-moved", WARNING, "suj", "a set-up arm stands elsewhere although nobody clutched it",
+    "its brakes slip: have them looked at")
+SETUP_BOARD: Final = Code(
+    "setup-board", WARNING, "suj", "a potentiometer board of an Si cart cannot be reached, or sends nonsense",
+    "check the board's supply and distance")
+
+# tele-operations
+FAULT_SINCE: Final = Code(
+    "fault-since", ERROR, "teleop", "there was a fault since the tele-operation was asked for",
+    "trocar send console teleop_enable 1")
+ARM_ERROR: Final = Code(
+    "arm-error", ERROR, "teleop", "one of its arms told an error; following has stopped",
+    "see the arm's error")
+ARM_TIMEOUT: Final = Code(
+    "arm-timeout", ERROR, "teleop", "one of its arms is silent; following has stopped",
+    "trocar status says whether the arm is back; then show presence again")
+ARM_RESTARTED: Final = Code(
+    "arm-restarted", ERROR, "teleop", "one of its arms was started again; following has stopped",
+    "show presence again; trocar logs NAME says why the arm ended")
+ARM_IMPLAUSIBLE: Final = Code(
+    "arm-implausible", ERROR, "teleop", "a third-party arm sends what cannot be; following has stopped",
+    "mend the program (docs/third-party-masters.md)")
+ARM_CLUTCHED: Final = Code(
+    "arm-clutched", WARNING, "teleop", "one of its arms is moved by hand; following has stopped",
+    "let go of the arm's clutch and show presence again")
+ARM_NOT_READY: Final = Code(
+    "arm-not-ready", ERROR, "teleop", "one of its arms is no longer enabled and homed",
+    "trocar home NAME, then enable teleoperation again")
+ARM_SETUP_TIMEOUT: Final = Code(
+    "arm-setup-timeout", ERROR, "teleop", "one of its arms did not get enabled and homed in time",
+    "trocar home NAME, then enable teleoperation again")
+BASE_FRAME: Final = Code(
+    "base-frame", ERROR, "teleop", "the base frame of one of its arms was changed; following has stopped",
+    "show presence again")
+POSE_UNKNOWN: Final = Code(
+    "pose-unknown", ERROR, "teleop", "the pose of an arm or of a base frame is not known",
+    "wait for the set-up joints, or give the arm a base frame (set_base_frame)")
+MASTER_OUTSIDE: Final = Code(
+    "master-outside", ERROR, "teleop", "a master is too far out to move the camera with",
+    "bring the masters back in front of you and press the pedal again")
+CAMERA_JUMP: Final = Code(
+    "camera-jump", ERROR, "teleop", "the camera would jump: hands crossed, or one behind the other",
+    "bring the hands side by side and press the pedal again")
+NO_JAW: Final = Code(
+    "no-jaw", ERROR, "teleop", "the slave has no jaw to follow the gripper",
+    "mount an instrument or set ignore_jaw")
+TOOL_CHANGED: Final = Code(
+    "tool-changed", ERROR, "teleop", "the slave's instrument was changed while it followed",
+    "enable teleoperation again")
+OPERATOR_TIMEOUT: Final = Code(
+    "operator-timeout", ERROR, "teleop", "the console went silent while the camera was moved; following has stopped",
+    "trocar status says whether the console is back; press the pedal again")
+OPERATOR_ABSENT: Final = Code(
+    "operator-absent", WARNING, "teleop", "nobody is seen at the console; following has stopped",
+    "show presence again: pedal or head sensor")
+TELEOP_WAITING: Final = Code(
+    "teleop-waiting", WARNING, "teleop", "the tele-operation waits before it follows",
+    "do what it waits for, most often move the gripper")
+
+# console, system, programs of others
+TELEOP_DISABLED: Final = Code(
+    "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
+    "when all is well again: trocar send console teleop_enable 1")
+HEAD_SENSOR: Final = Code(
+    "head-sensor", WARNING, "console", "a head sensor came or went; without it the operator counts as absent",
+    "where it went: check its cable, and who may read it")
+TELEOP_REFUSED: Final = Code(
+    "teleop-refused", WARNING, "console", "a tele-operation refused what the console asked of it",
+    "see the tele-operation's reason in trocar status")
+SYSTEM_INCOMPLETE: Final = Code(
+    "system-incomplete", ERROR, "system", "the system's power_on, home or power_off did not succeed for all arms",
+    "trocar status says what to do first")
+BEEP_CLIPPED: Final = Code(
+    "beep-clipped", WARNING, "system", "a beep was asked for with a value out of range; the nearest one was taken",
+    "give values within the range in docs/operating.md")
+SOUND_FAILED: Final = Code(
+    "sound-failed", WARNING, "system", "a sound could not be made",
+    "sounds only inform, nothing else is affected")
+THIRD_PARTY_ERROR: Final = Code(
+    "third-party-error", ERROR, "external", "a third-party program that is an arm tells an error",
+    "see that program; tele-operations that use it stop")
+
+CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
+FAULTS: Final = tuple(row for row in CODES if row.number)
