@@ -154,11 +154,6 @@ class Me:
         """Why the loop ended; empty while it runs."""
         return self._stop
 
-    @property
-    def realtime_notes(self) -> str:
-        """What scheduling was obtained."""
-        return str(self.pulse.get("policy").decode())
-
     def stop(self, reason: str) -> None:
         """End the loop at the next tick."""
         self._stop = self._stop or reason

@@ -238,12 +238,3 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
 }
 
 COMMANDS["external"] = COMMANDS["arm"]  # a program refuses what it does not carry out
-
-
-def code_of(kind: str, name: str) -> int:
-    """The place of a command in its kind's table; KeyError names what there is."""
-    for code, command in enumerate(COMMANDS.get(kind, ())):
-        if command.name == name:
-            return code
-    known = ", ".join(c.name for c in COMMANDS.get(kind, ()))
-    raise KeyError(f"{kind} has no command {name}; it has: {known}")

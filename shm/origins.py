@@ -44,11 +44,6 @@ class Origin:
     generation: int
     program: str
 
-    @property
-    def is_person(self) -> bool:
-        """Whether a person's command stands behind it."""
-        return self.id != 0
-
 
 NOBODY: Final = Origin(0, 0, "")
 

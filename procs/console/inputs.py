@@ -84,7 +84,6 @@ class Inputs:
 
         self._lines = {CLUTCH: line(row.clutch), CAMERA: line(row.camera)}
         self._present = [found for wired in row.operator_present if (found := line(wired)) is not None]
-        self.is_wired = bool(states) or head is not None
         for io in states:
             names = {wired.name.encode()[:24]: button for button, wired in ((CLUTCH, row.clutch), (CAMERA, row.camera))
                      if wired is not None and wired.io == io}

@@ -93,12 +93,6 @@ class Kinematics:
         pinocchio.framesForwardKinematics(self._model, self._data, q)
         return np.array(self._data.oMf[self._frames[link]].homogeneous)
 
-    def fk_links(self, q: Array) -> Array:
-        """Poses (n, 4, 4) of the frames after 1, 2, ... n joints, without the tip. A new array."""
-        self._updated = b""
-        pinocchio.framesForwardKinematics(self._model, self._data, q)
-        return np.array([self._data.oMf[frame].homogeneous for frame in self._frames[1:-1]])
-
     def body_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the tip's twist, at the tip in tip axes; the array `body`."""
         self._updated = b""

@@ -98,10 +98,6 @@ class Trajectory:
         position[...], velocity[...], self._acceleration = self._path.at_time(max(elapsed, 0.0))
         return False
 
-    def remaining(self, now_s: float) -> float:
-        """Seconds until the goal is reached; 0 when it is."""
-        return max(0.0, self.duration - (now_s - self._start_s)) if self.active else 0.0
-
 
 def _fault(n: int, position: Array, velocity: Array, goal: Array, v_max: Array, a_max: Array) -> PlanError | None:
     """What a planner would choke on: asked here, so that no exception is thrown in a control loop."""

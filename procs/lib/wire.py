@@ -111,11 +111,6 @@ class Request:
     data_crc: int | None = None
 
     @property
-    def no_forward(self) -> bool:
-        """True: only for the board that receives it from the network."""
-        return bool(self.flags & NO_FORWARD)
-
-    @property
     def value(self) -> int:
         """Data of a quadlet write."""
         return int.from_bytes(self.data[:4], "big")

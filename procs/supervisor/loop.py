@@ -46,7 +46,6 @@ CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast a
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
 SIMULATED_LOST = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
 BUS_PORT = 1394
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 log = logging.getLogger("supervisor")
 
 

@@ -149,7 +149,7 @@ class Comparison:
 
     def _header(self, exchange: Exchange, stub: wire.Response, ours: wire.Response) -> list[str]:
         # With "do not forward", Rev 9 names itself by its board id.
-        by_id = self._capture.firmware >= 9 and exchange.request.no_forward
+        by_id = self._capture.firmware >= 9 and exchange.request.flags & wire.NO_FORWARD
         node = stub.node if by_id else self._capture.node(stub.node)
         return _unequal([(name, getattr(stub, name), getattr(ours, name)) for name in
                          ("tcode", "tl", "rcode", "bus", "destination", "retry", "priority", "reserved")]

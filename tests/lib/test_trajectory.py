@@ -56,7 +56,6 @@ def test_all_joints_go_straight_and_end_together() -> None:
     np.testing.assert_array_equal(position, goal)
     np.testing.assert_array_equal(velocity, 0.0)
     assert not trajectory.active
-    assert trajectory.remaining(0.0) == 0.0
 
 
 coordinates = st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7)

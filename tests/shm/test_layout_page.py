@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from shm import faults, header, lockstep, mailbox, mailbox_map, nap, pulse, received, ring
-from shm.commands import COMMANDS, code_of
+from shm.commands import COMMANDS
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
 from shm.mailbox import Mailbox
@@ -177,6 +177,7 @@ def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
         (n, schema.offset(n), schema.dtype[n].itemsize, dtypes[n]) for n in schema.dtype.names or ()]
 
 
+ARM = [command.name for command in COMMANDS["arm"]]
 LAST_PLACE = mailbox_map.PLACES - 1
 LOCKS_AT = 16 + mailbox_map.CURSORS.index("place") * mailbox_map.CURSOR_BYTES
 SENTENCES = [
@@ -363,7 +364,7 @@ def test_a_client_made_from_the_page_is_served(system: str) -> None:
     ours = take_place(system, "PSM1")  # has place 0
     assert not seen.lock(seen.locks) and seen.lock(seen.locks + 1)
     for n in range(1, 40):
-        seen.send(1, n, code_of("arm", "move_jp"), (n, 0.5), 5)
+        seen.send(1, n, ARM.index("move_jp"), (n, 0.5), 5)
         (got,) = owner.drain()
         assert (got.name, got.id, got.sent_ns, got.text, got.values.tolist()) == ("move_jp", n, 5, "by hand", [n, 0.5])
         assert struct.unpack_from("<Q", seen.map, seen.taken + 8) == (n,)
@@ -383,11 +384,11 @@ def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> No
         seen.sign(place, os.getpid(), "größer".encode())
     with pytest.raises(SegmentError, match=rf"taken: größer \(pid {os.getpid()}, 16 places\); close one"):
         take_place(system, "PSM1")
-    seen.send(3, 1, code_of("arm", "move_jp"), (1.0,), 5)
+    seen.send(3, 1, ARM.index("move_jp"), (1.0,), 5)
     stops = mailbox_map.RESERVED
     assert seen.lock(seen.locks + stops)
     seen.sign(stops, os.getpid(), b"by hand")
-    seen.send(stops, 1, code_of("arm", "hold"), (), 6)
+    seen.send(stops, 1, ARM.index("hold"), (), 6)
     assert [got.name for got in owner.drain()] == ["hold"]
     assert seen.reply(3, 1) == (1, 1, received.REFUSED, f"stopped by by hand (pid {os.getpid()})".encode())
     for end in (owner, seen):

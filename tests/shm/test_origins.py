@@ -82,7 +82,7 @@ def ran(box: Mailbox) -> list[str]:
 def test_a_person_is_served_and_known_by_number_and_program(box: Mailbox, person: Client) -> None:
     person.send("state_command", (), "enable")
     (got,) = box.drain()
-    assert got.origin.is_person and got.origin.generation == 0 and got.origin.program
+    assert got.origin.id and got.origin.generation == 0 and got.origin.program
 
 
 def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) -> None:
@@ -189,7 +189,7 @@ def test_the_steps_of_one_command_have_one_origin_and_none_is_carried_out_after_
     for word in ("enable", "home"):
         person.send("state_command", (), word)
         origins += [command.origin for command in box.drain()]
-    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].is_person
+    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].id
     cell.fault()
     person.send("state_command", (), "home")
     assert ran(box) == []

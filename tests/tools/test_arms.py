@@ -38,4 +38,4 @@ def test_power_and_homing_are_one_command(world: World, monkeypatch: pytest.Monk
         finally:
             over.set()
             arm.join()
-    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].is_person
+    assert len(origins) == 2 and origins[0] == origins[1] and origins[0].id

@@ -42,7 +42,6 @@ class Bench(Protocol):
     document: System
     subjects: tuple[Subject, ...]
     person: Person
-    is_emulated: bool
 
     def sample(self, io: str, seconds: float) -> Window:
         """So much of the time to come, of one io."""
@@ -65,7 +64,6 @@ class RunningBench:
         """Attach; SegmentError when it does not run."""
         self.document, self.person = document, person
         self.system = document.name
-        self.is_emulated = document.emulation is not None
         self.subjects = subjects_of(document, chosen)
         self._open = contextlib.ExitStack()
         self._readers: dict[str, RingReader] = {}

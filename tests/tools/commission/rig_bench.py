@@ -47,7 +47,6 @@ class Hands(Played):
 class RigBench:
     """One io of a system; `faults` is what breaks on it."""
 
-    is_emulated = True
 
     def __init__(self, file: str, period_s: float = 0.004, sets: Sequence[str] = ()) -> None:
         loaded = load_system(PROJECT_CONFIGS / "systems" / file, boards="emulated",
