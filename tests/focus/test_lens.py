@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.focus.lens import AGAIN_NS, COMMANDED_NS, IN, OUT, Lens
+from procs.focus.lens import AGAIN_NS, COMMANDED_NS, Lens
 from procs.focus.loop import carry_out
 from tests.arm.fake_io import FakeRequest
 
@@ -116,7 +116,3 @@ def test_a_pin_that_does_not_obey_is_written_again_now_and_then(rig: Rig) -> Non
     assert rig.writes - writes == 3, "nobody knows how the pins are"
     rig.known, rig.stuck = True, False
     assert rig.step() == [False, True]
-
-
-def test_ways_are_those_of_the_outputs() -> None:
-    assert (IN, OUT) == (0, 1)
