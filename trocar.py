@@ -25,7 +25,7 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import TypeVar
 
-from procs.lib.arm_types import ARM_TYPES, class_of
+from procs.arm_types import ARM_TYPES, class_of
 from tools.client.arm import Arm
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
@@ -36,9 +36,9 @@ from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
 from tools.errors import Clipped, Problem, Refused
+from tools.inspect.watch import arm_document
 from tools.systems import chosen_system
 from tools.version import VERSION as __version__
-from tools.watch import arm_document
 
 __all__ = [
     "Arm", "Clipped", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle",

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from procs.lib import sizes
-from procs.lib.document import Process, System
-from procs.lib.sizes import Sizes
+from procs import sizes
+from procs.document.system import Process, System
+from procs.sizes import Sizes
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import os
 import platform
 import struct
 
-from procs.lib.document import Process
+from procs.document.system import Process
 from procs.rights import NO_FIFO, NOT_LOCKED
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29

@@ -22,8 +22,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Protocol, TypeVar
 
-from procs.lib import codes
-from procs.lib.document import WALL, Process, System, from_json
+from procs import codes
+from procs.document.system import WALL, Process, System, from_json
 from procs.manifest import late_s, proc
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration

@@ -24,7 +24,7 @@ Log = Callable[[int, str], None]
 
 
 class Code(Protocol):
-    """A row of the table of codes; see procs/lib/codes.py."""
+    """A row of the table of codes; see procs/codes.py."""
 
     @property
     def code(self) -> str:

@@ -164,7 +164,7 @@ SETPOINT = Topic(
         Field("in_effort", "(8,)?", "", "per actuator: the effort is applied; false: the position is followed"),
         Field("bias_generation", "<u4", "", "bias generation these positions belong to"),
         Field("pid_generation", "<u4", "", "enable of the joint controller these positions are meant for"),
-        # what the arm wants of io, see procs/lib/wishes.py: 0 none, 1 off, 2 on
+        # what the arm wants of io, see procs/wishes.py: 0 none, 1 off, 2 on
         Field("wish_generation", "<u4", "", "counts changes of what is wanted; 0: nothing is"),
         Field("wish_fault", "u1", "", "1: forget the latched fault"),
         Field("wish_power", "u1", "", "power"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.lib.convert import Converted, convert_file
+from tools.converters import Converted, convert_file
 
 GEAR = 2.5e-4  # deg/bit
 

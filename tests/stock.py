@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from procs.lib.document import Chain, Jaw, Link, Matrix, Tool
+from procs.document.system import Chain, Jaw, Link, Matrix, Tool
 
 TOOLS = (
     "BOWEL_GRASPER_400127",

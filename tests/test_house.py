@@ -23,8 +23,8 @@ SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py"))
 FORBIDDEN = ("utils", "helpers", "common", "misc", "base", "manager")
 LET_OFF = {ROOT / "procs" / "io"}  # the interpreter loads its own io before it looks at any path
 NAMED_BY_THE_TREE = {"shm/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
-WIRE = ("procs/lib/wire", "procs/lib/registers", "procs/lib/blocks", "procs/io/", "procs/boards/")  # speak big-endian
-STEPS_LOOPS = {"tools/bench_arm.py"}  # of io and arm in one process, on a clock of its own
+WIRE = ("procs/fpga/", "procs/io/", "procs/boards/")  # speak big-endian
+STEPS_LOOPS = {"tools/bench/arm.py"}  # of io and arm in one process, on a clock of its own
 NATIVE_DTYPE = re.compile(r"^(\([^)]*\))?[<=|][iufbSV?c][0-9]+$|^\([^)]*\)[<=|>]?[iufbSV?][0-9]*$")
 BIG_ENDIAN = re.compile(r"^(\([^)]*\))?>[iuf][0-9]+$")
 ENVIRONMENT = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -104,7 +104,7 @@ def kinds_compared(path: Path) -> set[str]:
 
 
 def test_what_a_kind_is_stands_in_its_row() -> None:
-    asked = ("procs/runtime", "procs/supervisor/", "procs/lib/", "shm/")
+    asked = ("procs/runtime", "procs/supervisor/", "procs/document/", "procs/config/", "shm/")
     each_keeps_to(kinds_compared, [path for path in SOURCES if relative(path).startswith(asked)])
 
 

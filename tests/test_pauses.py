@@ -10,9 +10,9 @@ import pytest
 
 from procs import runtime
 from procs.arm import loop as arm
+from procs.config import PROJECT_CONFIGS, load_system
 from procs.console import loop as console
 from procs.io import loop as io
-from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.pauses import Pauses, duration
 from procs.runtime import Me
 from procs.suj import loop as suj

@@ -12,7 +12,7 @@ from typing import Literal
 import pytest
 
 from procs import runtime
-from procs.lib.document import Process
+from procs.document.system import Process
 from procs.manifest import Proc
 from procs.realtime import realtime
 

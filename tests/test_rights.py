@@ -13,7 +13,7 @@ from tests.system.robot import ROOT
 
 ASK = """
 import os, resource
-from procs.lib.document import Process
+from procs.document.system import Process
 from procs.realtime import realtime
 for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
     resource.setrlimit(limit, (0, 0))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from procs.boards.endpoints import Endpoints
-from procs.lib.document import Bus, Controller
+from procs.document.system import Bus, Controller
 from procs.udp_holders import holders
 from tools.systems import ROOT
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 from shm.client import begin
 from shm.clock import monotonic_ns, pause
-from tools.amplifiers import Amplifiers
 from tools.errors import Problem, Refused
+from tools.inspect.amplifiers import Amplifiers
+from tools.inspect.watch import Watch, powered_names
 from tools.printing import Say
 from tools.remote import Remote
 from tools.systems import is_simulated
-from tools.watch import Watch, powered_names
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"

@@ -22,4 +22,4 @@ def check(
 
     Example: trocar check configs/systems/demo.yaml
     """
-    return importlib.import_module("tools.check").run(files, path or [], as_json, boards, sets or [])
+    return importlib.import_module("tools.verbs.check").run(files, path or [], as_json, boards, sets or [])

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from shm.clock import boottime_ns, monotonic_ns, pause
 from shm.system_time import SystemTime
 from tools.errors import Problem
+from tools.inspect.watch import FRESH_S, Watch
 from tools.printing import plain
 from tools.remote import Remote
-from tools.watch import FRESH_S, Watch
 
 STANDS_S = 10.0  # longer than it takes to start again who held it up
 Array = NDArray[np.float64]

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from procs.lib.config import convert
-from procs.lib.config.pid_file import PidFile
-from procs.lib.config.source import Source, read_source
-from procs.lib.config.validate import validate
-from procs.lib.convert import to_json
-from procs.lib.gains import GAINS, value_of
+from procs.config.build import convert
+from procs.config.models.pid_file import PidFile
+from procs.config.read.source import Source, read_source
+from procs.config.read.validate import validate
+from procs.document.gains import GAINS, value_of
+from tools.converters import to_json
 from tools.errors import Misuse, Problem
-from tools.gains import Present
+from tools.inspect.gains import Present
 
 
 @dataclass(slots=True)

@@ -9,16 +9,16 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from procs.lib.paths import log_folder
+from procs.config.read.paths import log_folder
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse
 from shm.segment import SegmentError
 from tools.cleanup import Keeper
 from tools.ending import POLL_S, STOP_S, stop_system
 from tools.errors import Problem
-from tools.logs import tail
 from tools.printing import Say
 from tools.systems import environment, forbidden, is_up
+from tools.verbs.logs import tail
 
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15

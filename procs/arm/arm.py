@@ -13,16 +13,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
 from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import Commands, Row, Table
 from procs.arm.control import SAID_NS, Control
-from procs.arm.detection import Reading
 from procs.arm.duties import Duties
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import Joints, joints, kinematic_home
 from procs.arm.machine import Machine
 from procs.arm.motion import Mode, Space
+from procs.arm.psm.detection import Reading
 from procs.arm.readings import Fields, Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.settings import Settings
@@ -34,10 +35,10 @@ from procs.arm.stages.stage import Stage
 from procs.arm.states import AT_HOME, PUBLISHED, Event, State
 from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
 from procs.arm.takeover import Predecessor, beginning, predecessor
-from procs.lib import codes, document
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.faults import FaultReport
-from procs.lib.requests import Reports, Request, Sender
+from procs.arm_types import ARM_TYPES
+from procs.document import system as document
+from procs.faults import FaultReport
+from procs.requests import Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
 
 Array = NDArray[np.float64]

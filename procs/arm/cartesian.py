@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from procs.arm.joints import Joints
 from procs.arm.readings import Fields, Readings
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import inverse, pose_from_matrix
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import inverse, pose_from_matrix
 
 Array = NDArray[np.float64]
 

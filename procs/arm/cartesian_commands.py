@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
 from procs.arm.commands import Ready, Row, Table
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.efforts import FOR_EVER
@@ -15,10 +16,9 @@ from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
-from procs.lib import codes
-from procs.lib.inverse.solver import Inverse
-from procs.lib.poses import matrix_from_pose, unit_quaternion
-from procs.lib.requests import Request
+from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.poses import matrix_from_pose, unit_quaternion
+from procs.requests import Request
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from procs import codes
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode
 from procs.arm.states import State
-from procs.lib import codes
-from procs.lib.poses import PoseError
-from procs.lib.requests import Request
+from procs.kinematics.poses import PoseError
+from procs.requests import Request
 
 
 class Ready(Enum):

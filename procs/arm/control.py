@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
 from procs.arm.cartesian import Cartesian
 from procs.arm.duties import Duties
 from procs.arm.effort_guard import EffortGuard
@@ -21,11 +22,10 @@ from procs.arm.readings import Readings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.streams import Stream
 from procs.arm.supervision import Generations
-from procs.lib import codes
-from procs.lib.codes import Code
-from procs.lib.document import Arm
-from procs.lib.faults import FaultReport
-from procs.lib.requests import Reports, Request
+from procs.codes import Code
+from procs.document.system import Arm
+from procs.faults import FaultReport
+from procs.requests import Reports, Request
 
 Array = NDArray[np.float64]
 

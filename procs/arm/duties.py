@@ -12,8 +12,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from procs.arm.readings import Fields, Readings
-from procs.lib.requests import Answer, Origin, Sender
-from procs.lib.wishes import NONE, OFF, ON, WISHES
+from procs.requests import Answer, Origin, Sender
+from procs.wishes import NONE, OFF, ON, WISHES
 
 REFUSED_NS = 1_000_000_000
 MEMORY = 64

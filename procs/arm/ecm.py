@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
 from procs.arm.arm import Arm
 from procs.arm.commands import Row, Table
 from procs.arm.control import Refused
@@ -17,9 +18,8 @@ from procs.arm.joints import joints
 from procs.arm.motion import Mode
 from procs.arm.states import State
 from procs.arm.takeover import Predecessor
-from procs.lib import codes
-from procs.lib.endoscopes import NAMES
-from procs.lib.requests import Request
+from procs.kinematics.endoscopes import NAMES
+from procs.requests import Request
 
 Array = NDArray[np.float64]
 

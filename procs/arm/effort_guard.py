@@ -30,7 +30,7 @@ class EffortGuard:
     """Changes the efforts of a cycle; `begin` where effort mode does."""
 
     def __init__(self, speed_ratio: float, zone_ratio: float) -> None:
-        """Times speeds and zones of the table (`procs.lib.arm_types`); 0: off."""
+        """Times speeds and zones of the table (`procs.arm_types`); 0: off."""
         self._has_speed, self._has_zone = bool(speed_ratio), bool(zone_ratio)
         self._speed_ratio, self._zone_ratio = speed_ratio or 1.0, zone_ratio
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.joints import Joints
-from procs.lib.document import Robot
+from procs.document.system import Robot
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.document import Arm
-from procs.lib.endoscopes import NONE, endoscope
-from procs.lib.gravity import Gravity, up_of
-from procs.lib.master_gravity import MasterGravity
+from procs.arm_types import ARM_TYPES
+from procs.document.system import Arm
+from procs.kinematics.endoscopes import NONE, endoscope
+from procs.kinematics.gravity import Gravity, up_of
+from procs.kinematics.master_gravity import MasterGravity
 
 Array = NDArray[np.float64]
 

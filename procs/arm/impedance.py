@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import PoseError, matrix_from_pose, rotation_vector, unit_quaternion
+from procs.kinematics.poses import PoseError, matrix_from_pose, rotation_vector, unit_quaternion
 
 Array = NDArray[np.float64]
 

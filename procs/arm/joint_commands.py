@@ -5,7 +5,7 @@ from __future__ import annotations
 from procs.arm.commands import N, Ready, Row, Table
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
-from procs.lib.requests import Request
+from procs.requests import Request
 
 
 class JointCommands:

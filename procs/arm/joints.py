@@ -17,13 +17,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.coupling import coupling
-from procs.lib.document import Arm, Tool
-from procs.lib.endoscopes import NONE, endoscope
-from procs.lib.inverse.arms import BENDS, inverse_of
-from procs.lib.inverse.solver import Inverse
-from procs.lib.kinematics import Kinematics
+from procs.arm_types import ARM_TYPES
+from procs.document.system import Arm, Tool
+from procs.kinematics.coupling import coupling
+from procs.kinematics.endoscopes import NONE, endoscope
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.inverse.arms import BENDS, inverse_of
+from procs.kinematics.inverse.solver import Inverse
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Joints:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
     `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed` and
-    `effort_zone` see `procs.lib.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
+    `effort_zone` see `procs.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
     these say nothing. Positions and velocities map alike; efforts go with the transposed matrices the other way round,
     so that power is the same on both sides.
     """

@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import runtime
+from procs import codes, runtime
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
-from procs.arm.detection import Reading
 from procs.arm.effort_limits import motor_efforts
+from procs.arm.psm.detection import Reading
 from procs.arm.setup_base import SetupBase, place_of
 from procs.arm.supervision import power_lost
-from procs.lib import codes
-from procs.lib.arm_types import ARM_TYPES, class_of
-from procs.lib.codes import AMPLIFIER
-from procs.lib.document import Actuator, Arm, Brake, Io
-from procs.lib.faults import FaultReport, reported
-from procs.lib.wording import axis_titles, boards_of, place, sentence
+from procs.arm_types import ARM_TYPES, class_of
+from procs.codes import AMPLIFIER
+from procs.document.system import Actuator, Arm, Brake, Io
+from procs.faults import FaultReport, reported
 from procs.manifest import proc
+from procs.wording import axis_titles, boards_of, place, sentence
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then

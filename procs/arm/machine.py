@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from procs import codes
 from procs.arm.states import (
     BEYOND,
     BUSY,
@@ -17,9 +18,8 @@ from procs.arm.states import (
     follow,
     refusal,
 )
-from procs.lib import codes
-from procs.lib.faults import FaultReport
-from procs.lib.requests import Reports, Request
+from procs.faults import FaultReport
+from procs.requests import Reports, Request
 
 
 class Machine:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.joints import Joints
-from procs.lib.trajectory import Trajectory
+from procs.kinematics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

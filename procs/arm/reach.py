@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.control import Control, Refused
-from procs.lib.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import Inverse
 
 Array = NDArray[np.float64]
 

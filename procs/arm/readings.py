@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procs.arm.joints import Joints
 from procs.arm.stack import stacked
-from procs.lib.codes import ARM_LOST, ERROR, FAULTS
+from procs.codes import ARM_LOST, ERROR, FAULTS
 
 Fields = Callable[[str], NDArray[Any]]
 Array = NDArray[np.float64]

@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
+from procs import codes
 from procs.arm.cartesian_commands import switch
 from procs.arm.commands import Row, Table
 from procs.arm.control import Control, Refused
-from procs.lib import codes
-from procs.lib.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
-from procs.lib.requests import Request
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
+from procs.requests import Request
 
 CRTK_VERSION: Final = "1.1.0"
 QUATERNION_SLACK: Final = 0.1

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import POSE, PoseError, matrix_from_pose, unit_quaternion
+from procs.kinematics.poses import POSE, PoseError, matrix_from_pose, unit_quaternion
 
 Array = NDArray[np.float64]
 

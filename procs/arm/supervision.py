@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from procs import codes
 from procs.arm.readings import Readings
 from procs.arm.states import UP, State
-from procs.lib import codes
-from procs.lib.codes import AMPLIFIER, POWER_TIMEOUT
-from procs.lib.faults import NO_FAULT, FaultReport
+from procs.codes import AMPLIFIER, POWER_TIMEOUT
+from procs.faults import NO_FAULT, FaultReport
 
 UNWATCHED = frozenset((State.DISABLED, State.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try

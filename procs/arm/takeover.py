@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from procs.arm.readings import Fields, Readings
 from procs.arm.states import State
-from procs.lib.poses import matrix_from_pose, normalised
+from procs.kinematics.poses import matrix_from_pose, normalised
 
 Array = NDArray[np.float64]
 

@@ -30,9 +30,9 @@ from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.loop import Publisher
 from procs.boards.robots.plant import Plant
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import System, from_json
+from procs.document.system import System, from_json
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 from shm import directory
 from shm.clock import monotonic_ns, pause
 

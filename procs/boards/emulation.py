@@ -19,9 +19,9 @@ from procs.boards.controllers.lines import Lines
 from procs.boards.mishaps import Mishaps
 from procs.boards.setup_joints import fit
 from procs.boards.wiring import Wiring
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import System
+from procs.document.system import System
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s

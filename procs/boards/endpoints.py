@@ -23,8 +23,8 @@ from typing import Final, cast
 from procs.boards.controllers.bus import GROUP
 from procs.boards.frames import FrameSocket
 from procs.boards.mishaps import Mishaps
-from procs.lib.document import Bus
-from procs.lib.wire import MULTICAST, UDP_PORT, Buffer
+from procs.document.system import Bus
+from procs.fpga.wire import MULTICAST, UDP_PORT, Buffer
 from procs.udp_holders import holders
 from shm.lockstep import wait_for_wakeup
 

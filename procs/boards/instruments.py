@@ -6,9 +6,9 @@ from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.boards.robots.plant import Plant
-from procs.lib.catalogue import CANDIDATES, find, taken_apart
-from procs.lib.document import Arm, System, Tool
-from procs.lib.instrument import NAME_AT, NAME_END
+from procs.document.catalogue import CANDIDATES, find, taken_apart
+from procs.document.system import Arm, System, Tool
+from procs.fpga.instrument import NAME_AT, NAME_END
 
 VERSION = 1  # where neither the name nor the index says one
 

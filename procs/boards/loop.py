@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs import runtime
+from procs import codes, runtime
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.orders import Orders
 from procs.boards.robots.plant import Plant
-from procs.lib import codes
 from shm.ring import RingWriter
 
 BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken

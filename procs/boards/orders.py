@@ -14,8 +14,8 @@ from procs.boards.instruments import Instruments
 from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, Mishaps
 from procs.boards.robots.hand import Grip, Hands
 from procs.boards.robots.plant import Plant
-from procs.lib.document import System
-from procs.lib.poses import POSE
+from procs.document.system import System
+from procs.kinematics.poses import POSE
 from shm.commands import COMMANDS
 from shm.received import Received
 

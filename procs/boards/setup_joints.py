@@ -16,10 +16,10 @@ import numpy.typing as npt
 from procs.boards.controllers.bus import Bus
 from procs.boards.controllers.interface_board import CHANNELS, InterfaceBoard
 from procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
-from procs.lib import registers as reg
-from procs.lib.document import System
-from procs.lib.emulated import Linear, SetupArm
-from procs.lib.emulated import SetupJoints as Described
+from procs.document.emulated import Linear, SetupArm
+from procs.document.emulated import SetupJoints as Described
+from procs.document.system import System
+from procs.fpga import registers as reg
 
 JOINTS: Final = 6
 PLUGS: Final = 4

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.models import HARDWARE, models_of, width_of
-from procs.lib import lookup
-from procs.lib.document import Actuator, Brake, Emulation, Linear, System
+from procs.document.system import Actuator, Brake, Emulation, Linear, System
+from procs.fpga import lookup
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
 Floats = npt.NDArray[np.float64]

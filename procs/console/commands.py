@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
-from procs.lib.requests import Request
+from procs.debounce import CLICKED, PRESSED, RELEASED
+from procs.requests import Request
 
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}
 LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in the way

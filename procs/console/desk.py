@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs import codes
+from procs.codes import Code
 from procs.console.logic import Logic
 from procs.console.selection import Member
-from procs.lib import codes
-from procs.lib.codes import Code
-from procs.lib.debounce import NAMES
-from procs.lib.requests import Origin
+from procs.debounce import NAMES
+from procs.requests import Origin
 from procs.runtime import Me
 from shm.client import LoopClient
 from shm.origins import NOBODY

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from procs.lib.consoles import HidSensor
+from procs.document.consoles import HidSensor
 
 LONGEST: Final = 64
 LOOK_AGAIN_NS: Final = 1_000_000_000

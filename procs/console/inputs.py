@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
-from procs.lib.document import Console, System, WiredInput
+from procs.debounce import CLICKED, PRESSED, RELEASED
+from procs.document.system import Console, System, WiredInput
 
 STALE_NS: Final = 30_000_000  # design: an operator whom nobody sees is absent
 BUTTON, CLICK = b"button", b"clicked"

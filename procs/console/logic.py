@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+from procs import codes
+from procs.codes import Code
 from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm, tapped
-from procs.lib import codes
-from procs.lib.codes import Code
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
-from procs.lib.requests import Origin
+from procs.debounce import CLICKED, PRESSED, RELEASED
+from procs.requests import Origin
 from shm.origins import NOBODY
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from procs import runtime
+from procs.codes import HEAD_SENSOR
 from procs.console.commands import Commands
 from procs.console.desk import Mailboxes
 from procs.console.goovis import Goovis
@@ -12,8 +13,7 @@ from procs.console.inputs import Inputs
 from procs.console.logic import Logic
 from procs.console.record import Record, go_on
 from procs.console.selection import members_of
-from procs.lib.codes import HEAD_SENSOR
-from procs.lib.document import System, TeleopPsm
+from procs.document.system import System, TeleopPsm
 from shm.faults import Watched
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from procs.console.inputs import Inputs, Reader
 from procs.console.logic import Logic
-from procs.lib.document import Console
+from procs.document.system import Console
 from shm.origins import Origin
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.lib.document import System
+from procs.document.system import System
 
 ECM: Final = "ECM"
 PSM: Final = "PSM"

@@ -7,9 +7,9 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from procs import runtime
+from procs.document.system import Focus, WiredInput
 from procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
-from procs.lib.document import Focus, WiredInput
-from procs.lib.requests import Request
+from procs.requests import Request
 
 STALE_NS: Final = 30_000_000
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}

@@ -16,9 +16,9 @@ import numpy as np
 
 from procs.io.brakes import Brakes
 from procs.io.instruments import Asker
+from procs.io.pid import Pid
 from procs.io.record import Floats, Record
 from procs.io.robots import Robots, Samples
-from procs.lib.pid import Pid
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
 MAX_RISE_S: Final = 3.0

@@ -15,11 +15,12 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.port import Port, PortError
+from procs import codes
+from procs.fpga import conversion, registers
+from procs.io.bus.port import Port, PortError
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots, Samples
-from procs.lib import codes, conversion, registers
 
 SETTLE_SAMPLES: Final = 2
 ATTEMPTS: Final = 3

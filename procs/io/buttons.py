@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.port import Port
+from procs.debounce import NAMES, Debounce
+from procs.fpga import blocks
+from procs.io.bus.port import Port
 from procs.io.record import Record
 from procs.io.reports import Event, Reports
 from procs.io.robots import Robots
-from procs.lib import blocks
-from procs.lib.debounce import NAMES, Debounce
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, released, clicked
 

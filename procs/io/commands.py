@@ -9,17 +9,17 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
+from procs.faults import fault_of
 from procs.io.brakes import Brakes
 from procs.io.devices import AxisDrive, Bias, DigitalOutputs, Gains, Instruments, Power, Safety
 from procs.io.follow import Follow
+from procs.io.pid import Pid
 from procs.io.record import Flags, Record
 from procs.io.robots import Robots
 from procs.io.wishes import Wishes
-from procs.lib import codes
-from procs.lib.faults import fault_of
-from procs.lib.pid import Pid
-from procs.lib.requests import Origin
-from procs.lib.wishes import SWITCHING
+from procs.requests import Origin
+from procs.wishes import SWITCHING
 from shm.faults import Cell
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot

@@ -14,9 +14,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
+from procs.document.system import Io, PidAxis
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
+from procs.io.bus.port import Port
 from procs.io.buttons import Buttons
 from procs.io.commands import Command, Commands
 from procs.io.digital_outputs import DigitalOutputs
@@ -25,7 +28,7 @@ from procs.io.gains import Gains
 from procs.io.idle_outputs import IdleOutputs
 from procs.io.instruments import Instruments
 from procs.io.outputs import Outputs
-from procs.io.port import Port
+from procs.io.pid import Pid
 from procs.io.power import Power
 from procs.io.reactions import Reactions
 from procs.io.record import Field, Flags, Record
@@ -36,9 +39,6 @@ from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
 from procs.io.wishes import Asked, Wishes
-from procs.lib import codes
-from procs.lib.document import Io, PidAxis
-from procs.lib.pid import Pid
 from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off

@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.port import Port
+from procs.document.system import DigitalOutput
+from procs.fpga import blocks, registers
+from procs.io.bus.port import Port
 from procs.io.record import Flags, Record
 from procs.io.robots import Robots
-from procs.lib import blocks, registers
-from procs.lib.document import DigitalOutput
 
 LONGEST_COUNTS: Final = 0xFFFF
 TURN_TICKS: Final = 2  # an output turns so many ticks after its count is over

@@ -15,21 +15,21 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
+from procs.document.system import Io
 from procs.io.devices import Measured
+from procs.io.pid import Pid
 from procs.io.record import Field, Flags, Floats, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots
-from procs.lib import codes
-from procs.lib.document import Io
-from procs.lib.pid import Pid
-from procs.lib.wishes import WISHES
+from procs.wishes import WISHES
 from shm.origins import Origin
 
 DRIVE: Final = 1  # mode of a set-point that asks for something
 
 
 class WishFields:
-    """What the arm wants of io, in its set-point record; see procs/lib/wishes.py."""
+    """What the arm wants of io, in its set-point record; see procs/wishes.py."""
 
     def __init__(self, field: Field) -> None:
         """`field` gives the arrays of the record."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs.document.gains import GAINS, changed, value_of
 from procs.io.devices import Measured
+from procs.io.pid import Pid
 from procs.io.record import Field, private
 from procs.io.reports import Reports
 from procs.io.robots import Robots
-from procs.lib.gains import GAINS, changed, value_of
-from procs.lib.pid import Pid
 from shm.topics import IO_GAINS
 
 ALL: Final = -1  # in place of an axis

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from procs.io.bus.port import PortError
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.port import PortError
 from procs.io.record import Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots

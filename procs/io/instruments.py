@@ -15,12 +15,12 @@ import contextlib
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from procs.io.port import Port, PortError
+from procs.fpga import instrument, registers
+from procs.fpga.instrument import Instrument, instrument_of
+from procs.io.bus.port import Port, PortError
 from procs.io.record import Field, private
 from procs.io.reports import Event, Reports
 from procs.io.robots import Robots
-from procs.lib import instrument, registers
-from procs.lib.instrument import Instrument, instrument_of
 from shm.topics import IO_INSTRUMENTS
 
 POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question

@@ -17,19 +17,19 @@ from typing import Final
 
 import numpy as np
 
+from procs.document.system import Io, PidAxis
 from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
 from procs.io.commands import Command, Commands
 from procs.io.follow import Follow, SetpointSource
 from procs.io.gains import Gains
 from procs.io.instruments import Asker
+from procs.io.pid import Pid
 from procs.io.reactions import Reactions
 from procs.io.record import Field, Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots
 from procs.io.wishes import Asked, Wishes
-from procs.lib.document import Io, PidAxis
-from procs.lib.pid import Pid
 from shm.faults import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves

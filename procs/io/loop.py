@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 
 from procs import runtime
-from procs.io import owner
-from procs.io.bus_port import BusPort
+from procs.document.system import Io
+from procs.io.bus import owner
+from procs.io.bus.bus_port import BusPort
+from procs.io.bus.ports import port_of
 from procs.io.cycle import RobotIo
 from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
-from procs.io.ports import port_of
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from procs.lib.document import Io
 from shm.events import ERROR, STATUS, WARNING
 from shm.faults import NoFaults, robot_component
 from shm.nap import Nap

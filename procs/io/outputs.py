@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.fpga import conversion, registers
 from procs.io.brakes import Brakes
-from procs.io.port import Port
+from procs.io.bus.port import Port
 from procs.io.record import Flags, Floats, Record
 from procs.io.robots import Robots
-from procs.lib import conversion, registers
 
 ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
 DISABLE = registers.DAC_VALID | registers.DAC_AMP_MASK

@@ -17,13 +17,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
+from procs.fpga import blocks, registers
 from procs.io.brakes import Brakes
+from procs.io.bus.port import Port
 from procs.io.outputs import Outputs
-from procs.io.port import Port
 from procs.io.record import Flags, Record
 from procs.io.reports import Reports, also
 from procs.io.robots import Robots, Samples
-from procs.lib import blocks, codes, registers
 
 OFF: Final = "OFF"
 SUPPLY: Final = "SUPPLY"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs import codes, wording
 from procs.io.brakes import Brakes
 from procs.io.devices import Bias, Power
 from procs.io.follow import Follow
@@ -12,7 +13,6 @@ from procs.io.record import Record
 from procs.io.reports import Event, Reports, Trip
 from procs.io.robots import Robots
 from procs.io.wishes import Wishes
-from procs.lib import codes, wording
 from shm.events import SEVERITIES
 from shm.faults import OwnCell
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes, wording
-from procs.lib.codes import Code
+from procs import codes, wording
+from procs.codes import Code
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,13 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.port import Port
+from procs import wording
+from procs.document.system import Actuator, Brake, Encoder, Io, Linear
+from procs.fpga import blocks, conversion, lookup, registers
+from procs.fpga.blocks import Columns
+from procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
+from procs.io.bus.port import Port
 from procs.io.record import Flags, Floats, Record
-from procs.lib import blocks, conversion, lookup, registers, wording
-from procs.lib.blocks import Columns
-from procs.lib.document import Actuator, Brake, Encoder, Io, Linear
-from procs.lib.velocity import FirmwareVelocity, SoftwareVelocity
 
 Places: TypeAlias = NDArray[np.intp]
 

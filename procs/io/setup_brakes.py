@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
+from procs.io.bus.port import PortError
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.port import PortError
 from procs.io.record import Flags, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots

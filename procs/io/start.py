@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.port import ALL_BOARDS, BoardInfo, Port, PortError
+from procs.fpga import conversion, registers
+from procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
 from procs.io.record import Flags
 from procs.io.robots import Robots
-from procs.lib import conversion, registers
 from shm.clock import pause
 
 POWER_OFF: Final = registers.CONTROL_POWER_OFF | registers.CONTROL_AMPS_OFF

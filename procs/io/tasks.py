@@ -22,13 +22,14 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from procs import codes
+from procs.codes import Code
+from procs.document import system as document
+from procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
+from procs.io.pid import Pid
 from procs.io.record import Flags, Floats, Record
 from procs.io.reports import Reports
 from procs.io.robots import Robots, Samples
-from procs.lib import codes, document
-from procs.lib.codes import Code
-from procs.lib.pid import Pid
-from procs.lib.tasks import Sample, Task, TaskMaker, TaskRobot
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from procs import codes
 from procs.io.record import Record
 from procs.io.reports import Reports
-from procs.lib import codes
 
 INTERVAL_NS: Final = 1_000_000_000
 START_NS: Final = 10_000_000_000  # nothing is judged before

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from procs.io.follow import Follow, Follower
 from procs.io.record import Record
 from procs.io.robots import Robots
-from procs.lib.wishes import NONE, OFF, ON, WISHES, Order
+from procs.wishes import NONE, OFF, ON, WISHES, Order
 from shm.commands import COMMANDS, Command
 from shm.layout import shorten
 from shm.origins import Origin

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.cart import SetupArm
+from procs.document.cart import SetupArm
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.cart import Cart
-from procs.lib.requests import Reports
+from procs import codes
+from procs.document.cart import Cart
+from procs.requests import Reports
 from procs.suj.brakes import Brakes
 from procs.suj.interface_board import InterfaceBoard
 from procs.suj.machine import State

@@ -7,9 +7,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.lib.cart import FIXED, Cart
-from procs.lib.poses import PoseError, matrix_from_pose, normalised
-from procs.lib.requests import Request
+from procs.document.cart import FIXED, Cart
+from procs.kinematics.poses import PoseError, matrix_from_pose, normalised
+from procs.requests import Request
 from procs.suj.machine import Machine, State
 from procs.suj.setups import Setups
 

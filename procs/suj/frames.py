@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import inverse, pose_from_matrix
+from procs.kinematics.poses import inverse, pose_from_matrix
 from procs.suj.setups import Array, Fields, Setups
 
 CART: Final = "Cart"

@@ -8,9 +8,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.cart import channel_inputs
-from procs.lib.codes import ARM_LOST, ERROR, FAULTS
-from procs.lib.document import Io
+from procs.codes import ARM_LOST, ERROR, FAULTS
+from procs.document.cart import channel_inputs
+from procs.document.system import Io
 from procs.suj.multiplexer import PLUGS
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from procs.lib.cart import Cart
-from procs.lib.requests import Origin, Reports, Request
+from procs.document.cart import Cart
+from procs.requests import Origin, Reports, Request
 from procs.suj.classic import Classic
 from procs.suj.commands import Commands
 from procs.suj.frames import Frames

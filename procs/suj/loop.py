@@ -8,11 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import runtime
-from procs.lib import codes
-from procs.lib.cart import CLASSIC, SI, Cart
-from procs.lib.faults import reported
-from procs.lib.requests import Origin
+from procs import codes, runtime
+from procs.document.cart import CLASSIC, SI, Cart
+from procs.faults import reported
+from procs.requests import Origin
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, Protocol
 
-from procs.lib import codes
-from procs.lib.requests import Reports, Request
+from procs import codes
+from procs.requests import Reports, Request
 
 
 class State(StrEnum):

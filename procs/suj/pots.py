@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.cart import SetupArm
-from procs.lib.requests import Reports
+from procs import codes
+from procs.document.cart import SetupArm
+from procs.requests import Reports
 from procs.suj.setups import Setups
 
 Array = NDArray[np.float64]

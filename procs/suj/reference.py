@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.lib.poses import matrix_from_pose, normalised
+from procs.kinematics.poses import matrix_from_pose, normalised
 from procs.suj.setups import Array
 from shm.ring import RingReader
 

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.cart import Cart, SetupArm
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import matrix_from_pose, normalised, pose_from_matrix
+from procs.document.cart import Cart, SetupArm
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import matrix_from_pose, normalised, pose_from_matrix
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]

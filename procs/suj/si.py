@@ -14,9 +14,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.cart import Cart
-from procs.lib.requests import Reports
+from procs import codes
+from procs.document.cart import Cart
+from procs.requests import Reports
 from procs.suj.machine import State
 from procs.suj.pots import SI_LIMITS, Potentiometers, Readings
 from procs.suj.setups import Array, Fields, Setups

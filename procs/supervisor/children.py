@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from procs import lifecycle
-from procs.lib.document import Process
+from procs.document.system import Process
 from procs.manifest import proc
 from shm.clock import monotonic_ns
 from shm.pulse import Pulse

@@ -16,11 +16,10 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
-from procs import lifecycle
-from procs.lib import codes
-from procs.lib.config import load_system
-from procs.lib.document import LOCKSTEP, PACED, WALL, Process, System
-from procs.lib.paths import log_folder
+from procs import codes, lifecycle
+from procs.config import load_system
+from procs.config.read.paths import log_folder
+from procs.document.system import LOCKSTEP, PACED, WALL, Process, System
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.realtime import realtime
 from procs.rights import lacking

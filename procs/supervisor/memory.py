@@ -9,7 +9,7 @@ import os
 import socket
 from typing import Final
 
-from procs.lib.document import PACED, WALL, Process, System, to_json
+from procs.document.system import PACED, WALL, Process, System, to_json
 from procs.manifest import THIRD_PARTY, proc
 from shm import directory
 from shm.clock import monotonic_ns, pause

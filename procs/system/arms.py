@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.lib.requests import Origin
+from procs.requests import Origin
 from procs.runtime import Me
 from shm.client import LoopClient
 from shm.ring import RingReader

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-from procs.lib.requests import Origin
+from procs.requests import Origin
 
 POWER_ON, HOME, POWER_OFF = "power_on", "home", "power_off"
 LIMITS_NS: Final = {"disable": 7_000_000_000, "enable": 7_000_000_000, "home": 60_000_000_000}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from procs.lib import codes
-from procs.lib.requests import Request
+from procs import codes
+from procs.requests import Request
 from procs.system.climb import HOME, POWER_OFF, POWER_ON, Arm, Climb
 from procs.system.sound import Sound
 from shm.client import LoopClient

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from procs import runtime
-from procs.lib import codes
+from procs import codes, runtime
 from procs.system.arms import arms_of
 from procs.system.centre import Centre, Source
 from procs.system.commands import Commands

@@ -9,9 +9,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.codes import INVERSE_KINEMATICS
-from procs.lib.poses import angle_between
-from procs.lib.requests import Answer, Origin, Sender
+from procs.codes import INVERSE_KINEMATICS
+from procs.kinematics.poses import angle_between
+from procs.requests import Answer, Origin, Sender
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]

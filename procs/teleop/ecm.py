@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.camera import Camera, outside
-from procs.lib.consoles import TeleopEcm as Settings
-from procs.lib.poses import matrix_from_pose, pose_from_matrix
-from procs.lib.requests import Request
+from procs import codes
+from procs.document.consoles import TeleopEcm as Settings
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from procs.requests import Request
 from procs.teleop.arms import Arm
+from procs.teleop.camera import Camera, outside
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Events, Row, State, Teleop, positive

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs import runtime
-from procs.lib.document import TeleopPsm as PsmRow
+from procs.document.system import TeleopPsm as PsmRow
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.ecm import TeleopEcm
 from procs.teleop.outside import Outsider

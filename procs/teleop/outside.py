@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from procs.lib.requests import Sender
+from procs.requests import Sender
 from procs.teleop.arms import SILENT_NS, Arm, Array, Fields, Ring
 
 # A hand goes slower than this, a tracker that lost its way is faster. What a step may have on top lets devices of

@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.consoles import TeleopPsm as Settings
-from procs.lib.poses import angle_between
-from procs.lib.requests import Request
-from procs.lib.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
+from procs import codes
+from procs.document.consoles import TeleopPsm as Settings
+from procs.kinematics.poses import angle_between
+from procs.requests import Request
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Events, Refused, Row, State, Teleop, positive, switch
+from procs.teleop.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib import codes
-from procs.lib.codes import Code
-from procs.lib.requests import Origin, Request
+from procs import codes
+from procs.codes import Code
+from procs.requests import Origin, Request
 from procs.teleop.arms import Arm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from procs import codes
 from procs.arm.arm import Arm as AnyArm
 from procs.arm.arm import Surroundings
-from procs.arm.detection import Reading
-from procs.arm.psm import Psm
-from procs.lib import codes
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.codes import Code
-from procs.lib.document import Arm, Chain, Jaw, Link, Tool
-from procs.lib.faults import FaultReport
-from procs.lib.wishes import WISHES
+from procs.arm.psm.detection import Reading
+from procs.arm.psm.psm import Psm
+from procs.arm_types import ARM_TYPES
+from procs.codes import Code
+from procs.document.system import Arm, Chain, Jaw, Link, Tool
+from procs.faults import FaultReport
+from procs.wishes import WISHES
 from shm.client import Reply
 from shm.events import SEVERITIES, sentence
 from shm.layout import schema_of

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from procs.arm.mtm import Mtm
-from procs.lib.document import Arm
+from procs.arm.mtm.mtm import Mtm
+from procs.document.system import Arm
 from tests import stock
 from tests.arm.fake_io import AXES, SECOND, FakeIo, Rig
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procs.lib.document import ArmInputs
+from procs.document.system import ArmInputs
 from tests.arm.fake_io import PERIOD_NS, TOOL, Rig, bare_arm
 
 INPUTS = {"PSM1_arm_clutch": 0, "PSM1_adapter": 1, "PSM1_tool": 2}

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from procs import codes
 from procs.arm.arm import Arm, Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import gripper_in, place_in
+from procs.arm_types import ARM_TYPES, class_of
+from procs.document.system import System
+from procs.faults import FaultReport
 from procs.io.follow import WishFields
-from procs.lib import codes
-from procs.lib.arm_types import ARM_TYPES, class_of
-from procs.lib.document import System
-from procs.lib.faults import FaultReport
 from shm.client import Reply
 from shm.topics import ARM_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib import codes
-from procs.lib.document import Actuator, Io, Linear, Process, Robot, System
+from procs import codes
+from procs.document.system import Actuator, Io, Linear, Process, Robot, System
 from procs.supervisor import memory
 from shm import directory
 from shm.client import Client

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procs.arm.impedance import COUNT
-from procs.lib.poses import matrix_from_pose, pose_from_matrix, rotation_vector
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 from tests.arm.fake_io import SECOND, FakeRequest, Rig, fixed_arm
 
 BENT = (0.2, -0.3, 0.15, 0.4, -0.5, 0.6)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from procs.arm.ecm import Ecm
-from procs.lib.arm import Arm, ArmInputs, Chain, Link
+from procs.document.arms import Arm, ArmInputs, Chain, Link
 from tests.arm.fake_io import Rig, link
 
 CHAIN = Chain(

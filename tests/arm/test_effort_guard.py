@@ -13,9 +13,9 @@ from procs.arm.effort_guard import LONGEST_ZONE, EffortGuard
 from procs.arm.effort_limits import EffortLimits, motor_efforts
 from procs.arm.joints import Joints, joints
 from procs.arm.motion import Motion
+from procs.arm_types import ARM_TYPES
 from procs.boards.robots.inertia import arm_inertia, wrist_inertia
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 
 ARMS = {"PSM": "demo", "PSM Si": "demo-psm-si", "ECM": "demo-ecm", "ECM Si": "demo-ecm-si", "MTM": "demo-mtm"}
 CYCLE_S = 1 / 1500

@@ -9,8 +9,8 @@ import pytest
 
 from procs.arm.effort_limits import EffortLimits, motor_efforts
 from procs.arm.joints import joints
-from procs.lib.config import PROJECT_CONFIGS, load_system
-from procs.lib.kinematics import Kinematics
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.kinematics.forward import Kinematics
 from tests.arm.fake_io import CHAIN, TOOL, Rig, fixed_arm
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.arm.stack import stacked
-from procs.lib.codes import AMPLIFIER, POWER_TIMEOUT, Code
+from procs.codes import AMPLIFIER, POWER_TIMEOUT, Code
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
+from procs.config import load_system
 from tests import stock
 from tests.arm.on_boards import OnBoards
 

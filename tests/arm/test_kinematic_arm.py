@@ -10,13 +10,13 @@ import pytest
 
 from procs.arm.arm import Arm, Surroundings
 from procs.arm.ecm import Ecm
-from procs.arm.psm import Psm
+from procs.arm.psm.psm import Psm
+from procs.arm_types import ARM_TYPES
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.document.system import System
 from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.config import PROJECT_CONFIGS, load_system
-from procs.lib.document import System
 from shm.client import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.arm.reach import FURTHEST_TURN, QUICKEST
-from procs.lib.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
 from tests.arm.fake_io import PERIOD_NS, Rig, fixed_arm
 
 STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import matrix_from_pose
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import matrix_from_pose
 from tests import stock
 from tests.arm.fake_master import MasterRig, actuator_of, master
 from tests.lib.test_gravity import parameters

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
-from procs.lib.document import System
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import rotation_vector
+from procs.config import load_system
+from procs.document.system import System
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import rotation_vector
 from tests import stock
 from tests.arm.fake_io import FakeRequest
 from tests.arm.on_boards import OnBoards

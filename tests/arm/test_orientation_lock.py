@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib.poses import matrix_from_pose, pose_from_matrix, rotation_vector
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 from tests.arm.fake_io import SECOND
 from tests.arm.fake_master import MasterRig, actuator_of, master
 from tests.arm.test_takeover import restart

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from procs.arm.joints import joints
-from procs.lib.document import Arm, ArmInputs
-from procs.lib.poses import pose_from_matrix
+from procs.document.system import Arm, ArmInputs
+from procs.kinematics.poses import pose_from_matrix
 from tests import stock
 from tests.arm.fake_io import Rig, fixed_arm
 

@@ -9,8 +9,8 @@ import pytest
 
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
-from procs.lib.config import load_system
-from procs.lib.kinematics import Kinematics
+from procs.config import load_system
+from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.arm.on_boards import OnBoards
 

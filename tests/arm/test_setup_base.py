@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.arm.setup_base import STALE_NS, SetupBase, place_of
-from procs.lib.poses import matrix_from_pose
+from procs.kinematics.poses import matrix_from_pose
 from shm.layout import schema_of
 from shm.topics import SUJ_STATE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib.codes import ARM_LOST
+from procs.codes import ARM_LOST
 from tests.arm.fake_io import PERIOD_NS, Rig, bare_arm
 
 ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)

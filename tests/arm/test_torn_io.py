@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs import codes
 from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
-from procs.arm.psm import Psm
+from procs.arm.psm.psm import Psm
 from procs.arm.readings import SILENT_NS
-from procs.lib import codes
-from procs.lib.faults import FaultReport
+from procs.faults import FaultReport
 from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name

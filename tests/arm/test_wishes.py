@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib.codes import BAD_READS
-from procs.lib.wishes import NONE, OFF, ON, WISHES
+from procs.codes import BAD_READS
+from procs.wishes import NONE, OFF, ON, WISHES
 from tests.arm.fake_io import PERSON, FakeRequest, Rig
 from tests.arm.test_kinematic_arm import Order, Pair
 

@@ -22,8 +22,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 from tests.lib import board_side
 
 TIME_STAMP_TICKS = reg.CLOCK_HZ // 2000

@@ -8,12 +8,12 @@ import numpy as np
 
 from procs.boards.emulation import Emulation
 from procs.boards.setup_joints import SetupJoints
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.config import load_system
-from procs.lib.document import Controller, System
-from procs.lib.emulated import SetupArm
-from procs.lib.emulated import SetupJoints as Described
+from procs.config import load_system
+from procs.document.emulated import SetupArm
+from procs.document.emulated import SetupJoints as Described
+from procs.document.system import Controller, System
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests import stock
 from tests.boards.rails import MS, START, Rails
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from procs.boards.controllers.bus import GROUP
 from procs.boards.controllers.models import HARDWARE
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import Bus, Controller
+from procs.document.system import Bus, Controller
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 
 MS = 1_000_000
 SECOND = 1000 * MS

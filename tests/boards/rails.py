@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from procs.boards.emulation import Emulation
-from procs.lib import wire
-from procs.lib.document import (
+from procs.document.system import (
     Actuator,
     Bus,
     Controller,
@@ -18,7 +17,8 @@ from procs.lib.document import (
     Robot,
     System,
 )
-from procs.lib.document import Emulation as EmulationRow
+from procs.document.system import Emulation as EmulationRow
+from procs.fpga import wire
 
 MS = 1_000_000
 START = 77_000_000_123

@@ -10,8 +10,8 @@ import pytest
 
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
-from procs.lib import wire
-from procs.lib.document import Bus
+from procs.document.system import Bus
+from procs.fpga import wire
 from tests.boards.rails import MS, Rails, two_buses
 
 KEPT_BYTES = 1280  # what the kernel charges for a short datagram, at most

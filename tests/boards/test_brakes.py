@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Brake, Linear, System
+from procs.document.system import Brake, Linear, System
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
 
 SCALE, OFFSET = 16000.0, -32768.0  # an offset as in real files: right in the 16 bits of a command

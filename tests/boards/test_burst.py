@@ -12,8 +12,8 @@ import pytest
 
 from procs.boards import endpoints
 from procs.boards.endpoints import RECEIVE_BYTES, SO_RCVBUFFORCE
-from procs.lib import registers as reg
-from procs.lib import wire
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.served import Served
 
 BURST = 1000

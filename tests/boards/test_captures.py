@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from procs.boards.controllers.bus import Bus
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.captures import Capture, Comparison, Exchange, read_capture
 from tests.lib import board_side
 

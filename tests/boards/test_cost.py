@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from procs.boards.cost import BLOCK, CYCLES, MOST_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, Bench, summary
-from procs.lib import blocks, wire
-from procs.lib.config import load_system
+from procs.config import load_system
+from procs.fpga import blocks, wire
 from shm.directory import create_ring
 from shm.topics import BOARDS_STATE
 from tests.conftest import World
 from tests.lib import board_side
-from tools.bench_io import write_system
+from tools.bench.io_loop import write_system
 
 MEASURED = {"whole", "sockets", "paused", "physics", "query", "read", "write", "record", "answering"}
 

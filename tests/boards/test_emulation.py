@@ -10,10 +10,10 @@ import pytest
 
 from procs.boards.emulation import FRAME_TICKS, MOST_STEPS, Emulation, ns_of, ticks_of
 from procs.boards.wiring import Wiring
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import Bus, Controller, Linear
-from procs.lib.document import Emulation as EmulationRow
+from procs.document.system import Bus, Controller, Linear
+from procs.document.system import Emulation as EmulationRow
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 

@@ -12,8 +12,8 @@ import pytest
 from procs.boards import endpoints as endpoints_module
 from procs.boards.controllers.bus import GROUP
 from procs.boards.endpoints import ANY, MULTICAST, Endpoints
-from procs.lib import wire
-from procs.lib.document import Bus, Controller
+from procs.document.system import Bus, Controller
+from procs.fpga import wire
 
 MS = 1_000_000
 Heard = list[tuple[int, int, bytes]]

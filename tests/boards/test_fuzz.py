@@ -20,10 +20,10 @@ from procs.boards.controllers.bus import GROUP
 from procs.boards.controllers.models import HARDWARE
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.config import load_system
-from procs.lib.document import Bus, Controller, System
+from procs.config import load_system
+from procs.document.system import Bus, Controller, System
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
 from tests.conftest import ROOT

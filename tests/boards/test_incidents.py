@@ -10,9 +10,9 @@ import pytest
 
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 

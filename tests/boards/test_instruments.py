@@ -9,10 +9,10 @@ import pytest
 from procs.boards.emulation import Emulation
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import Arm, ArmInputs, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
-from procs.lib.instrument import MODEL_AT, NAME_AT, VERSION_AT
+from procs.document.system import Arm, ArmInputs, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
+from procs.fpga.instrument import MODEL_AT, NAME_AT, VERSION_AT
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 LND, HOOK = "LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK:420183[11..]"

@@ -6,8 +6,8 @@ import pytest
 
 from procs.boards.emulation import Emulation
 from procs.boards.mishaps import KINDS, NEVER, Mishaps
-from procs.lib import registers as reg
-from procs.lib import wire
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses
 
 BOTH = range(2)

@@ -17,7 +17,7 @@ from procs.boards.orders import Orders
 from procs.boards.robots.hand import Grip, Hands
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
-from tools.send import parsed
+from tools.verbs.send import parsed
 
 NAN, INF = float("nan"), float("inf")
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from procs.boards.emulation import Emulation, SensorErrors
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller, System
+from procs.document.system import Controller, System
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from procs.boards.incidents import Incidents
 from procs.boards.setup_joints import LIFT_M_S
-from procs.lib import registers as reg
-from procs.lib.document import System
+from procs.document.system import System
+from procs.fpga import registers as reg
 from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, Host, cart, described, with_arms
 from tests.boards.rails import Rails
 

@@ -14,11 +14,11 @@ from procs.boards.devices.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, Chang
 from procs.boards.devices.waveform import VALID
 from procs.boards.emulation import Emulation
 from procs.boards.setup_joints import SetupJoints
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller, System
-from procs.lib.emulated import SetupArm
-from procs.lib.emulated import SetupJoints as Described
+from procs.document.emulated import SetupArm
+from procs.document.emulated import SetupJoints as Described
+from procs.document.system import Controller, System
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.carts import (
     CHANNELS,
     DISABLE,

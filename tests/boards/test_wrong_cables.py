@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.boards.incidents import Incidents
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.rig import Rig
 
 

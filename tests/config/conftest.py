@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib.config import PROJECT_CONFIGS, Loaded, Problem, load_system
+from procs.config import PROJECT_CONFIGS, Loaded, Problem, load_system
 
 SYSTEM = "systems/demo.yaml"
 Section = Mapping[str, object]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from procs.lib.config import Problem, check_file, load_system
+from procs.config import Problem, check_file, load_system
 from tests import stock
 from tests.config.conftest import Home
 

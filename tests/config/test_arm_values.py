@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.lib import document
-from procs.lib.config import load_system
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import pose_from_matrix
+from procs.config import load_system
+from procs.document import system as document
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import pose_from_matrix
 from tests import stock
 
 SHARE = "dvrk-share"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib import registers
-from procs.lib.config import Loaded, load_system
-from procs.lib.config.kinds import check_file
+from procs.config import Loaded, load_system
+from procs.config.build.kinds import check_file
+from procs.fpga import registers
 from tests import stock
 
 FOLDERS = {"Classic": "dvrk-site/jhu-daVinci/suj-ECM-1-2-3.json", "Si": "dvrk-site/jhu-daVinci-Si/suj-si.json",

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-from procs.lib.config.emulation_section import (
+from procs.config.models.emulation_section import (
     ControllerKeys,
     EmulatedBusKeys,
     EmulationOptions,
     LikenessKeys,
     QuirkKeys,
 )
-from procs.lib.config.yamltext import parse_yaml
+from procs.config.read.yamltext import parse_yaml
 from tests.config.conftest import SYSTEM, Home
 from tests.conftest import ROOT
 

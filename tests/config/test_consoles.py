@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from procs.lib import document
-from procs.lib.config import load_system
-from procs.lib.config.kinds import check_file
-from procs.lib.consoles import HidSensor
-from procs.lib.document import System, WiredInput
+from procs.config import load_system
+from procs.config.build.kinds import check_file
+from procs.document import system as document
+from procs.document.consoles import HidSensor
+from procs.document.system import System, WiredInput
 from tests import stock
 from tests.config.conftest import SYSTEM, Home
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib import document
-from procs.lib.config import load_system
-from procs.lib.config.emulation_section import QuirkKeys
+from procs.config import load_system
+from procs.config.models.emulation_section import QuirkKeys
+from procs.document import system as document
 from tests.config.conftest import SYSTEM, Home, Section
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib import document
-from procs.lib.document import External, WiredInput
+from procs.document import system as document
+from procs.document.system import External, WiredInput
 from tests import stock
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS

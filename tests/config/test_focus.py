@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from procs.lib.config import Loaded
-from procs.lib.document import Focus, WiredInput, from_json, to_json
+from procs.config import Loaded
+from procs.document.system import Focus, WiredInput, from_json, to_json
 from tests import stock
 from tests.config.conftest import Home
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from procs.lib import document
-from procs.lib.config import check_file, load_system
+from procs.config import check_file, load_system
+from procs.document import system as document
 from tests import stock
 from tests.config.conftest import Home
 

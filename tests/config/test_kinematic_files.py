@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib import document
-from procs.lib.config import PROJECT_CONFIGS, check_file, load_system
+from procs.config import PROJECT_CONFIGS, check_file, load_system
+from procs.document import system as document
 from tests import stock
 from tests.config.conftest import Home
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib.config.emulated import default_addresses
+from procs.config.build.emulated import default_addresses
 from tests.config.conftest import SYSTEM, Home
 
 IO = "io/PSM1-demo.yaml"

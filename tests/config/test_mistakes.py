@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib.config import check_file
+from procs.config import check_file
 from tests.config.conftest import SYSTEM, Home
 
 IO = "io/PSM1-demo.yaml"

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib import document
-from procs.lib.config import PROJECT_CONFIGS, check_file, convert, load_system
-from procs.lib.config.chains import load_chain, load_tool
-from procs.lib.config.context import Context
-from procs.lib.config.pid_file import PidFile
-from procs.lib.config.search import search_path
+from procs.config import PROJECT_CONFIGS, check_file, load_system
+from procs.config.build import convert
+from procs.config.build.chains import load_chain, load_tool
+from procs.config.build.context import Context
+from procs.config.models.pid_file import PidFile
+from procs.config.read.search import search_path
+from procs.document import system as document
 from tests import stock
 
 ARMS = {  # of every system: names, types, generations

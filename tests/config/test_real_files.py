@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from procs.lib import document
-from procs.lib.config import check_file, load_system
-from procs.lib.config.problem import Problem
+from procs.config import check_file, load_system
+from procs.config.read.problem import Problem
+from procs.document import system as document
 from tests import stock
 
 KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index", "set-up joints, Classic",

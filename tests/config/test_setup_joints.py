@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib.config import Loaded, load_system
-from procs.lib.document import DigitalOutput, from_json, to_json
+from procs.config import Loaded, load_system
+from procs.document.system import DigitalOutput, from_json, to_json
 from tests import stock
 
 SYSTEM, IO, ARMS = "system-SUJ.json", "sawRobotIO1394-SUJ.json", "suj-ECM-1-2-3.json"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib import document
+from procs.document import system as document
 from tests.config.conftest import SYSTEM, Home
 
 TASK = "{module: mine.py, name: Mine}"

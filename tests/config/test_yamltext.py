@@ -7,9 +7,9 @@ import math
 import pytest
 import yaml
 
-from procs.lib.config import PROJECT_CONFIGS
-from procs.lib.config.jsontext import TextError
-from procs.lib.config.yamltext import parse_yaml
+from procs.config import PROJECT_CONFIGS
+from procs.config.read.jsontext import TextError
+from procs.config.read.yamltext import parse_yaml
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ import pytest
 
 from procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
 from procs.console.inputs import STALE_NS, Inputs
-from procs.lib.consoles import HidSensor
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
-from procs.lib.document import Console, WiredInput
+from procs.debounce import CLICKED, PRESSED, RELEASED
+from procs.document.consoles import HidSensor
+from procs.document.system import Console, WiredInput
 from shm.layout import schema_of
 from shm.topics import EVENTS, IO_STATE, Topic
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import pytest
 
+from procs.codes import Code
 from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from procs.console.selection import ECM, PSM, Member, at_load, tapped
-from procs.lib.codes import Code
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import Origin
 
 RIGHT = Member("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))

@@ -14,12 +14,13 @@ import pytest
 
 from procs.boards.controllers.bus import GROUP, Bus
 from procs.boards.endpoints import Endpoints
-from procs.io.bus_port import BusPort
-from procs.io.port import BROADCAST_QUERY
-from procs.io.ports import named, transport_of
-from procs.io.transport import Transport
-from procs.lib import document, wire
-from procs.lib.document import Controller
+from procs.document import system as document
+from procs.document.system import Controller
+from procs.fpga import wire
+from procs.io.bus.bus_port import BusPort
+from procs.io.bus.port import BROADCAST_QUERY
+from procs.io.bus.ports import named, transport_of
+from procs.io.bus.transport import Transport
 from tests.io.stub_bus import own_address
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,8 +8,8 @@ import threading
 import time
 
 from procs.boards.controllers.bus import Bus
-from procs.lib import wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import wire
 from tests.io.stub_bus import own_address
 from tests.lib import board_side
 

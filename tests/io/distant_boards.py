@@ -15,10 +15,11 @@ import time
 
 from procs.boards.controllers.bus import Bus
 from procs.boards.endpoints import ANY, Endpoints
-from procs.io.udp import address_of
-from procs.lib import document, wire
-from procs.lib.document import Controller
-from procs.lib.ports import DEFAULT_ADDRESS
+from procs.document import system as document
+from procs.document.system import Controller
+from procs.fpga import wire
+from procs.fpga.ports import DEFAULT_ADDRESS
+from procs.io.bus.udp import address_of
 
 TICKS_PER_NS = 49.152e-3
 PATIENCE_S = 20.0

@@ -13,8 +13,9 @@ import socket
 import struct
 from collections.abc import Callable
 
-from procs.io.firewire import FirewireTransport
-from procs.lib import firewire, wire
+from procs.fpga import wire
+from procs.io.bus import cdev as firewire
+from procs.io.bus.firewire import FirewireTransport
 from tests.io.bench import Bench
 
 CARD, OTHER_CARD, DISK = "/dev/fw0", "/dev/fw1", "/dev/fw2"

@@ -12,14 +12,14 @@ from collections.abc import Iterable
 from procs.boards.controllers.bus import GROUP
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
-from procs.io.bus_port import BusPort
+from procs.document.system import System
+from procs.fpga import registers, wire
+from procs.io.bus.bus_port import BusPort
 from procs.io.cycle import RobotIo
 from procs.io.record import Record
 from procs.io.reports import Event
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from procs.lib import registers, wire
-from procs.lib.document import System
 from tests.io.stand import Clock, FakeCommand, FakeSource
 
 

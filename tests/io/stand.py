@@ -6,12 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from procs.io.cycle import RobotIo
-from procs.io.follow import WishFields
-from procs.io.port import BoardInfo, Counters
-from procs.io.record import Record, private
-from procs.lib import blocks, registers
-from procs.lib.document import (
+from procs.document.system import (
     Actuator,
     DigitalInput,
     Encoder,
@@ -23,7 +18,12 @@ from procs.lib.document import (
     Robot,
     Tolerance,
 )
-from procs.lib.wishes import WISHES
+from procs.fpga import blocks, registers
+from procs.io.bus.port import BoardInfo, Counters
+from procs.io.cycle import RobotIo
+from procs.io.follow import WishFields
+from procs.io.record import Record, private
+from procs.wishes import WISHES
 from shm.origins import Origin
 from shm.topics import SETPOINT
 

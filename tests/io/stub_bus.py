@@ -9,11 +9,11 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-from procs.io.bus_port import BusPort
-from procs.io.port import BROADCAST_QUERY
-from procs.io.ports import named
-from procs.io.udp import UdpTransport
-from procs.lib import blocks, registers, wire
+from procs.fpga import blocks, registers, wire
+from procs.io.bus.bus_port import BusPort
+from procs.io.bus.port import BROADCAST_QUERY
+from procs.io.bus.ports import named
+from procs.io.bus.udp import UdpTransport
 from tests.lib import board_side
 
 _COUNTER = iter(range(1, 1 << 16))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.rig import Rig
 from tests.io.stand import FakeCommand
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib import registers
-from procs.lib.config import load_system
-from procs.lib.document import DigitalOutput
+from procs.config import load_system
+from procs.document.system import DigitalOutput
+from procs.fpga import registers
 from tests import stock
 from tests.io.rig import Rig
 from tests.io.stand import Stand

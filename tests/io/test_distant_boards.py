@@ -12,9 +12,9 @@ import time
 
 import pytest
 
-from procs.io.port import PROTOCOLS
-from procs.io.ports import port_of
-from procs.lib import blocks, registers
+from procs.fpga import blocks, registers
+from procs.io.bus.port import PROTOCOLS
+from procs.io.bus.ports import port_of
 from tests.io.bench import ROOT, in_namespace
 
 pytestmark = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")

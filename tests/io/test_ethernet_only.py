@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.controllers.bus import Bus
-from procs.io.bus_port import BusPort
-from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
-from procs.io.udp import address_of
-from procs.lib import blocks, registers, wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import blocks, registers, wire
+from procs.io.bus.bus_port import BusPort
+from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from procs.io.bus.udp import address_of
 from tests.io.rig import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
 from tests.lib import board_side

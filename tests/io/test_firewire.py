@@ -6,9 +6,9 @@ import select
 
 import pytest
 
-from procs.io.firewire import FirewireTransport
-from procs.io.port import ALL_BOARDS, SEQUENTIAL, PortError
-from procs.lib import registers, wire
+from procs.fpga import registers, wire
+from procs.io.bus.firewire import FirewireTransport
+from procs.io.bus.port import ALL_BOARDS, SEQUENTIAL, PortError
 from tests.io.fake_firewire import CARD, DISK, OTHER_CARD, FakeFirewire
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procs.codes import FAULTS
+from procs.config import load_system
+from procs.config.build.tasks import TaskKeys
+from procs.config.read.yamltext import parse_yaml
+from procs.document.system import Pid, TaskRow
+from procs.document.tasks import Sample, TaskRobot
 from procs.io.tasks import TaskError
-from procs.lib.codes import FAULTS
-from procs.lib.config import load_system
-from procs.lib.config.tasks import TaskKeys
-from procs.lib.config.yamltext import parse_yaml
-from procs.lib.document import Pid, TaskRow
-from procs.lib.tasks import Sample, TaskRobot
 from tests.conftest import ROOT
 from tests.io.stand import Stand, gains
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from procs.io.port import PortError
+from procs.document.system import Linear, Potentiometer
+from procs.fpga import blocks, registers
+from procs.io.bus.port import PortError
 from procs.io.robots import Robots
 from procs.io.start import prepare
-from procs.lib import blocks, registers
-from procs.lib.document import Linear, Potentiometer
 from tests.io.stand import FakePort, Stand, document, robot, with_actuators
 
 

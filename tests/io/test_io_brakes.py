@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib.document import Brake, Linear
+from procs.document.system import Brake, Linear
 from tests.io.stand import Stand, robot
 
 TIMES = (0.5, 0.25)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib import registers
-from procs.lib.config import load_system
+from procs.config import load_system
+from procs.fpga import registers
 from tests import stock
 from tests.io.rig import Rig
 from tests.io.stand import Stand

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
-from procs.lib.document import Brake, Linear
+from procs.config import load_system
+from procs.document.system import Brake, Linear
 from tests import stock
 from tests.io.rig import Rig
 from tests.io.stand import Stand, robot

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from procs.codes import FAULTS
+from procs.document.system import Brake, Linear
+from procs.fpga import blocks, lookup, registers
 from procs.io.bias import ATTEMPTS
-from procs.lib import blocks, lookup, registers
-from procs.lib.codes import FAULTS
-from procs.lib.document import Brake, Linear
 from tests.io.stand import Stand, actuator, robot
 
 RELEASED_A, ENGAGED_A = 0.1, 0.0

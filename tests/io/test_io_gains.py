@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.lib.gains import GAINS, value_of
+from procs.document.gains import GAINS, value_of
 from tests.io.stand import FakeCommand, Stand, robot
 
 

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.incidents import Incidents
+from procs.config import load_system
+from procs.document.system import InstrumentReader
+from procs.fpga import instrument, registers
+from procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
+from procs.io.bus.port import PortError
 from procs.io.instruments import LONGEST_NS, Instruments
-from procs.io.port import PortError
 from procs.io.reports import Reports
 from procs.io.robots import Robots
-from procs.lib import instrument, registers
-from procs.lib.config import load_system
-from procs.lib.document import InstrumentReader
-from procs.lib.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
 from tests import stock
 from tests.io.rig import Rig
 from tests.io.stand import FakeCommand, document

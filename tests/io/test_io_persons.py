@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.lib import codes
+from procs import codes
 from shm.faults import NoFaults
 from shm.origins import Origin
 from tests.io.stand import FakeCommand, Stand

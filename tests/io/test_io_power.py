@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from procs.fpga import blocks, registers
 from procs.io import commands
-from procs.lib import blocks, registers
 from tests.io.stand import Stand, actuator, robot, with_actuators
 
 

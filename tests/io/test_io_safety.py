@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from procs.lib import blocks, registers
+from procs.fpga import blocks, registers
 from tests.io.stand import Stand
 
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.document import Pid
+from procs.document.system import Pid
 from tests.io.stand import PERIOD_NS, Stand, actuator, gains, robot
 
 TIMEOUT = 30_000_000 // PERIOD_NS

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procs.document.system import TaskRow
 from procs.io.tasks import FORGIVEN_AFTER, TaskError
-from procs.lib.document import TaskRow
 from tests.io.stand import Stand
 
 HEAD = """

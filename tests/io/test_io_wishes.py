@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib import codes
-from procs.lib.wishes import OFF, ON
+from procs import codes
+from procs.wishes import OFF, ON
 from shm.origins import Origin
 from tests.io.stand import FakeCommand, Stand
 from tests.io.test_io_fault_matrix import braked

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procs.arm_types import ARM_TYPES
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.document.system import Io
 from procs.io.follow import DRIVE
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.config import PROJECT_CONFIGS, load_system
-from procs.lib.document import Io
-from procs.lib.trajectory import Trajectory
+from procs.kinematics.trajectory import Trajectory
 from tests.io.stand import Clock, FakeCommand, FakeSource
 
 PERIOD_NS = 1_000_000

@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from procs.boards.controllers.bus import GROUP, Bus
-from procs.io import discovery
-from procs.io.bus_port import BusPort
-from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
-from procs.lib import blocks, registers, wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import blocks, registers, wire
+from procs.io.bus import discovery
+from procs.io.bus.bus_port import BusPort
+from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 from tests.lib import board_side
 
 PERIOD_NS = 666_667

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib import registers
-from procs.lib.config import load_system
+from procs.config import load_system
+from procs.fpga import registers
 from tests import stock
 from tests.io.rig import Rig
 from tests.system.robot import ROOT

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from procs.io import discovery
-from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
-from procs.lib import blocks, registers, wire
+from procs.fpga import blocks, registers, wire
+from procs.io.bus import discovery
+from procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
 from tests.io.bench import ROOT, WITHOUT, Bench, in_namespace, nothing_wrong, run_in_namespace, times
 from tests.io.fake_firewire import FakeFirewire
 

@@ -7,10 +7,10 @@ import subprocess
 
 import pytest
 
-from procs.io import ethernet, owner
-from procs.io.ethernet import EthernetTransport, interface_of
-from procs.io.port import PortError
-from procs.lib import registers, wire
+from procs.fpga import registers, wire
+from procs.io.bus import ethernet, owner
+from procs.io.bus.ethernet import EthernetTransport, interface_of
+from procs.io.bus.port import PortError
 from tests.io.bench import OTHER_END, OUR_END, Bench, in_namespace
 from tests.lib import board_side
 

@@ -9,8 +9,8 @@ import pytest
 
 from procs.boards.incidents import Incidents
 from procs.boards.instruments import Instruments
-from procs.lib.config import load_system
-from procs.lib.coupling import coupling
+from procs.config import load_system
+from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.io.rig import Rig
 from tests.io.test_real_robots import rig_of

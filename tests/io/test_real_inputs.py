@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from procs.boards.incidents import Incidents
-from procs.lib.config import load_system
+from procs.config import load_system
 from tests import stock
 from tests.io.rig import Rig
 

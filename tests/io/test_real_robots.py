@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procs.io.port import PortError
+from procs.config import load_system
+from procs.fpga import lookup
+from procs.io.bus.port import PortError
 from procs.io.start import prepare
-from procs.lib import lookup
-from procs.lib.config import load_system
 from tests import stock
 from tests.io.rig import Rig
 

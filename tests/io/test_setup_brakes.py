@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from procs.boards.incidents import Incidents
-from procs.lib import registers
-from procs.lib.document import DigitalInput, DigitalOutput
+from procs.document.system import DigitalInput, DigitalOutput
+from procs.fpga import registers
 from tests.io.stand import Stand
 from tests.io.test_real_robots import rig_of
 

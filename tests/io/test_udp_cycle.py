@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from procs.io import discovery
-from procs.io.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
-from procs.lib import blocks, registers, wire
+from procs.fpga import blocks, registers, wire
+from procs.io.bus import discovery
+from procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
 from tests.io.stub_bus import bus_of, udp_port_to
 from tests.lib import board_side
 
@@ -286,7 +286,7 @@ def test_a_board_whose_replies_were_lost_after_a_reset_is_found_later(monkeypatc
     with bus_of(2) as bus, port_to(bus) as port:
         port.discover()
         port._link.cycle_timeout_ms = 20
-        monkeypatch.setattr("procs.io.discovery.PROBE_NS", 50_000_000)
+        monkeypatch.setattr("procs.io.bus.discovery.PROBE_NS", 50_000_000)
         gone = bus.boards.pop()
         bus.generation = 4
         assert eventually_reads(port) and port.away.tolist() == [False, True]

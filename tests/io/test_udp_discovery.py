@@ -5,10 +5,10 @@ import time
 
 import pytest
 
-from procs.io.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from procs.fpga import registers, wire
+from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from procs.io.bus.udp import discovery_address
 from procs.io.start import POWER_OFF
-from procs.io.udp import discovery_address
-from procs.lib import registers, wire
 from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
 from tests.lib import board_side
 

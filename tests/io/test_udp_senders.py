@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs.io.udp import NODES, PORTS, UdpTransport, address_of
-from procs.lib import wire
+from procs.fpga import wire
+from procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
 from tests.io.bench import block_address
 from tests.io.stand import Stand
 from tests.lib import board_side

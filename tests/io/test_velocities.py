@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
+from procs.config import load_system
 from tests import stock
 from tests.io.rig import Rig
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib import conversion, registers
+from procs.fpga import conversion, registers
 from tests.stock import chain, find
 
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from procs.lib.convert import convert_file, to_json
 from tests.lib.test_convert_console import ARM, EMBEDDED, KEYBOARD, TELEOPS
 from tests.lib.test_convert_rob import FULL
 from tests.old import config, joint, matrix, only, pid, three
+from tools.converters import convert_file, to_json
 
 SITE = "dvrk-site"
 ROBOTS = (

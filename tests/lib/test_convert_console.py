@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from procs.lib.convert import CONVERTED, DEFAULTED, DROPPED, LOST
 from tests.old import convert, fates, one_problem, only
+from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 FRAME = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.2], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]]
 PSM = {"name": "PSM1", "type": "PSM", "serial": "11111"}

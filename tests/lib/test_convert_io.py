@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib.convert import CONVERTED, DEFAULTED, DROPPED, LOST
 from tests.old import GEAR, actuator, config, convert, drive, fates, matrix, one_problem, only, robot, three
+from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 NUMBERS = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 

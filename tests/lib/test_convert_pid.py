@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from procs.lib.convert import DEFAULTED, DROPPED, LOST
 from tests.old import convert, fates, joint, one_problem, only, pid
+from tools.converters import DEFAULTED, DROPPED, LOST
 
 
 def row(text: str) -> dict:  # type: ignore[type-arg]

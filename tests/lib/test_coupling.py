@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from procs.lib.coupling import Coupling, coupling
+from procs.kinematics.coupling import Coupling, coupling
 from tests import stock
 
 

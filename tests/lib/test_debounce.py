@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED, Debounce
-from procs.lib.document import DigitalInput
+from procs.debounce import CLICKED, PRESSED, RELEASED, Debounce
+from procs.document.system import DigitalInput
 
 DT = 1.0 / 1024.0
 

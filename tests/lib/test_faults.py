@@ -1,7 +1,7 @@
 import re
 
-from procs.lib.codes import FAULTS, NOTHING, WARNING
-from procs.lib.faults import fault_of
+from procs.codes import FAULTS, NOTHING, WARNING
+from procs.faults import fault_of
 
 
 def test_numbers_and_codes_are_unique() -> None:

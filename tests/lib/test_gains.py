@@ -11,10 +11,10 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib.config.pid_file import PidKeys
-from procs.lib.document import PidAxis
-from procs.lib.gains import GAINS, changed, value_of
-from procs.lib.pid import Pid
+from procs.config.models.pid_file import PidKeys
+from procs.document.gains import GAINS, changed, value_of
+from procs.document.system import PidAxis
+from procs.io.pid import Pid
 from shm.topics import IO_GAINS
 
 ROW = PidAxis("a", "REVOLUTE", 6.0, 0.1, 0.0, pid_max_output=-1.0)

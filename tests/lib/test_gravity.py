@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.gravity import Gravity, up_of
-from procs.lib.gravity_parameters import MasterGravityParameters
-from procs.lib.master_gravity import MasterGravity
+from procs.document.gravity_parameters import MasterGravityParameters
+from procs.kinematics.gravity import Gravity, up_of
+from procs.kinematics.master_gravity import MasterGravity
 from tests import stock
 
 FILES = {"gravity_PSM_Si": ("PSM_Si_physical", None), "gravity_ECM_Classic_SD": ("ECM", 1.5)}

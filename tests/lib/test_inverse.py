@@ -12,11 +12,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from procs.lib.inverse.arms import BENDS, inverse_of
-from procs.lib.inverse.master import Master
-from procs.lib.inverse.solver import Inverse
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import rotation_from_vector
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.inverse.arms import BENDS, inverse_of
+from procs.kinematics.inverse.master import Master
+from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.poses import rotation_from_vector
 from tests import stock
 
 STRAIGHT = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))

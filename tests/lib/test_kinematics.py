@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import pose_from_matrix, rotation_from_vector
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import pose_from_matrix, rotation_from_vector
 from tests import stock
 
 LND = "LARGE_NEEDLE_DRIVER_400006"

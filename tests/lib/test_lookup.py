@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.lib import lookup
+from procs.fpga import lookup
 
 MISSING = 31.4159
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib.ports import ETHERNET, FIREWIRE, UDP, PortName, PortNameError
+from procs.fpga.ports import ETHERNET, FIREWIRE, UDP, PortName, PortNameError
 
 
 @pytest.mark.parametrize(

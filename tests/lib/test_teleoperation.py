@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
-from procs.lib.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
+from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
+from procs.teleop.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
 
 DEGREE = math.pi / 180
 NEAR = st.floats(-0.3, 0.3)

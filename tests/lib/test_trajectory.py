@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.trajectory import PlanError, Trajectory
+from procs.arm_types import ARM_TYPES
+from procs.kinematics.trajectory import PlanError, Trajectory
 
 
 def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | None = None) -> Trajectory:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib import wire
+from procs.fpga import wire
 from tests.lib import board_side
 
 

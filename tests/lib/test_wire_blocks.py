@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 
-from procs.lib import blocks, registers, wire
+from procs.fpga import blocks, registers, wire
 from tests.lib import board_side
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from procs.lib import codes
+from procs import codes
 from shm import directory
 from shm.clock import local_ns, monotonic_ns
 from shm.events import ERROR, STATUS, WARNING, Events

@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.lib.document import System, from_json
+from procs.document.system import System, from_json
 from shm import directory
 from shm.client import Client
 from shm.layout import LayoutError, schema_from_json

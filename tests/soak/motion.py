@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.coupling import coupling
-from procs.lib.document import Arm, System
-from procs.lib.kinematics import Kinematics
+from procs.document.system import Arm, System
+from procs.kinematics.coupling import coupling
+from procs.kinematics.forward import Kinematics
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,20 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.lib.arm_types import ARM_TYPES
+from procs.arm_types import ARM_TYPES
 from shm import directory
 from shm.client import MailboxFull
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tests.soak.diary import Asking, Diary
 from tests.soak.system import System
-from tools.amplifiers import Amplifiers
 from tools.arms import DISABLED, HOMED, Climb
 from tools.errors import Problem, Refused
-from tools.hand import Hand, figure_eight
+from tools.examples.hand import Hand, figure_eight
+from tools.examples.surgeon import Seat
+from tools.inspect.amplifiers import Amplifiers
+from tools.inspect.watch import Watch
 from tools.remote import Remote
-from tools.surgeon import Seat
-from tools.watch import Watch
 
 TROUBLES = (Problem, Refused, SegmentError, MailboxFull, KeyError)
 MASTER, SLAVE, CONSOLE, TELEOP = "MTMR", "PSM1", "console", "MTMR_PSM1"

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.arm_types import ARM_TYPES
+from procs.arm_types import ARM_TYPES
 from shm.clock import monotonic_ns, pause
 from tools.errors import Problem
+from tools.examples.surgeon import Seen
 from tools.remote import Remote
-from tools.surgeon import Seen
 
 Array = NDArray[np.float64]
 

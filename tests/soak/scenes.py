@@ -14,14 +14,14 @@ from typing import Protocol
 
 import numpy as np
 
-from procs.lib.arm_types import ARM_TYPES
+from procs.arm_types import ARM_TYPES
 from shm.clock import pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
 from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, Person
 from tests.soak.system import System, wait_for
 from tools.arms import HOMED
-from tools.surgeon import Seen
+from tools.examples.surgeon import Seen
 from tools.systems import ROOT
 
 RENEWED_S = 0.1

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import psutil
 
-from procs.lib.document import System as Document
-from procs.lib.document import from_json
+from procs.document.system import System as Document
+from procs.document.system import from_json
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.pulse import Pulse

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
-from procs.lib.document import System
+from procs.config import load_system
+from procs.document.system import System
 from tests.soak.diary import Diary
 from tests.soak.judge import LAG_NS, Ask, Command, Loss, powered_by_nobody, too_fast
 from tests.soak.motion import Robot
-from tools.demo import SYSTEM
+from tools.verbs.demo import SYSTEM
 
 MS = 1_000_000
 EPOCH_NS = 5_000_000_000

@@ -9,7 +9,7 @@ import numpy as np
 
 from procs.boards.incidents import Incidents
 from procs.boards.setup_joints import SetupJoints as Plant
-from procs.lib.config import load_system
+from procs.config import load_system
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
 from procs.suj.multiplexer import Multiplexer

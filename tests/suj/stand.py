@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from procs.lib import poses
-from procs.lib.codes import Code
-from procs.lib.config import load_system
-from procs.lib.document import Cart, System
+from procs.codes import Code
+from procs.config import load_system
+from procs.document.system import Cart, System
+from procs.kinematics import poses
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Setups

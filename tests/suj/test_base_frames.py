@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from procs.lib.document import Cart
-from procs.lib.kinematics import Kinematics
-from procs.lib.poses import inverse, pose_from_matrix
+from procs.document.system import Cart
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import inverse, pose_from_matrix
 from shm.topics import SUJ_STATE
 from tests import stock
 from tests.suj.stand import Memory, Stand, system_of

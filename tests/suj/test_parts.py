@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lib.cart import Cart, SetupArm
+from procs.document.cart import Cart, SetupArm
 from procs.suj import bluetooth
 from procs.suj.brakes import Brakes
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from procs.lib.document import Process
+from procs.document.system import Process
 from procs.manifest import hung_s, late_s
 from procs.supervisor.cores import IDLE, core_time_ns
 from procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, Member

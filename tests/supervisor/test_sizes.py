@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from procs.lib.config import load_system
+from procs.config import load_system
 from procs.manifest import proc
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from procs import lifecycle
-from procs.lib.document import Process, System
+from procs.document.system import Process, System
 from procs.supervisor import loop, memory
 from procs.supervisor.children import Child
 from procs.supervisor.loop import Supervisor

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from procs.arm.joints import joints
-from procs.lib.config import load_system
+from procs.config import load_system
 from shm import directory
 from shm.client import Client
 from tests.system.robot import DEMO, Robot, wait_for

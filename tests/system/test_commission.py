@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.lib.document import from_json
+from procs.document.system import from_json
 from shm import directory
 from tests.system.robot import DEMO, Robot
 from tools.cli import VERBS, examples_of

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.lib.config import load_system
-from procs.lib.gains import GAINS, value_of
+from procs.config import load_system
+from procs.document.gains import GAINS, value_of
 from shm import directory
 from tests.system.robot import DEMO, Robot, wait_for
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from procs.arm.joints import Joints, joints
-from procs.lib.config import load_system
-from procs.lib.document import from_json
+from procs.config import load_system
+from procs.document.system import from_json
 from shm import directory
 from tests.system.conftest import systems
 from tests.system.robot import DEMO, ROOT, Robot, wait_for

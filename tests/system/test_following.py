@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.lib.poses import inverse, matrix_from_pose
+from procs.kinematics.poses import inverse, matrix_from_pose
 from shm import directory
 from shm.client import Client
 from tests.system.robot import ROOT, Robot, wait_for

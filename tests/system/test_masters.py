@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib.kinematics import Kinematics
+from procs.kinematics.forward import Kinematics
 from shm import directory
 from shm.segment import Segment, segment_name
 from tests import stock

@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 
 import tools.systems
-from procs.lib.config import load_system
-from procs.lib.document import System
+from procs.config import load_system
+from procs.document.system import System
 from procs.supervisor import memory
 from shm.directory import systems
 from shm.layout import schema_of
@@ -159,7 +159,7 @@ def test_up_fits_into_exactly_what_it_says(system: System, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [0, 1, 3])
 def test_memory_another_program_takes_meanwhile_is_no_harm(tmp_path: Path, world: Any, megabytes: int) -> None:
-    code = ('from procs.lib.config import load_system; from procs.supervisor import memory\n'
+    code = ('from procs.config import load_system; from procs.supervisor import memory\n'
             'memory.free_bytes = lambda: 1 << 40\n'
             f'memory.create_all(load_system("{DEMO}", name="{world.name}").system)')
     done = in_small_memory((megabytes << 20) + 8192, f"{sys.executable} -c '{code}'", tmp_path)

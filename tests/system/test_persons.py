@@ -11,8 +11,8 @@ import pytest
 from shm import directory
 from shm.clock import monotonic_ns
 from tests.system.robot import ROOT, Robot, wait_for
+from tools.examples.surgeon import Seat, Seen
 from tools.remote import Remote
-from tools.surgeon import Seat, Seen
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 QUIET_NS = 2_000_000_000

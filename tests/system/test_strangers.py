@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.lib import registers, wire
-from procs.lib.document import from_json
+from procs.document.system import from_json
+from procs.fpga import registers, wire
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from tests.lib import board_side
 from tests.system.conftest import systems
 from tests.system.robot import Robot, wait_for
 from tests.system.samples import Records, is_well, newest, stop_boards
-from tools.bench_io import write_system
+from tools.bench.io_loop import write_system
 
 pytestmark = pytest.mark.slow
 

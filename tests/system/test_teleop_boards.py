@@ -11,8 +11,8 @@ import pytest
 
 from shm import directory
 from tests.system.robot import Robot, wait_for
+from tools.examples.surgeon import Seat, Seen
 from tools.remote import Remote
-from tools.surgeon import Seat, Seen
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 # On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.

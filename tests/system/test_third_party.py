@@ -16,7 +16,7 @@ from shm import directory
 from shm.client import Client
 from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.processes import lives
+from tools.inspect.processes import lives
 
 pytestmark = pytest.mark.slow
 SYSTEM = ROOT / "configs/systems/third-party-master.yaml"
@@ -36,7 +36,7 @@ def recording(path: Path) -> Path:
 
 
 def start(robot: Robot, file: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "tools.recorded_master", str(file)]
+    words = [sys.executable, "-m", "tools.examples.recorded_master", str(file)]
     master = subprocess.Popen(words, cwd=ROOT, env=robot.environment, stderr=subprocess.PIPE, text=True)
     robot.pids.add(master.pid)
     return master

@@ -9,7 +9,7 @@ import yaml
 
 from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.bench_io import write_system
+from tools.bench.io_loop import write_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 LOCKSTEP = ("--set", "clock=lockstep")  # what one of them does is compared with the other, not with the machine

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procs.lib.poses import angle_between
+from procs.kinematics.poses import angle_between
 from tests.teleop.theatre import PERIOD_NS, SECOND, Theatre
 
 DEGREE = math.pi / 180

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from procs import runtime
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 from procs.supervisor.memory import create_all, remove_all
 from procs.teleop.loop import IDLE_PERIODS, Loop
 from shm.client import Client, LoopClient

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from procs.lib.codes import Code
-from procs.lib.consoles import TeleopEcm as EcmSettings
-from procs.lib.consoles import TeleopPsm as PsmSettings
-from procs.lib.poses import matrix_from_pose, pose_from_matrix
+from procs.codes import Code
+from procs.document.consoles import TeleopEcm as EcmSettings
+from procs.document.consoles import TeleopPsm as PsmSettings
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.teleop.arms import Arm, BaseFrame
 from procs.teleop.ecm import TeleopEcm
 from procs.teleop.presence import Operator

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from procs.lib.document import (
+from procs.document.system import (
     Actuator,
     Arm,
     Chain,
@@ -117,7 +117,7 @@ class Played:
 def nothing_ages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time stands for whoever asks how old a record is, however slow this machine is."""
     now_ns = monotonic_ns()
-    monkeypatch.setattr("tools.watch.monotonic_ns", lambda: now_ns)
+    monkeypatch.setattr("tools.inspect.watch.monotonic_ns", lambda: now_ns)
 
 
 @contextlib.contextmanager

@@ -15,8 +15,8 @@ from shm.mailbox import NOBODYS, Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.origins import Origin
 from tests.conftest import World
-from tools.asked import in_words, rows_of
 from tools.errors import Problem
+from tools.inspect.asked import in_words, rows_of
 
 
 @pytest.fixture

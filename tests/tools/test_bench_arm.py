@@ -9,7 +9,7 @@ import pytest
 from procs.arm.loop import AT_REST, REST_PERIODS, SHORT_PERIODS, most_periods
 from shm import directory
 from shm.segment import names_of
-from tools import bench_arm
+from tools.bench import arm as bench_arm
 
 KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", "ik_near_us_p50",
         "ik_unreachable_us_p999")

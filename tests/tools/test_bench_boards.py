@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from shm.segment import names_of
-from tools import bench_boards
-from tools.bench_boards import FIGURES, Found, Said
-from tools.bench_children import ROOT
+from tools.bench import boards as bench_boards
+from tools.bench.boards import FIGURES, Found, Said
+from tools.bench.children import ROOT
 from tools.errors import Problem
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tools import bench_children
-from tools.bench_children import WARM_UP, Team, summary
+from tools.bench import children as bench_children
+from tools.bench.children import WARM_UP, Team, summary
 from tools.errors import Problem
 
 READY = "print('{}', flush=True)\n"

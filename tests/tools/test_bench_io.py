@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from shm.segment import names_of
-from tools import bench_io
+from tools.bench import io_loop as bench_io
 
 
 def keeping_up_to(limit_hz: float) -> Callable[[float], float]:

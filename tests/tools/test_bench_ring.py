@@ -20,8 +20,10 @@ from shm import ring
 from shm.layout import schema_of
 from shm.segment import FOLDER, names_of
 from shm.topics import PROBE, PROBE_4K
-from tools import bench_parts, bench_peers, bench_ring
-from tools.bench_ring import FIGURES, PEERS, SOURCE, Found
+from tools.bench import parts as bench_parts
+from tools.bench import peers as bench_peers
+from tools.bench import ring as bench_ring
+from tools.bench.ring import FIGURES, PEERS, SOURCE, Found
 from tools.errors import Problem
 
 Left = Callable[[], list[str]]

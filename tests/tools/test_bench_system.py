@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from shm.segment import names_of
-from tools import bench_system
-from tools.bench import bench
-from tools.bench_system import Mark, figures, row
+from tools.bench import system as bench_system
+from tools.bench.system import Mark, figures, row
 from tools.cli import VERBS, examples_of
 from tools.errors import Misuse
+from tools.verbs.bench import bench
 
 
 def mark(at_s: float, pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:

@@ -14,17 +14,19 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.io import owner
-from procs.io.ports import port_of
-from procs.lib import registers, wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers, wire
+from procs.io.bus import owner
+from procs.io.bus.ports import port_of
 from shm.clock import monotonic_ns, pause
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from tests.lib import board_side
-from tools import bus, cli, meanings, samples, serials
+from tools import cli
 from tools.desk import Board
 from tools.errors import Misuse, Problem
+from tools.inspect import meanings, samples, serials
+from tools.verbs import bus
 
 APP = cli.build("bus")
 QLA, DQLA, DRA = (Board(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.lib.config import PROJECT_CONFIGS
-from tools import check
+from procs.config import PROJECT_CONFIGS
 from tools.systems import ROOT
+from tools.verbs import check
 
 DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
 

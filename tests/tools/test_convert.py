@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner, Result
 
-from procs.lib.config import check_file
+from procs.config import check_file
 from tests import stock
 from tests.lib.test_convert_rob import TWO
 from tests.old import actuator, config, joint, pid, robot, three

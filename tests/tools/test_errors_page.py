@@ -5,14 +5,14 @@ from __future__ import annotations
 import ast
 import re
 
-from procs.lib import codes
-from procs.lib.codes import CODES, FAULTS
+from procs import codes
+from procs.codes import CODES, FAULTS
 from procs.manifest import PROCS
 from tools import errors_page
 
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
-ELSEWHERE = {"runtime.py": "any", "client": "external", "lib": "arm"}  # who tells what is not named in a kind's folder
+ELSEWHERE = {"runtime.py": "any", "client": "external", "faults.py": "arm"}  # who tells what is not named in a kind's folder
 
 
 def used() -> dict[str, set[str]]:

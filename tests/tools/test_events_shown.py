@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.lib import codes
+from procs import codes
 from shm.rows import Field
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.tools.robot import Played, nothing_ages, robot
 from tools import cli
-from tools.enumerations import in_words
+from tools.inspect.enumerations import in_words
 
 APP = cli.build()
 TIME = r"\d\d:\d\d:\d\d\.\d{3}"

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib.poses import matrix_from_pose, rotation_vector
-from tools import gamepad_master
+from procs.kinematics.poses import matrix_from_pose, rotation_vector
 from tools.errors import Problem
-from tools.gamepad import (
+from tools.examples import gamepad_master
+from tools.examples.gamepad import (
     ABS_HAT0X,
     ABS_RX,
     ABS_RY,

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from procs.lib.endoscopes import NAMES, endoscope
+from procs.kinematics.endoscopes import NAMES, endoscope
 from tests import stock
 from tools import cli
 from tools.errors import Problem
-from tools.kinematics import fk, gravity, ik, jacobian
+from tools.verbs.kinematics import fk, gravity, ik, jacobian
 
 Verb = Callable[..., int]
 

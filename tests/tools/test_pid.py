@@ -15,12 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
-from procs.lib.config import check_file, convert
-from procs.lib.config.pid_file import PidFile
-from procs.lib.config.source import read_source
-from procs.lib.config.validate import validate
-from procs.lib.document import PidAxis
-from procs.lib.gains import GAINS, changed, value_of
+from procs.config import check_file
+from procs.config.build import convert
+from procs.config.models.pid_file import PidFile
+from procs.config.read.source import read_source
+from procs.config.read.validate import validate
+from procs.document.gains import GAINS, changed, value_of
+from procs.document.system import PidAxis
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.mailbox import Mailbox
@@ -28,7 +29,7 @@ from shm.ring import RingWriter
 from tests.tools.robot import robot
 from tools import cli
 from tools.errors import Misuse, Problem
-from tools.gains import Present
+from tools.inspect.gains import Present
 from tools.pid_file import save_as
 
 APP = cli.build()
@@ -177,7 +178,7 @@ def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], 
 
 @pytest.mark.parametrize("takes", [True, False])
 def test_set_looks_whether_io_has_the_gains(ring: RingWriter, takes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.pid.CONFIRMED_NS", 100_000_000)
+    monkeypatch.setattr("tools.verbs.pid.CONFIRMED_NS", 100_000_000)
     mailbox = Mailbox(os.environ["TROCAR_SYSTEM"], "IO1", "io")
 
     def io() -> None:

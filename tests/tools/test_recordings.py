@@ -10,12 +10,12 @@ import pytest
 import typer
 
 import trocar
-from procs.lib.config import PROJECT_CONFIGS
+from procs.config import PROJECT_CONFIGS
 from tools.cli import guarded
 from tools.client.system import connected
 from tools.errors import Problem
-from tools.recorded_master import place_in, recorded_master
-from tools.recordings import read_recording
+from tools.examples.recorded_master import place_in, recorded_master
+from tools.examples.recordings import read_recording
 
 HEAD = "time,x,y,z,qx,qy,qz,qw,gripper,clutch"
 ROWS = ("10,0,0,0,0,0,0,1,0,0", f"10.5,0.1,0,0,0,0,{math.sin(0.25)},{math.cos(0.25)},1,1", "11,0.1,0,0,0,0,0,1,1,0")

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib import codes
+from procs import codes
 from shm.system_time import SystemTime
 from tests.tools.robot import Played, nothing_ages, robot
 from tools import following
 from tools.errors import Problem
 from tools.following import Follower, HeldUp, beats
+from tools.inspect.watch import Watch
 from tools.printing import plain
 from tools.remote import Remote
 from tools.setpoints import clipped, read_setpoints
-from tools.watch import Watch
 
 
 def written(path: Path, rows: list[str]) -> Path:

@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.lib import codes
+from procs import codes
 from shm.clock import monotonic_ns, pause
 from tests.tools.robot import Played, nothing_ages, robot
-from tools import cli, standing
+from tools import cli
 from tools.arms import Climb
-from tools.processes import Life
-from tools.standing import Standing, first_thing, next_step
+from tools.inspect import standing
+from tools.inspect.processes import Life
+from tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
 NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
@@ -26,7 +27,7 @@ OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should 
 @pytest.fixture
 def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
     nothing_ages(monkeypatch)
-    monkeypatch.setattr("tools.processes._stalled", lambda row, pulse, simulated: False)
+    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, pulse, simulated: False)
     with robot(world.name) as made:
         yield made
 

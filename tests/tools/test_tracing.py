@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tools.bench_teleop import EVERY_S, LONGEST_NS, NUDGE_RAD, PART, STEP_NS, edges, reactions
-from tools.demo import MOST, too_much
-from tools.hand import figure_eight
-from tools.tracing import STEP_NS as OUT_NS
-from tools.tracing import Io, errors, latencies
+from tools.bench.teleop import EVERY_S, LONGEST_NS, NUDGE_RAD, PART, STEP_NS, edges, reactions
+from tools.examples.hand import figure_eight
+from tools.inspect.tracing import STEP_NS as OUT_NS
+from tools.inspect.tracing import Io, errors, latencies
+from tools.verbs.demo import MOST, too_much
 
 PERIOD = 666_667
 

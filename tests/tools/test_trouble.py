@@ -20,14 +20,15 @@ from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, path_of, segment_name, unlink
 from shm.topics import SETPOINT
 from tests.tools.robot import Played, nothing_ages, robot
-from tools import bench_io, cli
-from tools.echo import _said
+from tools import cli
+from tools.bench import io_loop as bench_io
 from tools.errors import Problem
-from tools.processes import cells, lives, remarks
-from tools.surgeon import Seen
-from tools.topics import catalogue
-from tools.views import open_topic
-from tools.watch import arm_document
+from tools.examples.surgeon import Seen
+from tools.inspect.processes import cells, lives, remarks
+from tools.inspect.topics import catalogue
+from tools.inspect.views import open_topic
+from tools.inspect.watch import arm_document
+from tools.verbs.echo import _said
 
 APP = cli.build()
 SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
@@ -35,8 +36,8 @@ SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
 
 @pytest.fixture
 def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
-    monkeypatch.setattr("tools.listing.pause", lambda seconds: None)  # no figure here depends on time
-    monkeypatch.setattr("tools.processes.pause", lambda seconds: None)
+    monkeypatch.setattr("tools.verbs.listing.pause", lambda seconds: None)  # no figure here depends on time
+    monkeypatch.setattr("tools.inspect.processes.pause", lambda seconds: None)
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
@@ -193,7 +194,7 @@ def test_a_head_that_goes_backwards_is_told(played: Played, monkeypatch: pytest.
 
     for _ in range(5):
         played.show_arm()
-    monkeypatch.setattr("tools.listing.pause", meanwhile)
+    monkeypatch.setattr("tools.verbs.listing.pause", meanwhile)
     row = rows(run(played, "hz", "PSM1/state", "--json"))["PSM1/state"]
     assert (row["trouble"], row["records"], row["hz"]) == ("the head went backwards", 0, 0.0)
 

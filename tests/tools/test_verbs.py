@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.lib import codes
+from procs import codes
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
 from tests.tools.robot import JOINTS, Played, nothing_ages, robot
 from tools import cli
 from tools.errors import Misuse
-from tools.send import parsed
 from tools.systems import clear, left_over
+from tools.verbs.send import parsed
 
 APP = cli.build()
 
@@ -65,7 +65,7 @@ def test_a_wrong_verb_is_misuse() -> None:
 def test_help_imports_no_verb() -> None:
     code = "import sys; sys.argv=['trocar','--help']\nfrom tools.cli import main\n"
     code += "try: main()\nexcept SystemExit: pass\n"
-    code += "print([m for m in ('numpy', 'tools.status', 'pinocchio') if m in sys.modules])"
+    code += "print([m for m in ('numpy', 'tools.verbs.status', 'pinocchio') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 

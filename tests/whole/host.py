@@ -7,9 +7,9 @@ from typing import Any, Self
 
 from procs import runtime
 from procs.arm import loop as arm_loop
+from procs.config import PROJECT_CONFIGS, load_system
 from procs.console import loop as console_loop
 from procs.io import loop as io_loop
-from procs.lib.config import PROJECT_CONFIGS, load_system
 from procs.supervisor import memory
 from procs.system import loop as system_loop
 from procs.teleop import loop as teleop_loop

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.lib.codes import Code
+from procs.codes import Code
 from procs.system.centre import BEEP_NS, Centre, Source
 from procs.system.commands import Commands
 from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from procs.lib import codes
-from procs.lib.debounce import CLICKED, PRESSED, RELEASED
+from procs import codes
+from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm import directory
 from shm.client import Client
 from shm.faults import Faults

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from procs import codes
 from procs.arm.arm import Surroundings
-from procs.arm.psm import Psm
+from procs.arm.psm.psm import Psm
+from procs.faults import FaultReport
 from procs.io.kinematic import KinematicIo
 from procs.io.record import Record as IoRecord
-from procs.lib import codes
-from procs.lib.faults import FaultReport
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record, View

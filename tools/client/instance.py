@@ -8,7 +8,7 @@ from typing import Self
 from tools import arms
 from tools.client.moves import until
 from tools.client.record import Record
-from tools.processes import lives
+from tools.inspect.processes import lives
 from tools.remote import Remote
 
 

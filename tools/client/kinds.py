@@ -11,8 +11,8 @@ from tools.client.joints import Joints, Measured
 from tools.client.moves import MoveHandle, move
 from tools.client.record import Record
 from tools.client.values import numbers, rotation_numbers
+from tools.inspect.watch import arm_document
 from tools.remote import Remote
-from tools.watch import arm_document
 
 JAW_OPEN, JAW_CLOSED = math.radians(60.0), math.radians(-20.0)
 INSERTION = 2

@@ -12,9 +12,9 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from procs.lib import codes
-from procs.lib.document import System, from_json
-from procs.lib.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
+from procs import codes
+from procs.document.system import System, from_json
+from procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
 from procs.manifest import late_s
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration

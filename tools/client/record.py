@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.poses import matrix_from_pose
+from procs.kinematics.poses import matrix_from_pose
 from tools.errors import Problem
-from tools.topics import EVENT, catalogue
-from tools.views import Source
-from tools.watch import Watch
+from tools.inspect.topics import EVENT, catalogue
+from tools.inspect.views import Source
+from tools.inspect.watch import Watch
 
 Array = NDArray[np.float64]
 Stamped = tuple[Array, int]

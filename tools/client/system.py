@@ -10,9 +10,9 @@ from shm.segment import SegmentError
 from tools import arms
 from tools.client.instance import Instance
 from tools.errors import Problem
-from tools.processes import Life, lives
+from tools.inspect.processes import Life, lives
+from tools.inspect.watch import arm_names
 from tools.systems import instances_of_kind, unknown
-from tools.watch import arm_names
 
 TRY_AGAIN_S = 0.05
 

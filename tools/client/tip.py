@@ -6,7 +6,7 @@ import json
 
 from numpy.typing import ArrayLike
 
-from procs.lib.poses import matrix_from_pose
+from procs.kinematics.poses import matrix_from_pose
 from tools.client.record import Record, Stamped
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem

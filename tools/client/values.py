@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from procs.lib.poses import PoseError, check_matrix, pose_from_matrix
+from procs.kinematics.poses import PoseError, check_matrix, pose_from_matrix
 
 Array = NDArray[np.float64]
 

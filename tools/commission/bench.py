@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.lib.document import System
+from procs.document.system import System
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.ring import RingReader

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from procs.lib.config import check_file
-from procs.lib.config.source import read_source
-from procs.lib.convert import to_json
+from procs.config import check_file
+from procs.config.read.source import read_source
+from tools.converters import to_json
 from tools.errors import Problem
 
 Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset

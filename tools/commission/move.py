@@ -15,7 +15,7 @@ from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Floats, Window
 from tools.errors import Problem, Refused
-from tools.watch import Watch, arm_document
+from tools.inspect.watch import Watch, arm_document
 
 T = TypeVar("T")
 

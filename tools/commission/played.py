@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.document import System
+from procs.document.system import System
 from shm import directory
 from tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
 from tools.commission.subject import Subject

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from procs.lib.document import System
+from procs.document.system import System
 from tools.commission.finding import Outcome
 from tools.errors import Problem
 from tools.printing import plain

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
-from procs.lib import registers
-from procs.lib.document import Io, Robot, System
-from tools import serials
+from procs.document.system import Io, Robot, System
+from procs.fpga import registers
 from tools.commission.finding import Finding, Outcome
 from tools.desk import Board, Desk
+from tools.inspect import serials
 
 UNKNOWN: Final = "HARDWARE_UNDEFINED"
 

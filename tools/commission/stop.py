@@ -8,16 +8,16 @@ from typing import Final
 
 import numpy as np
 
-from procs.lib import registers
-from procs.lib.document import Io
+from procs.document.system import Io
+from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
-from tools import samples
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import Stop
 from tools.commission.subject import Subject
 from tools.commission.window import Window
 from tools.desk import Board, Desk
+from tools.inspect import samples
 from tools.running import CONTINUE, Running, running
 
 STOP: Final = 19  # signal: the process stands still

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.lib.document import Actuator, Io, Robot, System
+from procs.document.system import Actuator, Io, Robot, System
 
 UNITS = {"PRISMATIC": "m"}
 

@@ -11,8 +11,8 @@ from typing import Annotated, Final
 
 import typer
 
-from procs.lib.config import load_system
-from procs.lib.document import System, from_json
+from procs.config import load_system
+from procs.document.system import System, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from tools.commission.bench import RunningBench

@@ -10,7 +10,7 @@ from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
 from procs.arm.stages.stage import Stage
 from procs.arm.states import Event
-from procs.lib.arm_types import ARM_TYPES
+from procs.arm_types import ARM_TYPES
 
 
 class Homed(Stage):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from procs.arm.control import Control
-from procs.lib.codes import Code
-from procs.lib.faults import FaultReport
+from procs.codes import Code
+from procs.faults import FaultReport
 
 NEVER_NS: Final = 1 << 62
 SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this

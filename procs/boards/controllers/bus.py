@@ -16,9 +16,9 @@ from procs.boards.controllers.hub import Hub
 from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.models import models_of, width_of
 from procs.boards.devices.network import DESTINATION_ERROR
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
 REBOOT_TICKS = reg.CLOCK_HZ  # a board is away for 1 s while its FPGA is configured anew

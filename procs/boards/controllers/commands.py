@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.firmware import Firmware
-from procs.lib import registers as reg
-from procs.lib import wire
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 _BIG_QUAD = np.dtype(">u4")
 _WORTH_WRITING = reg.DAC_VALID | reg.DAC_AMP_MASK

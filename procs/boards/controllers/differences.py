@@ -12,7 +12,7 @@ from procs.boards.controllers.models import Model
 from procs.boards.controllers.motors import Motors
 from procs.boards.controllers.power import Power
 from procs.boards.controllers.samples import Samples
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 Quads = npt.NDArray[np.uint32]
 

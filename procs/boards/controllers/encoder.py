@@ -33,8 +33,8 @@ from procs.boards.controllers.edges import (
     push_table,
     state_table,
 )
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 Floats = npt.NDArray[np.float64]
 Quads = npt.NDArray[np.uint32]

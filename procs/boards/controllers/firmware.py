@@ -25,8 +25,8 @@ from procs.boards.controllers.power import Power
 from procs.boards.controllers.samples import Samples
 from procs.boards.controllers.testboard import Loopback
 from procs.boards.devices.board import Board
-from procs.lib import registers as reg
-from procs.lib.emulated import SetupJoints
+from procs.document.emulated import SetupJoints
+from procs.fpga import registers as reg
 
 _MISSING = {  # registers and regions that read 0
     "DQLA": (reg.DATA_BUFFER,),

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.firmware import Firmware
-from procs.lib import blocks
-from procs.lib import registers as reg
+from procs.fpga import blocks
+from procs.fpga import registers as reg
 
 BUS_BOARDS = 16
 FIRST_UPDATE, NEXT_UPDATE = 150, 500  # FireWire: ticks after a query until the first board, and each next one, reported

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from procs.boards.controllers.quadrature import Quadrature
 from procs.boards.devices.outputs import MOST_CHANGES, Outputs
 from procs.boards.devices.waveform import NEVER
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
-from procs.lib.emulated import SetupJoints
+from procs.document.emulated import SetupJoints
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 CHANNELS: Final = 16
 FEW_CHANGES: Final = 128  # followed between two looks at outputs that switch for ever, which no host has them do

@@ -16,7 +16,7 @@ from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.models import Model
 from procs.boards.controllers.power import Power
 from procs.boards.controllers.traits import Flags
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 Quads = npt.NDArray[np.uint32]
 Floats = npt.NDArray[np.float64]

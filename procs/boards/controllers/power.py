@@ -17,7 +17,7 @@ from procs.boards.controllers.digital import BRIDGES, Digital
 from procs.boards.controllers.models import Model
 from procs.boards.controllers.status import State, Words
 from procs.boards.controllers.traits import Flags, Quads, Traits
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 DELAY: Final = 11  # ticks from a change of a line to what it does
 TICKS_MAX: Final = reg.VELOCITY_TICKS_MASK

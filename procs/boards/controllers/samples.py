@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.models import BLOCK, HEAD, Model
-from procs.lib import blocks
-from procs.lib.blocks import KINDS, SCALARS
+from procs.fpga import blocks
+from procs.fpga.blocks import KINDS, SCALARS
 
 Quads = npt.NDArray[np.uint32]
 TEMPERATURES = 0x3C3E  # 30 and 31 °C

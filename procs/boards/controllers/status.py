@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.traits import Flags, Traits
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

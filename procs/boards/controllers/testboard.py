@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from procs.boards.controllers.quadrature import Quadrature
 from procs.boards.devices.outputs import MOST_CHANGES, Outputs
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 VOLTS: Final = 2.25  # at the analog inputs
 FULL_SCALE_V: Final = 4.5

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.models import Model
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 Flags = npt.NDArray[np.bool_]
 Quads = npt.NDArray[np.uint32]

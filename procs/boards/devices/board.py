@@ -15,7 +15,7 @@ from procs.boards.devices.dallas import Dallas
 from procs.boards.devices.network import Network
 from procs.boards.devices.outputs import Outputs
 from procs.boards.devices.prom import FpgaProm, QlaProm, SerialOnly
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8

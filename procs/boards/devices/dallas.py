@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from procs.lib.instrument import (
+from procs.fpga.instrument import (
     CHUNK_BYTES,
     COMPANY,
     COMPANY_AT,

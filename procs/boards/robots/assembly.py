@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.boards.robots.mechanics import Axis, Mechanism
-from procs.lib.poses import pose_from_matrix
+from procs.kinematics.poses import pose_from_matrix
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

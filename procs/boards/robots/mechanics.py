@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm_types import ARM_TYPES, ArmInertia, JointInertia
 from procs.boards.robots.inertia import (
     DISC,
     GRIPPER_RANGE,
@@ -26,11 +27,10 @@ from procs.boards.robots.inertia import (
     wrist_inertia,
 )
 from procs.boards.robots.play import SHARE
-from procs.lib.arm_types import ARM_TYPES, ArmInertia, JointInertia
-from procs.lib.denavit import split_row
-from procs.lib.document import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
-from procs.lib.endoscopes import endoscope
-from procs.lib.poses import renormalised
+from procs.document.system import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
+from procs.kinematics.denavit import split_row
+from procs.kinematics.endoscopes import endoscope
+from procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
 

@@ -31,8 +31,8 @@ from procs.boards.robots.mechanics import (
 from procs.boards.robots.play import SHARE, Play
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
-from procs.lib.coupling import Coupling, coupling
-from procs.lib.document import Chain, Emulation, Likeness, Robot, System, Tool
+from procs.document.system import Chain, Emulation, Likeness, Robot, System, Tool
+from procs.kinematics.coupling import Coupling, coupling
 
 Array = NDArray[np.float64]
 

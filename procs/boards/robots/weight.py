@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.lib.document import Arm
-from procs.lib.master_gravity import MasterGravity
+from procs.document.system import Arm
+from procs.kinematics.master_gravity import MasterGravity
 
 Array = NDArray[np.float64]
 

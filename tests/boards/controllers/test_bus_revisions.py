@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from procs.boards.controllers.bus import GROUP, Bus
-from procs.lib import blocks, wire
-from procs.lib import registers as reg
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import blocks, wire
+from procs.fpga import registers as reg
 
 MS = 49152
 STAY = wire.NO_FORWARD

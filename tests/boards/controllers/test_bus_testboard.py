@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from procs.boards.controllers.bus import Bus
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller, Quirks
+from procs.document.system import Controller, Quirks
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 US = 49.152
 MS = 49152

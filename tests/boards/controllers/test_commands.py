@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.lib import registers as reg
-from procs.lib import wire
+from procs.fpga import registers as reg
+from procs.fpga import wire
 from tests.boards.desk import ENABLE, MASK, MS, ON, VALID, Desk, board
 
 ID_7 = 3 << reg.DAC_BOARD_SHIFT

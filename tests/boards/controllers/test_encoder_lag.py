@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.boards.controllers.encoder import Encoders, Floats
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 STEP = 49152  # ticks of a millisecond
 FAITHFUL = Quirks()

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from procs.boards.controllers.bus import Bus
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 MS = 49152
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.devices.collection import COLLECTING, MEASURED
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 from tests.boards.desk import COLLECT, MASK, MS, VALID, Desk, board
 
 ALL = (7, 8, 9)

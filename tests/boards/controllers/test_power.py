@@ -8,9 +8,9 @@ import pytest
 from procs.boards.controllers import bus as wired
 from procs.boards.controllers import power
 from procs.boards.controllers.models import models_of
-from procs.lib import registers as reg
-from procs.lib import wire
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers as reg
+from procs.fpga import wire
 
 MS = 49152
 ENABLE_1 = 0x3000_0000  # motor command word: mask and enable, not valid

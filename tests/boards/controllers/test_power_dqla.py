@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.controllers import power
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 from tests.boards.desk import COLLECT, MASK, MS, ON, VALID, Desk, board
 
 PLAIN = 0x8300_3F00  # 8 axes, board 3; its own expanders, outputs known and bidirectional

@@ -8,8 +8,8 @@ import pytest
 from procs.boards.controllers import digital, power
 from procs.boards.controllers.espm import SUPPLY_BITS
 from procs.boards.devices.dallas import instrument_memory
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 from tests.boards.desk import COLLECT, MASK, MS, ON, VALID, Desk, board
 
 BASE = 0xA300_0007  # 10 axes, board 3, ESPM there in all respects, encoders not preloaded

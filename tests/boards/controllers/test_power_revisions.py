@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.controllers import power
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 from tests.boards.desk import ENABLE, MASK, MS, ON, VALID, Desk, board
 
 ALL = (7, 8, 9)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from procs.boards.controllers.encoder import Encoders, Floats
 from procs.boards.controllers.quadrature import DELAY, Quadrature
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 Words = tuple[int, ...]
 Lines = tuple[int, int]

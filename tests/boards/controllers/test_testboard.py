@@ -15,8 +15,8 @@ from procs.boards.controllers.quadrature import DELAY
 from procs.boards.controllers.testboard import Loopback
 from procs.boards.devices.outputs import PLAY, Outputs
 from procs.boards.devices.waveform import VALID
-from procs.lib import registers as reg
-from procs.lib.document import Quirks
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
 
 A, B, INDEX, SWITCHES = 1, 2, 4, 8  # pins of outputs 1 to 4
 ZERO = reg.ENCODER_ZERO

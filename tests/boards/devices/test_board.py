@@ -12,8 +12,8 @@ from procs.boards.controllers.models import Model
 from procs.boards.devices.board import Board
 from procs.boards.devices.dallas import instrument_memory
 from procs.boards.devices.outputs import PLAY
-from procs.lib import registers as reg
-from procs.lib.document import Controller
+from procs.document.system import Controller
+from procs.fpga import registers as reg
 
 MS = 49152
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.boards.devices.collection import COLLECTING, LATE, MEASURED, Collection
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 MS = 49152
 ON = reg.DAC_VALID | reg.DAC_COLLECT

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.boards.devices.dallas import BIDIRECTIONAL, BUSY, PROBING, Dallas, instrument_memory
-from procs.lib.instrument import MEMORY_BYTES
+from procs.fpga.instrument import MEMORY_BYTES
 
 MS = 49152
 RESET_OK, RESET_NO_ANSWER = 1, 3  # as the tools know them

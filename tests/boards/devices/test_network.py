@@ -7,7 +7,7 @@ import pytest
 from procs.boards.devices import network
 from procs.boards.devices.network import Network
 from procs.boards.devices.phy import MDIO_TICKS
-from procs.lib import registers as reg
+from procs.fpga import registers as reg
 
 MS = 49152
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from procs.boards.robots.plant import Plant
-from procs.lib.document import Actuator, Arm, Emulation, Encoder, Io, Likeness, Linear, Robot, System
+from procs.document.system import Actuator, Arm, Emulation, Encoder, Io, Likeness, Linear, Robot, System
 from tests import stock
 
 PERIOD = 1e-3

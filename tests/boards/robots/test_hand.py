@@ -11,7 +11,7 @@ import pytest
 
 from procs.boards.robots.hand import Grip, Hands, wrench
 from procs.boards.robots.plant import Plant
-from procs.lib import poses
+from procs.kinematics import poses
 from tests.boards.robots.arms import arm, robot, system
 
 Floats = npt.NDArray[np.float64]

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from procs.arm_types import ARM_TYPES
 from procs.boards.robots.inertia import DISC
 from procs.boards.robots.plant import Plant
-from procs.lib.arm_types import ARM_TYPES
-from procs.lib.coupling import coupling
-from procs.lib.kinematics import Kinematics
+from procs.kinematics.coupling import coupling
+from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, PERIOD, arm, psm, robot, system
 

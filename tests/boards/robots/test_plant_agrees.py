@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.lib.coupling import coupling
-from procs.lib.endoscopes import NAMES, endoscope
-from procs.lib.kinematics import Kinematics
+from procs.kinematics.coupling import coupling
+from procs.kinematics.endoscopes import NAMES, endoscope
+from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import arm, psm, robot, si, system
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.lib.coupling import coupling
-from procs.lib.document import Chain, Likeness, Link
+from procs.document.system import Chain, Likeness, Link
+from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, SNAKE, arm, holding, psm, robot, run, si, system
 

@@ -9,9 +9,9 @@ import pytest
 
 from procs.boards.robots.inertia import GRIPPER_INITIAL
 from procs.boards.robots.plant import Plant
-from procs.lib.coupling import coupling
-from procs.lib.document import Likeness
-from procs.lib.kinematics import Kinematics
+from procs.document.system import Likeness
+from procs.kinematics.coupling import coupling
+from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, psm, robot, run, si, system
 

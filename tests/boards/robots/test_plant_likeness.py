@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.lib.coupling import coupling
-from procs.lib.document import Likeness
+from procs.document.system import Likeness
+from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, arm, holding, psm, robot, run, si, system
 

@@ -11,9 +11,9 @@ import pytest
 from procs.boards.robots.inertia import WRIST_FRICTION
 from procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE
 from procs.boards.robots.plant import Plant
-from procs.lib.coupling import coupling
-from procs.lib.document import Chain, Likeness, Tool
-from procs.lib.kinematics import Kinematics
+from procs.document.system import Chain, Likeness, Tool
+from procs.kinematics.coupling import coupling
+from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, holding, psm, robot, run, si, system
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.lib.config import load_system
-from procs.lib.document import Actuator
+from procs.config import load_system
+from procs.document.system import Actuator
 from tests import stock
 
 SYSTEMS = ("jhu-dVRK/system-MTML-MTMR", "jhu-dVRK/system-MTML-PSM1-Teleop", "jhu-daVinci/system-ECM",

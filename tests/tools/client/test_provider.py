@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import trocar
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 from procs.pauses import Pauses
 from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
@@ -22,7 +22,7 @@ from shm.ring import RingReader
 from tests.conftest import World
 from tools.client import provider
 from tools.errors import Problem, Refused
-from tools.processes import lives
+from tools.inspect.processes import lives
 
 QUARTER = ((0.0, -1.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 

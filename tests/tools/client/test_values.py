@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from procs.arm.impedance import impedance_of
-from procs.lib.poses import matrix_from_pose, rotation_from_vector
+from procs.kinematics.poses import matrix_from_pose, rotation_from_vector
 from tools.client.impedance import Gains, Impedance
 from tools.client.values import pose_numbers, rotation_numbers
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from procs.boards.incidents import Incidents
-from procs.lib.config import PROJECT_CONFIGS, load_system
+from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.rig import Rig
 from tests.io.stand import FakeCommand
 from tools.commission.bench import Answer

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.lib.config import PROJECT_CONFIGS, check_file
-from procs.lib.config.source import read_source
-from procs.lib.convert import to_json
+from procs.config import PROJECT_CONFIGS, check_file
+from procs.config.read.source import read_source
 from tests.tools.commission.rig_bench import RigBench
 from tools.commission import calibrate, io_file
+from tools.converters import to_json
 from tools.errors import Problem
 
 IO_FILE = PROJECT_CONFIGS / "io" / "PSM1-demo.yaml"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.lib.config import PROJECT_CONFIGS
+from procs.config import PROJECT_CONFIGS
 from tools.cli import build
 from tools.commission import verb
 from tools.commission.finding import Finding, Outcome

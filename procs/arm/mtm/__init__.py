@@ -1,0 +1,1 @@
+"""A master: what only it has."""

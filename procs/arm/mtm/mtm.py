@@ -1,0 +1,119 @@
+"""An MTM: a master, moved by hand or held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs import codes
+from procs.arm.arm import Arm
+from procs.arm.commands import Table
+from procs.arm.efforts import Law
+from procs.arm.motion import Mode, Space
+from procs.arm.mtm.gripper import Gripper
+from procs.arm.mtm.orientation_lock import OrientationLock
+from procs.arm.mtm.platform_spring import Platform
+from procs.arm.stages.homing import Biased, Calibrating
+from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
+from procs.arm.stages.stage import Stage
+from procs.arm.states import Event, State
+from procs.arm.takeover import Predecessor
+
+Array = NDArray[np.float64]
+
+TOLERANCE: Final = math.radians(4.0)
+ROLL_TOLERANCE: Final = math.radians(6.0)
+OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is not left at its stop
+BORNE_NS: Final = 1_000_000_000
+AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
+
+
+class Mtm(Arm):
+    """See Arm."""
+
+    checks_tracking = False
+
+    def prepare(self, before: Predecessor | None) -> None:
+        """See Arm."""
+        control, around = self.control, self._around
+        control.cartesian.complete = False  # until the roll was looked at
+        self._gripper = Gripper(control, around.field, around.gripper, around.state)
+        self._platform = Platform(control)
+        self._lock = OrientationLock(control)
+        if before is not None:
+            control.reports.emit("orientation_locked", value=0.0)  # whatever it was: it is not any more
+        self._borne = float(before is not None and before.bore_weight)
+        self._borne_ns = 0
+
+    def stages(self) -> Mapping[State, Stage]:
+        """See Arm."""
+        control = self.control
+        return {
+            State.CALIBRATING: Calibrating(control, (ROLL,)),
+            State.BIASED: Biased(control, self._before_homing),
+            State.FINDING_ROLL: FindingRoll(control),
+            State.SETTING_ROLL: SettingRoll(control),
+        }
+
+    def tables(self) -> Iterable[Table]:
+        """See Arm."""
+        return (self._lock.table,)
+
+    def home(self) -> Array:
+        """See Arm."""
+        goal = super().home()
+        goal[ROLL] = max(goal[ROLL], self.joints.lower[ROLL] + OFF_STOP)
+        return goal
+
+    def tolerance(self) -> Array:
+        """See Arm."""
+        tolerance = np.full(self.joints.size, TOLERANCE)
+        tolerance[ROLL] = ROLL_TOLERANCE
+        return tolerance
+
+    def is_ready(self) -> bool:
+        """See Arm."""
+        return self.control.is_played or bool(self.io.encoder_set[ROLL])
+
+    def watch(self) -> None:
+        """See Arm."""
+        self.control.cartesian.complete = self.is_ready()
+        self._gripper.step(self.control.now_ns)
+        self._lock.watch()
+
+    def bears_weight(self) -> float:
+        """See Arm; not while servo positions are followed. It comes and goes slowly where the joints are held."""
+        control, mode = self.control, self.control.motion.mode
+        step = (control.now_ns - self._borne_ns) / BORNE_NS
+        self._borne_ns = control.now_ns
+        if control.driving is None:
+            self._borne = 0.0
+        elif mode is Mode.EFFORT:
+            self._borne = 1.0
+        elif mode is Mode.TRAJECTORY:
+            self._borne = min(1.0, self._borne + step)
+        elif mode is Mode.POSITION:
+            self._borne = max(0.0, self._borne - step)
+        return self._borne
+
+    def end_efforts(self) -> None:
+        """See Arm: a hand may be on it, so it is let go of, but for its weight."""
+        control = self.control
+        control.report_episode(codes.EFFORT_TIMEOUT,
+                               f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
+        control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
+        control.gravity.used = control.gravity.known
+
+    def shape_efforts(self) -> None:
+        """See Arm."""
+        if self.control.cartesian.valid and self.control.efforts.law in AT_TIP:
+            self._platform.step()
+        self._lock.step()
+
+    def _before_homing(self) -> Event:
+        """The roll is found once; it stays where it is known as long as the controllers have power."""
+        return Event.ONWARD if self.is_ready() else Event.ROLL

@@ -1,0 +1,1 @@
+"""A PSM: what only it has."""

@@ -1,0 +1,74 @@
+"""What keeps an instrument's wrist from bending in the cannula, and tells whether its tip is beyond it.
+
+All is measured from the remote centre, where the shaft passes through the cannula: the wrist (frame 4 of the chain)
+lies on the shaft, so that it comes further out by what is inserted.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs import codes
+from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.joints import Joints
+from procs.document.system import Tool
+
+Array = NDArray[np.float64]
+
+INSERTION: Final = 2
+WRIST_FRAME, TIP_FRAME = 4, 6  # of the chain
+SAFE_DISTANCE: Final = 0.045  # m to the wrist
+SAFE_BUFFER: Final = 0.002  # so much less is enough for Cartesian control to begin
+LEAST_GOAL: Final = 0.001  # m to the tip: closer, its direction means nothing
+DEPTH: Final = 0.025  # m to the tip: further, it is beyond the cannula
+SNAKE_DEPTH: Final = 0.027
+PROBE: Final = 0.2  # m of insertion
+
+
+class Cannula:
+    """`measure` after every change of the joint space."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        self._wrist = 0.0
+
+    def measure(self) -> None:
+        """Where the wrist is when nothing is inserted: behind the remote centre, so negative."""
+        kinematics = self._control.joints.kinematics
+        if kinematics is not None:
+            at = np.zeros(kinematics.n)
+            at[INSERTION] = PROBE
+            self._wrist = float(np.linalg.norm(kinematics.fk_to(at, WRIST_FRAME)[:3, 3])) - PROBE
+
+    def safe(self, at: Array) -> str:
+        """Why Cartesian control may not begin at joints (size,), "": it may."""
+        if at[INSERTION] + self._wrist >= SAFE_DISTANCE - SAFE_BUFFER:
+            return ""
+        least = SAFE_DISTANCE - SAFE_BUFFER - self._wrist
+        return f"the instrument needs to be inserted past the cannula, to {least:.4f} m, for Cartesian control"
+
+    def guard(self, found: Array, seed: Array) -> None:
+        """The wrist stays out of the cannula; an arm that has begun closer goes no further out.
+
+        Changes joints (count,) that were found for a goal; Refused where that is at the remote centre.
+        """
+        least = SAFE_DISTANCE - self._wrist
+        if found[INSERTION] >= least:
+            return
+        kinematics = self._control.joints.kinematics
+        if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < LEAST_GOAL:
+            reason = "can't solve IK too close to RCM"
+            self._control.report(codes.NEAR_RCM, reason, SAID_NS)
+            raise Refused(f"unable to solve inverse kinematics ({reason})")
+        found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
+
+    def is_beyond(self, joints: Joints, tool: Tool, discs: Array) -> bool:
+        """The tip of an instrument that was just put on is beyond the cannula, with the actuators (7,) as they are."""
+        if joints.kinematics is None:
+            return False
+        least = self._control.arm.cannula_depth or (SNAKE_DEPTH if tool.snake else DEPTH)
+        at = joints.to_joint @ discs
+        return bool(np.linalg.norm(joints.kinematics.fk_to(at[: joints.count], TIP_FRAME)[:3, 3]) >= least)

@@ -1,0 +1,128 @@
+"""Which instrument is on a PSM: its file says so (FIXED), a person does (MANUAL), or its memory (AUTOMATIC).
+
+Where the memory cannot be read, or nobody knows what it says, a person is asked as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from procs import codes
+from procs.arm.control import Control, Refused
+from procs.arm.joints import Joints, joints
+from procs.document.catalogue import Found, find, full_name
+from procs.document.system import Tool
+
+RETRY_NS: Final = 500_000_000
+LONGEST_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What io has last read from the arm's instruments: READ with the `tool`, ABSENT or ERROR, since when."""
+
+    status: str = ""
+    tool: str = ""
+    since_ns: int = 0
+
+
+class Detection:
+    """Finds out; `step` while an instrument is on and `tool` is None."""
+
+    def __init__(self, control: Control, reading: Callable[[], Reading]) -> None:
+        arm = control.arm
+        self._control, self._reading = control, reading
+        self._fixed = arm.tool_detection == "FIXED"
+        self._reads = arm.tool_detection == "AUTOMATIC" and bool(arm.instrument_reader)
+        self.tool: Tool | None = None
+        self.joints: Joints | None = None
+        """The joint space of the arm with it."""
+        self.asks = False
+        """A person is asked for it."""
+        self._asked_ns = self._due_ns = self._heard_ns = self._order = 0
+        if self._fixed and arm.tool is not None:
+            self.take(arm.tool)
+
+    def forget(self) -> None:
+        """It was taken off, or there is another one."""
+        self.asks = False
+        self._asked_ns = self._order = 0
+        if not self._fixed:
+            self.tool = self.joints = None
+
+    def take(self, tool: Tool) -> None:
+        """It is this one; ValueError when the arm cannot be driven with it."""
+        self.joints = joints(self._control.arm, tool)
+        self.tool = tool
+        self.asks = False
+
+    def named(self, name: str) -> None:
+        """A person says which one; Refused when there is none of this name."""
+        try:
+            self._take_named(name)
+        except ValueError as error:
+            raise Refused(f"set_tool_type: {error}"[:199]) from None
+
+    def _take_named(self, name: str) -> None:
+        arm = self._control.arm
+        known = arm.tools + ((arm.tool,) if arm.tool is not None and arm.tool not in arm.tools else ())
+        found: Found[Tool] = find(name, known)
+        if found.entry is None:
+            raise ValueError(f"{name[:40] or 'no name'}: {found.reason}; there are: {', '.join(found.candidates)}")
+        self.take(found.entry)
+        self._control.reports.emit("tool_type", full_name(found.entry))
+
+    def step(self) -> None:
+        """Find out which one is on."""
+        if not self._reads:
+            self._ask()
+            return
+        reading = self._reading()
+        news = reading.status in ("READ", "ABSENT", "ERROR") and reading.since_ns != self._heard_ns
+        if news and 0 < self._asked_ns <= reading.since_ns:
+            self._heard_ns = reading.since_ns
+            self._hear(reading)
+        elif not self.asks:  # else another reading, whoever asks for it, may still tell
+            self._have_it_read()
+
+    def _hear(self, reading: Reading) -> None:
+        try:
+            if reading.status != "READ":
+                raise ValueError(f"its memory could not be read ({reading.status})")
+            self._take_named(reading.tool)
+        except ValueError as error:
+            self._fail(str(error))
+
+    def _have_it_read(self) -> None:
+        control = self._control
+        now = control.now_ns
+        if not self._asked_ns:
+            self._asked_ns, self._due_ns = now, now
+        if self._order:
+            answer = control.duties.outcome(self._order)
+            if answer is not None and answer.outcome == "refused":
+                self._order, self._due_ns = 0, now + RETRY_NS
+        elif now >= self._due_ns:
+            self._order = control.duties.order("trigger_read", (), control.arm.instrument_reader)
+        if now - self._asked_ns > LONGEST_NS:
+            self._fail("io did not read its memory")
+
+    def _fail(self, reason: str) -> None:
+        self._order = 0
+        self._control.reports.emit("tool_type", "ERROR")
+        self._control.report(codes.TOOL_UNKNOWN, f"instrument not known: {reason}")
+        self._ask()
+
+    @property
+    def request(self) -> str:
+        """What a person is asked for."""
+        arm = self._control.arm
+        return f"instrument not named (tool_detection {arm.tool_detection}): trocar send {arm.name} set_tool_type NAME"
+
+    def _ask(self) -> None:
+        if not self.asks:
+            self.asks = True
+            self._control.reports.emit("tool_type_request")
+            self._control.report(codes.TOOL_NOT_NAMED, self.request)

@@ -1,0 +1,272 @@
+"""A PSM: its sterile adapter and its instrument, which are put on it, found out about, engaged, and taken off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs import codes
+from procs.arm.arm import Arm
+from procs.arm.cartesian_commands import switch
+from procs.arm.commands import Row, Table
+from procs.arm.control import SAID_NS, Refused
+from procs.arm.joints import Joints, joints
+from procs.arm.motion import Mode
+from procs.arm.psm.cannula import Cannula
+from procs.arm.psm.detection import Detection
+from procs.arm.psm.fitted import Fit, Fitted
+from procs.arm.psm.jaw import JawCommands
+from procs.arm.stages.engaging import Engaging
+from procs.arm.stages.homed import Homed
+from procs.arm.stages.stage import Stage
+from procs.arm.states import Event, State
+from procs.arm.takeover import Predecessor
+from procs.document.catalogue import full_name
+from procs.document.system import Tool
+from procs.kinematics.coupling import coupling
+from procs.requests import Request
+
+Array = NDArray[np.float64]
+
+INSERTION: Final = 2
+ADAPTER_SWING: Final = math.radians(171.0)
+ADAPTER_TURNS: Final = (-1.0, 1.0, -1.0, 1.0, 0.0)
+
+
+class ArrivedHomed(Homed):
+    """An arm comes to be homed with all engaged that need not be turned for it: nobody sees it half done."""
+
+    def __init__(self, psm: Psm) -> None:
+        super().__init__(psm.control, psm.look_after, psm.checks_tracking, psm.misses)
+        self._psm = psm
+
+    def enter(self) -> None:
+        """See Stage."""
+        self._psm.fit()
+        super().enter()
+        self._psm.note_ready()
+
+
+class Psm(Arm):
+    """See Arm. The joint space is that of the instrument when and only when it is engaged."""
+
+    def prepare(self, before: Predecessor | None) -> None:
+        """Go on with the adapter and the instrument that a predecessor had."""
+        control, arm, field = self.control, self.control.arm, self._around.state
+        said = field("emulated")
+        self.adapter = Fitted(field("adapter"), said[:1], has_switch=bool(arm.inputs.adapter))
+        self.tool = Fitted(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
+                           always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
+        self.detection = Detection(control, self._around.reading)
+        self._shown_name, robot = field("tool"), self._around.robot
+        self._sampled = self._around.field("robot_valid")[robot : robot + 1].reshape(())
+        self.cannula = Cannula(control)
+        self._was_ready = False
+        if before is None and self.detection.tool is not None:
+            control.reports.emit("tool_type", full_name(self.detection.tool))
+        known = self._known(before.tool) if before is not None and self.tool.present else None
+        if known is not None:
+            self.detection.take(known)
+        if self.tool.fit is Fit.ENGAGED and self.detection.tool is None:
+            self.tool.fit = Fit.FOUND  # the configuration no longer knows it
+        if self.tool.fit is not Fit.ENGAGED:
+            control.use(joints(arm))
+        elif self.detection.joints is not None:
+            control.use(self.detection.joints)
+        self.cannula.measure()
+        self._show_name()
+
+    def _known(self, name: str) -> Tool | None:
+        arm = self.control.arm
+        longest = self._shown_name.dtype.itemsize
+        known = (tool for tool in (*arm.tools, arm.tool) if tool is not None and name)
+        return next((tool for tool in known if tool.name.encode()[:longest] == name.encode()), None)
+
+    def stages(self) -> Mapping[State, Stage]:
+        """See Arm."""
+        control = self.control
+        return {
+            State.HOMED: ArrivedHomed(self),
+            State.ENGAGING_ADAPTER: Engaging(control, "adapter", self._adapter_goals, self._turns_adapter,
+                                             self._adapter_caught),
+            State.ENGAGING_TOOL: Engaging(control, "tool", self._tool_goals, self._turns_tool, self._carry),
+        }
+
+    def tables(self) -> Iterable[Table]:
+        """See Arm."""
+        return (JawCommands(self.control, self.cartesian_commands.enter).table, {
+            "set_tool_type": Row(self._set_tool_type),
+            "emulate_adapter_present": Row(self._emulate_adapter),
+            "emulate_tool_present": Row(self._emulate_tool),
+        },)
+
+    def home(self) -> Array:
+        """See Arm; with an instrument on it stays."""
+        if not self.control.is_played and self.tool.fit is not Fit.ABSENT:
+            here: Array = self.io.setpoint.copy()
+            return here
+        return super().home()
+
+    def is_ready(self) -> bool:
+        """See Arm."""
+        return self.adapter.is_settled and self.tool.is_settled
+
+    def misses(self) -> str:
+        """See Arm."""
+        if self.tool.waits and self.detection.asks:
+            return self.detection.request
+        if self.tool.waits and self.detection.tool is None:
+            return "the instrument's memory to be read"
+        if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
+            return "sterile adapter not seen under the instrument: look at its switch, or emulate_adapter_present 1"
+        return ""
+
+    # adapter and instrument
+
+    def watch(self) -> None:
+        """See Arm."""
+        if not (self.io.fresh and self._sampled.item()):
+            return  # an io that has just started has not looked at its inputs yet
+        now, inputs = self.control.now_ns, self.control.arm.inputs
+        if self.adapter.look(self.pressed(inputs.adapter), now):
+            self.control.status(f"sterile adapter {'on' if self.adapter.present else 'off'}")
+        if self.tool.look(self.pressed(inputs.tool), now):
+            self.control.status(f"instrument {'on' if self.tool.present else 'off'}")
+            if not self.tool.present:
+                self.control.reports.emit("tool_type", "")
+                self._drop()
+        if self.tool.present and self.detection.tool is None:
+            self.detection.step()
+            self._show_name()
+
+    def look_after(self) -> None:
+        """See Arm."""
+        event = self.fit()
+        if event is not None:
+            self.machine.fire(event)
+        elif self.note_ready():
+            self.machine.publish()
+
+    def note_ready(self) -> bool:
+        """What `is_ready` says is told now; was it not before?"""
+        before, self._was_ready = self._was_ready, self.is_ready()
+        return before is not self._was_ready
+
+    def fit(self) -> Event | None:
+        """Take for engaged what need not be turned for it; what has to be is the answer."""
+        played = self.control.is_played
+        if self.adapter.waits:
+            if self.adapter.fit is Fit.NEW and not self.tool.present and not played:
+                return Event.ADAPTER
+            self._adapter_caught()
+        if not self.tool.waits or self.detection.joints is None or self.detection.tool is None:
+            return None
+        if self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
+            self.control.report(codes.ADAPTER_MISSING, codes.ADAPTER_MISSING.cause, 30 * SAID_NS)
+            return None
+        if self.tool.fit is Fit.NEW and not played:
+            discs = self.joints.to_actuator @ self.io.setpoint
+            if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
+                return Event.TOOL
+            self.control.status("tool tip is outside the cannula, assuming it doesn't need to engage")
+        self._carry()
+        return None
+
+    def _adapter_caught(self) -> None:
+        self.adapter.fit = Fit.ENGAGED
+
+    def _turns_adapter(self) -> bool:
+        return self.adapter.fit is Fit.NEW and not self.tool.present
+
+    def _adapter_goals(self) -> list[Array]:
+        goals = [self.io.setpoint.copy() for _ in ADAPTER_TURNS]
+        for goal, turn in zip(goals, ADAPTER_TURNS, strict=True):
+            goal[INSERTION] = 0.0
+            goal[INSERTION + 1 :] = turn * ADAPTER_SWING
+        return goals
+
+    def _turns_tool(self) -> bool:
+        return self.tool.fit is Fit.NEW and self.detection.tool is not None
+
+    def _tool_goals(self) -> list[Array]:
+        """Bare discs (7,) for the positions of an instrument's joints, of which a snake's bend in pairs."""
+        tool = self.detection.tool
+        if tool is None:
+            return []
+        to_disc = coupling(self.control.joints.axes, self.control.arm.chain, tool).joint_to_actuator
+        here, goals = self.io.setpoint.copy(), []
+        for place in (tool.engage_lower, tool.engage_upper, tool.engage_lower, (0.0,) * len(tool.engage_lower)):
+            here[INSERTION + 1 :] = place
+            goals.append(to_disc @ here)
+        return goals
+
+    def _carry(self) -> None:
+        """The instrument is engaged: its joints from now on, the discs where they are."""
+        control = self.control
+        space, tool = self.detection.joints, self.detection.tool
+        if space is None or tool is None:
+            return
+        self._change(space)
+        self.tool.fit = Fit.ENGAGED
+        control.status(f"instrument {full_name(tool)}")
+
+    def _drop(self) -> None:
+        """There is none any more."""
+        self.detection.forget()
+        if self.joints.kinematics is not None:
+            self._change(joints(self.control.arm))
+        self._show_name()
+
+    def _change(self, space: Joints) -> None:
+        control = self.control
+        control.stop(control.here, Mode.POSITION, "the instrument was changed")
+        control.use(space)
+        control.cartesian.update()
+        self.cannula.measure()
+        self._show_name()
+        if self.state is State.MANUAL:
+            self._stages[State.MANUAL].enter()
+
+    def _show_name(self) -> None:
+        self._shown_name[...] = self.detection.tool.name.encode() if self.detection.tool is not None else b""
+
+    def _emulate_adapter(self, request: Request) -> str:
+        self.adapter.say(switch(request))
+        return ""
+
+    def _emulate_tool(self, request: Request) -> str:
+        self.tool.say(switch(request))
+        return ""
+
+    def _set_tool_type(self, request: Request) -> str:
+        control, arm = self.control, self.control.arm
+        if arm.tool_detection == "FIXED":
+            raise Refused("set_tool_type: tool detection is FIXED, the instrument is the one of the arm's file")
+        if self.machine.moving or self.state is State.HOMING or control.motion.mode is Mode.EFFORT:
+            raise Refused("set_tool_type: the arm is moving or in effort mode")
+        freely = control.is_played or not self.tool.has_switch
+        if not (freely or self.detection.asks):
+            reason = "set_tool_type: nobody asks for it: " + ("the instrument is known" if self.tool.present else
+                                                             "there is no instrument")
+            control.report(codes.COMMAND_REFUSED, reason, SAID_NS)
+            raise Refused(reason)
+        self.detection.named(request.text.strip())
+        if freely:
+            self.tool.say(True)
+            self.tool.fit = Fit.FOUND
+        self._show_name()
+        return ""
+
+    # the cannula
+
+    def safe(self, at: Array) -> str:
+        """See Arm."""
+        return self.cannula.safe(at)
+
+    def guard(self, found: Array, seed: Array) -> None:
+        """See Arm."""
+        self.cannula.guard(found, seed)

@@ -1,0 +1,1 @@
+"""From the models of files to the document of a system."""

@@ -1,0 +1,201 @@
+"""From the models of files to the values of the document; nothing is decided here."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procs.config.models.io_file import (
+    ActuatorKeys,
+    BrakeKeys,
+    DallasKeys,
+    DigitalInputKeys,
+    DigitalOutputKeys,
+    LinearKeys,
+    RobotKeys,
+)
+from procs.config.models.kinematic_file import DhKeys, LinkKeys, ToolFile
+from procs.config.models.pid_file import PidFile, PidKeys
+from procs.config.models.setup_file import SetupArmKeys
+from procs.document import emulated
+from procs.document import system as document
+
+
+def robot(keys: RobotKeys, source: str, lookup: str = "") -> document.Robot:
+    """One robot of an IO file; `lookup` is the table of its potentiometers, where they need one."""
+    pots = keys.potentiometers
+    coupling = pots.coupling if pots else None
+    return document.Robot(
+        name=keys.name,
+        serial=keys.serial_number,
+        hardware=keys.hardware_version,
+        actuators=tuple(_actuator(actuator) for actuator in keys.actuators),
+        potentiometers=pots.potentiometers_type if pots else "UNDEFINED",
+        tolerances=tuple(document.Tolerance(t.distance, t.latency) for t in pots.tolerances) if pots else (),
+        only_io=keys.only_IO,
+        joint_to_actuator_position=coupling.JointToActuatorPosition if coupling else None,
+        brakes=tuple(_brake(brake) for brake in keys.brakes),
+        lookup=lookup,
+        source=source,
+    )
+
+
+def _linear(keys: LinearKeys) -> document.Linear:
+    return document.Linear(keys.scale, keys.offset)
+
+
+def _actuator(keys: ActuatorKeys) -> document.Actuator:
+    encoder, pot = keys.encoder, keys.potentiometer
+    return document.Actuator(
+        board_id=keys.board_id,
+        axis_id=keys.axis_id,
+        joint_type=keys.joint_type,
+        effort_to_current=keys.drive.effort_to_current.scale,
+        current_to_bits=_linear(keys.drive.current_to_bits),
+        bits_to_current=_linear(keys.drive.bits_to_current),
+        maximum_current=keys.drive.maximum_current,
+        encoder=document.Encoder(
+            bits_to_position=_linear(encoder.bits_to_position),
+            lower=encoder.position_limits_soft.lower,
+            upper=encoder.position_limits_soft.upper,
+            velocity_source=encoder.velocity_source,
+        )
+        if encoder
+        else None,
+        potentiometer=document.Potentiometer(_linear(pot.bits_to_voltage), _linear(pot.voltage_to_position))
+        if pot
+        else None,
+    )
+
+
+def _brake(keys: BrakeKeys) -> document.Brake:
+    return document.Brake(
+        board_id=keys.board_id,
+        axis_id=keys.axis_id,
+        current_to_bits=_linear(keys.drive.current_to_bits),
+        bits_to_current=_linear(keys.drive.bits_to_current),
+        maximum_current=keys.drive.maximum_current,
+        release_current=keys.release_current,
+        release_s=keys.release_time,
+        released_current=keys.released_current,
+        engaged_current=keys.engaged_current,
+    )
+
+
+def instrument_reader(keys: DallasKeys) -> document.InstrumentReader:
+    """One instrument memory."""
+    return document.InstrumentReader(keys.name, keys.board_id)
+
+
+def digital_input(keys: DigitalInputKeys) -> document.DigitalInput:
+    """One button."""
+    return document.DigitalInput(
+        name=keys.name,
+        board_id=keys.board_id,
+        bit_id=keys.bit_id,
+        pressed_value=keys.pressed_value,
+        trigger_when_pressed=keys.trigger_when_pressed,
+        trigger_when_released=keys.trigger_when_released,
+        skip_first_run=keys.skip_first_run,
+        debounce_s=keys.debounce_time,
+        debounce_click_s=keys.debounce_time_click,
+    )
+
+
+def digital_output(keys: DigitalOutputKeys) -> document.DigitalOutput:
+    """One digital output."""
+    return document.DigitalOutput(
+        name=keys.name,
+        board_id=keys.board_id,
+        bit_id=keys.bit_id,
+        is_pwm=keys.is_PWM,
+        high_s=keys.high_duration,
+        low_s=keys.low_duration,
+        pwm_hz=keys.PWM_frequency,
+    )
+
+
+def pid(keys: PidFile, robot_name: str, arm_name: str, source: str) -> document.Pid:
+    """The gains of one robot."""
+    return document.Pid(robot_name, arm_name, tuple(_pid_axis(axis) for axis in keys.pid), source)
+
+
+def _pid_axis(keys: PidKeys) -> document.PidAxis:
+    return document.PidAxis(
+        name=keys.name,
+        joint_type=keys.type,
+        p_gain=keys.p_gain,
+        d_gain=keys.d_gain,
+        i_gain=keys.i_gain,
+        p_deadband=keys.p_deadband,
+        p_deadband_outer=keys.p_deadband_outer,
+        i_forget_rate=keys.i_forget_rate,
+        i_limit=keys.i_limit,
+        offset=keys.offset,
+        pid_max_output=keys.pid_max_output,
+        tolerance=keys.p_measured_setpoint_tolerance,
+        v_low_pass_cutoff=keys.v_low_pass_cutoff,
+        use_disturbance_observer=keys.use_disturbance_observer,
+        nominal_mass=keys.nominal_mass,
+        disturbance_cutoff=keys.disturbance_cutoff,
+    )
+
+
+def links(keys: DhKeys) -> tuple[document.Link, ...]:
+    """The rows of a chain."""
+    return tuple(_link(link) for link in keys.joints or keys.links)
+
+
+def _link(keys: LinkKeys) -> document.Link:
+    return document.Link(
+        name=keys.name,
+        joint_type=keys.type,
+        alpha=keys.alpha,
+        a=keys.A,
+        theta=keys.theta,
+        d=keys.D,
+        offset=keys.offset,
+        lower=keys.qmin,
+        upper=keys.qmax,
+        effort_max=keys.ftmax,
+        mass=keys.mass,
+        com=(keys.cx, keys.cy, keys.cz),
+        inertia=_inertia(keys),
+        passive=keys.mode == "passive",
+    )
+
+
+def _inertia(keys: LinkKeys) -> document.Matrix:
+    """The tensor in the axes of the link: the files state it in axes of its own, x1..x3 being the first one."""
+    own = np.array(
+        [[keys.Ixx, keys.Ixy, keys.Ixz], [keys.Ixy, keys.Iyy, keys.Iyz], [keys.Ixz, keys.Iyz, keys.Izz]], dtype=float
+    )
+    axes = np.array([[keys.x1, keys.y1, keys.z1], [keys.x2, keys.y2, keys.z2], [keys.x3, keys.y3, keys.z3]])
+    return tuple(tuple(float(value) for value in row) for row in axes @ own @ axes.T)
+
+
+def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
+    """An instrument, under the name it was asked for."""
+    return document.Tool(
+        name=name,
+        links=links(keys.DH),
+        jaw=document.Jaw(keys.jaw.qmin, keys.jaw.qmax, keys.jaw.ftmax),
+        tip=keys.tooltip_offset,
+        actuator_to_joint=keys.coupling.ActuatorToJointPosition,
+        engage_lower=keys.tool_engage_position.lower,
+        engage_upper=keys.tool_engage_position.upper,
+        snake=keys.snake_like,
+        source=source,
+    )
+
+
+def setup_arm(keys: SetupArmKeys) -> emulated.SetupArm:
+    """One passive arm of the set-up joints."""
+    return emulated.SetupArm(
+        name=keys.name,
+        plug=keys.plug_number,
+        primary=tuple(zip(keys.primary_scales or (), keys.primary_offsets or (), strict=False)),
+        secondary=tuple(zip(keys.secondary_scales or (), keys.secondary_offsets or (), strict=False)),
+        release_current=keys.brake_release_current,
+        lifts=keys.type == "Motorized PSM",
+        position=keys.simulated_position or (),
+    )

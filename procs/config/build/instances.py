@@ -1,0 +1,64 @@
+"""The processes of a system: one row an instance, in the order in which they start."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final, TypeVar
+
+from procs.config.build.context import Context
+from procs.config.models.trocar_section import TrocarSection
+from procs.config.read.source import Source
+from procs.document import system as document
+from procs.manifest import PROCS
+
+HIGHEST: Final = 98
+ABOVE: Final = 5
+
+
+def build_processes(
+    context: Context, source: Source, system: document.System, options: TrocarSection
+) -> tuple[document.Process, ...]:
+    """All instances of all kinds, see `procs.manifest`.
+
+    Programs of somebody else are listed, too: nobody here starts them, but they have places of their own.
+    """
+    found = [(kind, row) for kind in PROCS for row in kind.instances(system)]
+    known = dict.fromkeys(row.name for _, row in found)
+    for name in options.processes:
+        if name not in known:
+            allowed = f"one of {', '.join(known)}"
+            context.error(source, ("trocar", "processes", name), "no process of this name is started", allowed)
+    rows = []
+    for kind, row in found:
+        after = tuple(name for name in dict.fromkeys(row.after) if name in known)
+        priority, cpu = _scheduled(kind.priority, options)
+        rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after,
+                                     priority=priority, cpu=cpu))
+    return tuple(_with_options(row, options) for row in rows)
+
+
+def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
+    """(priority, core) as the manifest names it."""
+    arm = options.arm
+    if priority == "least":  # above the other programs of the machine, which must not hold it up
+        return min(arm.priority, 1), None
+    if priority == "above arms":
+        return min(arm.priority + ABOVE, HIGHEST) if arm.priority else 0, arm.cpu
+    of_section = {"emulation": (options.emulation.priority, options.emulation.cpu),
+                  "io": (options.io.priority, options.io.cpu), "arm": (arm.priority, arm.cpu)}
+    return of_section.get(priority, (0, None))
+
+
+Row = TypeVar("Row", document.Console, document.TeleopPsm, document.TeleopEcm)
+
+
+def with_period(row: Row, options: TrocarSection) -> Row:
+    """The row with the period that `trocar.processes` gives it, if any."""
+    own = options.processes.get(row.name)
+    return dataclasses.replace(row, period_s=own.period_s) if own is not None and own.period_s else row
+
+
+def _with_options(row: document.Process, options: TrocarSection) -> document.Process:
+    own = options.processes.get(row.name)
+    given = {name: value for name, value in own.model_dump().items() if value is not None} if own else {}
+    return dataclasses.replace(row, **given)

@@ -1,0 +1,331 @@
+"""A system file with everything it names becomes one document, or a list of everything that is wrong with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import grp
+import pwd
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.config.build import convert
+from procs.config.build.arms import LoadedArm, load_arm
+from procs.config.build.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
+from procs.config.build.carts import load_carts, with_base_frames, with_brakes
+from procs.config.build.components import warn_of_components
+from procs.config.build.consoles import Operation, load_consoles
+from procs.config.build.context import Context
+from procs.config.build.emulated import build_emulation, default_addresses, ports_of
+from procs.config.build.externals import load_externals
+from procs.config.build.focus import load_focus
+from procs.config.build.instances import build_processes, with_period
+from procs.config.build.kinematic_arms import KINEMATIC, KINEMATIC_IO
+from procs.config.build.overrides import SECTION, apply_overrides
+from procs.config.build.setup_joints import with_setup_joints
+from procs.config.build.tasks import with_tasks
+from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
+from procs.config.models.trocar_section import TrocarSection
+from procs.config.read.paths import PROJECT_CONFIGS
+from procs.config.read.problem import ERROR, WARNING, Problem
+from procs.config.read.search import SearchPath, expanded, is_folder, search_path
+from procs.config.read.source import Source, read_source
+from procs.config.read.validate import validate
+from procs.document import system as document
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_SIMULATED = (document.PACED, document.LOCKSTEP)
+_OLD_KEYS = {"arms", "console", "io", "psm-teleops", "ecm-teleop", "suj"}
+_SYSTEM_ID = "dvrk-system.schema.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A loaded system: no document when there are errors."""
+
+    system: document.System | None
+    warnings: tuple[Problem, ...]
+    errors: tuple[Problem, ...]
+
+
+def load_system(
+    path: Path | str,
+    *,
+    search: Sequence[Path] = (),
+    boards: str | None = None,
+    sets: Mapping[str, str] | Sequence[str] = (),
+    name: str | None = None,
+    configs: Path = PROJECT_CONFIGS,
+    bus_address: Callable[[int], str] | None = None,
+) -> Loaded:
+    """Load a system file (JSON or YAML) and all files it names; nothing is written.
+
+    `search` is what `--path` gives, `boards` "emulated" or None (as the file says), `sets` the `--set` options, `name`
+    the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index.
+    """
+    context = Context(search_path((Path.cwd(), Path(path).parent, *search, configs)))
+    source, problems = read_source(Path(path))
+    context.problems += problems
+    system = None
+    if source is not None:
+        system = _load(context, source, boards, sets, name, bus_address)
+    unique = tuple(dict.fromkeys(context.problems))
+    errors = tuple(problem for problem in unique if problem.severity == ERROR)
+    warnings = tuple(problem for problem in unique if problem.severity == WARNING)
+    return Loaded(None if errors else system, warnings, errors)
+
+
+def _load(
+    context: Context,
+    source: Source,
+    boards: str | None,
+    sets: Mapping[str, str] | Sequence[str],
+    name: str | None,
+    bus_address: Callable[[int], str] | None,
+) -> document.System | None:
+    if _is_old_console(source):
+        text = "this is a console file from before dVRK 2.4, which is not read"
+        allowed = (f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"; '
+                   f"trocar convert {source.path.name} makes one of it")
+        context.problems.append(Problem(str(source.path), 1, "$id", "", text, allowed))
+        return None
+    source, problems = apply_overrides(source, sets)
+    context.problems += problems
+    content, problems = validate(SystemFile, source)
+    context.problems += problems
+    options = _options(context, source)
+    if content is None or options is None:
+        return None
+    context.search = _with_settings(context, source, content)
+    context.calibration_mode = options.calibration_mode
+    if options.calibration_mode:
+        context.notes.append("calibration mode: potentiometers are not compared with encoders")
+    warn_of_components(context, source, content.component_manager)
+    _check_names(context, source, content)
+    _check_accounts(context, source, options)
+    emulated = (boards or options.boards) == "emulated"
+    if boards not in (None, "real", "emulated"):
+        context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
+    if options.clock in _SIMULATED and content.IOs and not emulated:
+        context.error(source, (SECTION, "clock"), "real boards don't wait", "wall, or emulated boards (--boards)")
+    buses = load_buses(context, source, content, emulated=emulated)
+    add_devices(context, source, content, buses)
+    arms = []
+    for index, keys in enumerate(content.arms):
+        arm = load_arm(context, source, index, keys, buses, options)
+        if arm is not None:
+            arms.append(_with_period(arm, options))
+    carts = load_carts(context, source, content, buses, options, emulated)
+    check_buses(context, buses)
+    externals = load_externals(context, source, content)
+    if options.clock in _SIMULATED and externals:
+        text = f"{', '.join(row.name for row in externals)}: somebody else's program does not wait for us"
+        context.error(source, (SECTION, "clock"), text, "wall")
+    running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
+    operation = load_consoles(context, source, content, buses, running, carts)
+    operation.externals = externals
+    operation.focuses = load_focus(context, source, content, buses, operation.names)
+    system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
+                       bus_address)
+    system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
+    return with_setup_joints(context, source, content, system)
+
+
+def _is_old_console(source: Source) -> bool:
+    return "$id" not in source.data and bool(_OLD_KEYS & set(source.data))
+
+
+def _options(context: Context, source: Source) -> TrocarSection | None:
+    if not source.has((SECTION,)):
+        return TrocarSection()
+    options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
+    context.problems += problems
+    return options
+
+
+def _check_accounts(context: Context, source: Source, options: TrocarSection) -> None:
+    """Who else may attach must be known to this machine, or shared memory could not be given to them."""
+    groups, users = ("group", options.group, grp.getgrnam), ("service_user", options.service_user, pwd.getpwnam)
+    for key, name, find in (groups, users):
+        what = key.removeprefix("service_")
+        try:
+            if name:
+                find(name)
+        except KeyError:
+            context.error(source, (SECTION, key), f"this machine has no such {what}", f"a {what} of this machine")
+
+
+def _with_settings(context: Context, source: Source, content: SystemFile) -> SearchPath:
+    """settings.path comes after the folder of the system file, and is meant relative to it or to the working folder."""
+    folders = context.search.folders
+    beside = source.path.parent
+    more: list[Path] = []
+    for index, text in enumerate(content.settings.path):
+        given = expanded(text)
+        hits = [folder for folder in (given, beside / given) if is_folder(folder)]
+        if not hits:
+            context.warning(source, ("settings", "path", index), "no such folder", "a folder")
+        more += hits
+    at = 2 if len(folders) > 1 and folders[1].resolve() == beside.resolve() else 1
+    return search_path((*folders[:at], *more, *folders[at:]))
+
+
+def _check_names(context: Context, source: Source, content: SystemFile) -> None:
+    """Every instance needs a name of its own: it names its process, its topics and its shared memory."""
+    seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
+    if any(row.simulation == KINEMATIC for row in content.arms):
+        seen[KINEMATIC_IO] = "the process that plays KINEMATIC arms"
+    names: list[tuple[str, list[str]]] = [
+        ("IOs", [row.name for row in content.IOs]),
+        ("arms", [row.name for row in content.arms]),
+        ("consoles", [row.name for row in content.consoles]),
+    ]
+    for kind, name, index in ((kind, name, index) for kind, row in names for index, name in enumerate(row)):
+        if name in seen:
+            text = f"this name is taken by {seen[name]}"
+            context.error(source, (kind, index, "name"), text, "a name of its own for every IO, arm and console")
+        seen[name] = f"{kind}[{index}]"
+    robots: dict[tuple[str, str], str] = {}
+    for index, arm in enumerate(content.arms):
+        robot = (arm.IO, arm.name_on_IO or arm.name)
+        if arm.simulation == KINEMATIC:  # nothing of it is on a bus
+            continue
+        if arm.IO and robot in robots:
+            key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
+            context.error(source, key, f"{robots[robot]} uses this robot already", "a robot of its own for every arm")
+        robots.setdefault(robot, arm.name)
+
+
+def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
+    own = options.processes.get(loaded.arm.name)
+    period = (own.period_s if own else None) or options.arm.period_s or loaded.arm.period_s
+    return dataclasses.replace(loaded, arm=dataclasses.replace(loaded.arm, period_s=period))
+
+
+def _assemble(
+    context: Context,
+    source: Source,
+    buses: list[BusFiles],
+    arms: list[LoadedArm],
+    carts: tuple[document.Cart, ...],
+    operation: Operation,
+    options: TrocarSection,
+    emulated: bool,
+    name: str | None,
+    bus_address: Callable[[int], str] | None,
+) -> document.System | None:
+    system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", source.path.stem)[:40]
+    if not _NAME.match(system_name):
+        text = "not a name for a system"
+        context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
+        return None
+    started = [loaded for loaded in arms if loaded.starts]
+    real = [loaded for loaded in arms if not loaded.is_kinematic]
+    for bus in (bus for bus in buses if not bus.has_boards):
+        context.notes.append(f"not started: {bus.keys.name} (no file says what is on it)")
+    used = [bus for bus in buses if bus.has_boards]
+    emulation = None
+    if emulated:
+        address = bus_address or default_addresses(system_name)
+        emulation = build_emulation(context, source, buses, real, options.emulation, address)
+    ports = ports_of(emulation.buses) if emulation else {}
+    ios = with_brakes([_io(bus, started, ports, options) for bus in used], carts)
+    played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
+    if played and options.io.tasks:
+        context.notes.append(f"in-cycle tasks need boards: none runs for {', '.join(r.name for r in played[0].robots)}")
+    if emulation:
+        every = tuple(_io(bus, real, ports, options) for bus in used)
+        bodies = tuple(loaded.arm for loaded in real)
+        if every != ios or played or any(arm != loaded.commanded for arm, loaded in zip(bodies, real, strict=True)):
+            emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
+    arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
+    ios = with_tasks(context, source, ios, options.io.tasks) + played
+    system = document.System(
+        name=system_name,
+        source=str(source.path),
+        clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.externals),
+        ios=ios,
+        arms=arm_rows,
+        emulation=emulation,
+        processes=(),
+        carts=carts,
+        consoles=tuple(with_period(row, options) for row in operation.consoles),
+        teleop_psms=tuple(dataclasses.replace(with_period(row, options), wrench_timeout_s=options.arm.effort_timeout_s)
+                          for row in operation.teleop_psms),
+        teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
+        externals=operation.externals,
+        focuses=operation.focuses,
+        supervisor_lost_s=options.supervisor_lost_s,
+        group=options.group,
+        service_user=options.service_user,
+        notes=tuple(dict.fromkeys(context.notes)),
+    )
+    return dataclasses.replace(system, processes=build_processes(context, source, system, options))
+
+
+def _usual_clock(context: Context, ios: tuple[document.Io, ...], carts: tuple[document.Cart, ...], emulated: bool,
+                 externals: tuple[document.External, ...]) -> str:
+    """The clock where none is stated: what is not real waits for a busy machine."""
+    if not emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
+        return document.WALL
+    if externals:
+        names = ", ".join(row.name for row in externals)
+        context.notes.append(f"clock: wall, because third-party programs do not wait for simulated time: {names}")
+        return document.WALL
+    return document.PACED
+
+
+def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection) -> document.Io:
+    """The bus with everything in its files, robots of these arms first, and the joint controllers of these arms."""
+    keys, io_options = bus.keys, options.io
+    own = options.processes.get(keys.name)
+    mine = sorted((loaded for loaded in arms if loaded.arm.io == keys.name), key=lambda loaded: not loaded.starts)
+    robots = {loaded.robot.name: loaded.robot for loaded in mine}
+    for path, index, robot in bus.robots():
+        table = bus.tables.get((path, index), "")
+        robots.setdefault(robot.name, convert.robot(robot, str(path), table))
+    files = [file.content for file in bus.opened()]
+    return document.Io(
+        name=keys.name,
+        port=ports.get(keys.name, keys.port),
+        protocol=PROTOCOLS[keys.protocol],
+        period_s=(own.period_s if own else None) or io_options.period_s or keys.period,
+        watchdog_s=watchdog_s(keys),
+        calibration_mode=options.calibration_mode,
+        close_all_relays=keys.close_all_relays,
+        robots=tuple(robots.values()),
+        pids=tuple(loaded.pid for loaded in mine),
+        digital_inputs=tuple(convert.digital_input(row) for file in files for row in file.digital_inputs),
+        setpoint_timeout_s=io_options.setpoint_timeout_s,
+        arm_lost_s=io_options.arm_lost_s,
+        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
+        current_error_a=io_options.current_error_a,
+        current_error_s=io_options.current_error_s,
+        spin_us=io_options.spin_us,
+        instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
+        digital_outputs=tuple(convert.digital_output(row) for file in files for row in file.digital_outputs),
+    )
+
+
+def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.Io, ...]:
+    """The process that plays the robots of KINEMATIC arms, where there are any; the shortest `PID_period` holds."""
+    if not arms:
+        return ()
+    io_options, own = options.io, options.processes.get(KINEMATIC_IO)
+    asked = min((loaded.pid_period_s for loaded in arms if loaded.pid_period_s > 0.0), default=PERIOD_S)
+    return (document.Io(
+        name=KINEMATIC_IO,
+        port="",
+        protocol="",
+        period_s=(own.period_s if own else None) or io_options.period_s or asked,
+        watchdog_s=0.0,
+        close_all_relays=False,
+        robots=tuple(loaded.robot for loaded in arms),
+        pids=tuple(loaded.pid for loaded in arms if loaded.starts),
+        digital_inputs=(),
+        setpoint_timeout_s=io_options.setpoint_timeout_s,
+        arm_lost_s=io_options.arm_lost_s,
+        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
+        spin_us=io_options.spin_us,
+    ),)

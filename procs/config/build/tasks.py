@@ -1,0 +1,100 @@
+"""`trocar.io.tasks`: users' own code in the cycle of io. What they name is found here, and loaded by io alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+from collections.abc import Sequence
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from procs.config.build.context import Context
+from procs.config.read.problem import Key
+from procs.config.read.search import expanded
+from procs.config.read.source import Source
+from procs.config.read.validate import Rows, Section
+from procs.document import system as document
+
+_TASKS: Key = ("trocar", "io", "tasks")
+_LARGEST_SHARE = 0.5  # of a period, for the tasks of one bus together
+
+
+def _plain(options: dict[str, object]) -> dict[str, object]:
+    for name, value in options.items():
+        if not _is_plain(value):
+            raise ValueError(f"{name} is no plain value")
+    return options
+
+
+def _is_plain(value: object) -> bool:
+    """What JSON can carry to io; Section's own check lets no inf and no nan through in fields, but not in here."""
+    if isinstance(value, list):
+        return all(_is_plain(item) for item in value)
+    if isinstance(value, dict):
+        return all(isinstance(name, str) and _is_plain(item) for name, item in value.items())
+    if isinstance(value, float):
+        return value - value == 0.0
+    return isinstance(value, (bool, int, str))
+
+
+_OPTIONS = "numbers (no inf, no nan), texts, true, false, lists and objects of these"
+Options = Annotated[dict[str, object], AfterValidator(_plain), Field(description=_OPTIONS)]
+Word = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", description="the name of a class or function")]
+
+
+class TaskKeys(Section):
+    """One task; absent robots: all that have a joint controller."""
+
+    module: Annotated[str, Field(min_length=1, description="a .py file, or an importable module")]
+    name: Word
+    robots: Rows[str] = ()
+    budget_us: float = Field(default=50.0, ge=1.0, le=1000.0, description="µs")
+    over_budget: int = Field(default=10, ge=1, le=1000, description="cycles in a row")
+    options: Options = Field(default_factory=dict, description=_OPTIONS)
+
+
+def with_tasks(context: Context, source: Source, ios: tuple[document.Io, ...],
+               rows: Sequence[TaskKeys]) -> tuple[document.Io, ...]:
+    """The buses with the tasks of their robots."""
+    controlled = [pid.robot for io in ios for pid in io.pids]
+    modules = [_module(context, source, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
+    for index, row in enumerate(rows):
+        for place, robot in enumerate(row.robots):
+            if robot not in controlled:
+                allowed = f"one of {', '.join(controlled)}" if controlled else "there is none"
+                context.error(source, (*_TASKS, index, "robots", place), "no joint controller of this name", allowed)
+    whole = []
+    for io in ios:
+        tasks = []
+        for row, module in zip(rows, modules, strict=True):
+            robots = tuple(pid.robot for pid in io.pids if not row.robots or pid.robot in row.robots)
+            if robots:
+                tasks.append(document.TaskRow(module, row.name, robots, row.budget_us * 1e-6, row.over_budget,
+                                           row.options))
+        _check_budgets(context, source, io, tasks)
+        whole.append(dataclasses.replace(io, tasks=tuple(tasks)))
+    return tuple(whole)
+
+
+def _module(context: Context, source: Source, key: Key, name: str) -> str:
+    """A file beside the system file as an absolute path, else the name of an installed module."""
+    folder = source.path.resolve().parent
+    path = folder / expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
+    if path.is_file():
+        return str(path)
+    if name.endswith(".py"):
+        context.error(source, key, "no such file", f"a file; relative paths are meant from {folder}")
+    elif not all(part.isidentifier() for part in name.split(".")):
+        context.error(source, key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
+    elif importlib.util.find_spec(name.split(".")[0]) is None:  # the first part alone: nothing is imported for it
+        context.error(source, key, "no such module", f"a file in {folder}, or an installed module")
+    return name
+
+
+def _check_budgets(context: Context, source: Source, io: document.Io, tasks: list[document.TaskRow]) -> None:
+    """The joint controllers, the boards and everything else need their time, too."""
+    together_s = sum(task.budget_s * len(task.robots) for task in tasks)
+    if together_s > _LARGEST_SHARE * io.period_s:
+        text = f"the budgets of {io.name} add up to {together_s * 1e6:.0f} µs (each robot counts)"
+        context.error(source, _TASKS, text, f"half its period, {_LARGEST_SHARE * io.period_s * 1e6:.0f} µs")

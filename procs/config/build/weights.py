@@ -1,0 +1,37 @@
+"""What gravity compensation of an arm goes by: links with masses, or what was measured on a master."""
+
+from __future__ import annotations
+
+from procs.arm_types import ARM_TYPES
+from procs.config.build.chains import load_chain
+from procs.config.build.context import Context
+from procs.config.models.arm_file import ArmFile, MtmFile
+from procs.config.models.gravity_file import load_master_gravity
+from procs.config.read.source import Source
+from procs.document import system as document
+from procs.document.gravity_parameters import MasterGravityParameters
+
+
+def weighing_links(context: Context, source: Source, content: ArmFile, family: str) -> document.Chain | None:
+    """The links of an arm with their masses; None: it needs none, or with errors."""
+    row = ARM_TYPES[family]
+    search = context.search.first(source.path.parent)
+    name = content.kinematic_gc or row.physical.get(content.generation, "")
+    if not name or not row.physical_links:
+        return None
+    path = context.find(source, ("kinematic_gc",), (name,), search)
+    chain = load_chain(context, path) if path is not None else None
+    if chain is None or len(chain.links) in row.physical_links:
+        return chain
+    allowed = f"{' or '.join(map(str, row.physical_links))} rows for gravity compensation of this arm"
+    context.error(source, ("kinematic_gc",), f"chain of {len(chain.links)} rows", allowed)
+    return None
+
+
+def measured_weight(context: Context, source: Source, content: MtmFile) -> MasterGravityParameters | None:
+    """What a master's gravity-compensation file says; None: it names none, or with errors."""
+    name, search = content.gravity_compensation, context.search.first(source.path.parent)
+    if not name:
+        return None
+    path = context.find(source, ("gravity_compensation",), (name,), search)
+    return load_master_gravity(context, path) if path is not None else None

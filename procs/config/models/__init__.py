@@ -1,0 +1,1 @@
+"""What each kind of configuration file may say."""

@@ -1,0 +1,33 @@
+"""The description of a head sensor on USB (`consoles[].HID_file`): its numbers, and the byte that tells presence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from procs.config.build.context import Context
+from procs.config.read.validate import Section
+from procs.document.consoles import HidSensor
+
+LONGEST_REPORT: Final = 64  # bytes, of a full-speed device
+
+UsbNumber = Annotated[str, Field(pattern=r"^(0[xX])?[0-9a-fA-F]{1,4}$", description="up to four hexadecimal digits")]
+
+
+class HidFile(Section):
+    """Keys as in the original's `share/hid`; USB numbers are texts of up to four hexadecimal digits."""
+
+    id_vendor: UsbNumber
+    id_product: UsbNumber
+    index_data: Annotated[int, Field(ge=0, lt=LONGEST_REPORT)]
+
+
+def load_hid(context: Context, path: Path) -> HidSensor | None:
+    """What a file describes; None, with errors, when it does not."""
+    opened = context.open(HidFile, path)
+    if opened is None:
+        return None
+    content = opened.content
+    return HidSensor(int(content.id_vendor, 16), int(content.id_product, 16), content.index_data)

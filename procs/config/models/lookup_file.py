@@ -1,0 +1,96 @@
+"""Lookup tables of digital potentiometers: `{"serial": …, "lookup": [a row of 4096 positions for each actuator]}`.
+
+A row may also be `{"from": …, "to": …}`: 4096 positions evenly between the two, for robots nobody has measured.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from procs.config.build.context import Context, Opened
+from procs.config.models.io_file import IoFile, RobotKeys
+from procs.config.read.problem import Key
+from procs.config.read.search import expanded
+from procs.config.read.source import Source
+from procs.fpga import lookup
+
+ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.MISSING_ABOVE:g}"
+
+
+def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
+    """The packed tables of a file's robots with DIGITAL potentiometers, by path and place of the robot.
+
+    A table is beside the IO file, in a `path` of the robot or on the search path.
+    """
+    tables: dict[tuple[Path, int], str] = {}
+    beside = opened.source.path.parent
+    for index, robot in enumerate(opened.content.robots):
+        pots = robot.potentiometers
+        if pots is None or pots.potentiometers_type != "DIGITAL":
+            continue
+        key: Key = ("robots", index, "potentiometers", "lookup_table_file")
+        if not pots.lookup_table_file:
+            context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
+            continue
+        search = context.search.first(*(expanded(text) for text in robot.path), beside)
+        path = context.find(opened.source, key, (pots.lookup_table_file,), search)
+        table = _table(context, opened, key, robot, path) if path is not None else ""
+        if table:
+            tables[opened.source.path, index] = table
+    return tables
+
+
+def check_table(context: Context, path: Path) -> None:
+    """A table by itself: its rows, and the serial number that its name must have."""
+    source = context.read(path)
+    if source is None:
+        return
+    serial = source.at(("serial",))
+    if not isinstance(serial, str) or not serial or serial not in path.name:
+        context.error(source, ("serial",), "the name of the file must contain it", "the text of a serial number")
+    _packed(context, source)
+
+
+def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
+    """The packed table; empty, with errors, where the file is not this robot's."""
+    serial = robot.serial_number
+    if serial not in path.name:
+        text = f"the name of a table must contain the robot's serial number {serial}: it may be another arm's"
+        context.error(opened.source, key, text, f"*{serial}*.json")
+    source = context.read(path)
+    if source is None:
+        return ""
+    if source.at(("serial",)) != serial:
+        context.error(source, ("serial",), f"is not that of robot {robot.name}", serial)
+    rows, count = source.at(("lookup",)), len(robot.actuators)
+    if isinstance(rows, list) and len(rows) != count:
+        context.error(source, ("lookup",), "wrong number of rows", f"{count}, one an actuator of {robot.name}")
+        return ""
+    return _packed(context, source)
+
+
+def _packed(context: Context, source: Source) -> str:
+    """The rows of a table as text; empty, with an error, where they are none."""
+    rows = source.at(("lookup",))
+    rows = [_spread(row) for row in rows] if isinstance(rows, list) else []
+    if not rows or not all(isinstance(row, list) for row in rows):
+        context.error(source, ("lookup",), "must be a list of rows", ROW)
+        return ""
+    try:
+        return lookup.pack(rows)
+    except ValueError as error:
+        context.error(source, ("lookup",), str(error), ROW)
+        return ""
+
+
+def _spread(row: Any) -> Any:
+    """What `from` and `to` mean; any other row as it is."""
+    if not isinstance(row, dict) or set(row) != {"from", "to"}:
+        return row
+    first, last = row["from"], row["to"]
+    if not all(type(end) in (int, float) and abs(end) <= lookup.MISSING_ABOVE for end in (first, last)):
+        return row
+    return np.linspace(first, last, lookup.ENTRIES).tolist()

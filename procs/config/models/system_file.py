@@ -1,0 +1,211 @@
+"""System files (`dvrk-system.schema.json`, version "1"): buses, arms, consoles and how they belong together."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from procs.arm_types import ARM_TYPES
+from procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from procs.fpga.ports import PORTS, PortName
+
+PERIOD_S = 1 / 1500  # as the original asks for; its 60 µs of compensation for relative sleeps are not needed here
+TELEOP_PERIOD_S = 1 / 1000
+WATCHDOG_S = 0.03
+
+PROTOCOLS = {
+    "sequential-read-write": "sequential-read-write",
+    "srw": "sequential-read-write",
+    "sequential-read-broadcast-write": "sequential-read-broadcast-write",
+    "srbw": "sequential-read-broadcast-write",
+    "broadcast-query-read-write": "broadcast-query-read-write",
+    "bqrw": "broadcast-query-read-write",
+    "brw": "broadcast-query-read-write",
+}
+RESERVED = frozenset({"boards", "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
+_EMIO = re.compile(r"emio(?::\d+)?\Z")  # dVRK files may have it; nobody can open it here
+
+
+def _known_port(port: str) -> str:
+    if not _EMIO.match(port):
+        PortName.parse(port)
+    return port
+
+
+Port = Annotated[str, AfterValidator(_known_port), Field(description=PORTS)]
+Protocol = Literal[
+    "sequential-read-write",
+    "srw",
+    "sequential-read-broadcast-write",
+    "srbw",
+    "broadcast-query-read-write",
+    "bqrw",
+    "brw",
+]
+
+
+class IoKeys(Section):
+    """One bus."""
+
+    name: Name
+    port: Port
+    protocol: Protocol = "broadcast-query-read-write"
+    period: float = Field(default=PERIOD_S, ge=0.0001, le=0.1, description="s")
+    watchdog_timeout: float = Field(default=WATCHDOG_S, description="s; 0 or less switches it off")
+    configuration_files: Rows[str] = ()
+    close_all_relays: bool = True
+
+
+class InterfaceKeys(Section):
+    """An interface of a component."""
+
+    component: str
+    interface: str
+
+
+class IoDeviceKeys(Section):
+    """Something wired to a bus: pedals, head sensor, focus controller."""
+
+    name: str = ""
+    IO: str
+    IO_file: str
+
+
+class BaseFrameKeys(Section):
+    """Either a fixed transform or an interface that gives it."""
+
+    reference_frame: str | None = None
+    transform: MatrixRows | None = None
+    component: str | None = None
+    interface: str | None = None
+
+
+TYPES = (*(name + how for name in ARM_TYPES for how in ("", "_DERIVED", "_GENERIC")), "SUJ_Classic", "SUJ_Si",
+         "SUJ_Fixed", "FOCUS_CONTROLLER")
+
+
+class ArmKeys(Section):
+    """One arm."""
+
+    name: Name
+    type: Literal[TYPES]  # type: ignore[valid-type]  # they are made from the table of arm types
+    name_on_IO: Name | None = None
+    IO: str = ""
+    serial: str = ""
+    simulation: Literal["NONE", "KINEMATIC"] = "NONE"
+    arm_file: str = ""
+    IO_file: str = ""
+    IO_gripper_file: str = ""
+    PID_file: str = ""
+    period: float = Field(default=PERIOD_S, ge=0.0001, le=0.1, description="s")
+    PID_period: float = Field(default=0.0, ge=0.0, le=0.1, description="s; 0 runs the PID in the cycle of its bus")
+    skip_ROS_bridge: bool = False
+    component: str = ""
+    interface: str = ""
+    base_frame: BaseFrameKeys | None = None
+
+
+class GripperScalingKeys(Section):
+    """Which gripper angles are closed and open, rad."""
+
+    zero: float = 0.0
+    max: float = 1.0471976
+
+
+class TeleopPsmParameters(Section):
+    """How a PSM tele-operation behaves; angles in rad."""
+
+    scale: float = Field(default=0.2, gt=0.0)
+    rotation_locked: bool = False
+    translation_locked: bool = False
+    align_MTM: bool = True
+    start_orientation_tolerance: float = Field(default=0.0872665, ge=0.0)
+    orientation_tolerance_after_clutch: float = Field(default=0.0349066, ge=0.0)
+    start_gripper_threshold: float = Field(default=0.6981317, ge=0.0)
+    start_roll_threshold: float = Field(default=0.0698132, ge=0.0)
+    ignore_jaw: bool = False
+    jaw_rate: float = Field(default=12.5663706, gt=0.0)
+    jaw_rate_after_clutch: float = Field(default=0.6283185, gt=0.0)
+    gripper_scaling: GripperScalingKeys = GripperScalingKeys()
+    use_MTM_linear_velocity: bool = True
+    use_MTM_angular_velocity: bool = False
+    MTM_is_haptic: bool = True
+
+
+class TeleopPsmKeys(Section):
+    """One master on one slave."""
+
+    type: Literal["TELEOP_PSM", "TELEOP_PSM_DERIVED", "TELEOP_PSM_GENERIC"] = "TELEOP_PSM"
+    MTM: str
+    PSM: str
+    configure_parameter: TeleopPsmParameters | None = None
+    period: float = Field(default=TELEOP_PERIOD_S, ge=0.0001, le=0.1, description="s")
+    PSM_base_frame: InterfaceKeys | None = None
+    component: str = ""
+    interface: str = ""
+
+
+class TeleopEcmParameters(Section):
+    """How an ECM tele-operation behaves."""
+
+    scale: float = Field(default=0.2, gt=0.0, description="of the insertion")
+    camera_roll_offset: float = Field(default=0.0, description="rad")
+
+
+class TeleopEcmKeys(Section):
+    """Two masters on the endoscope arm."""
+
+    type: Literal["TELEOP_ECM", "TELEOP_ECM_DERIVED", "TELEOP_ECM_GENERIC"] = "TELEOP_ECM"
+    MTML: str
+    MTMR: str
+    ECM: str
+    configure_parameter: TeleopEcmParameters | None = None
+    period: float = Field(default=TELEOP_PERIOD_S, ge=0.0001, le=0.1, description="s")
+    component: str = ""
+    interface: str = ""
+
+
+class ConsoleKeys(Section):
+    """One place for an operator."""
+
+    name: Name
+    input_type: Literal[
+        "PEDALS_ONLY",
+        "PEDALS_ISI_HEAD_SENSOR",
+        "PEDALS_DVRK_HEAD_SENSOR",
+        "PEDALS_GOOVIS_HEAD_SENSOR",
+        "SIMULATED",
+        "COMPONENTS",
+    ]
+    IO_pedals: IoDeviceKeys | None = None
+    IO_head_sensor: IoDeviceKeys | None = None
+    HID_file: str = ""
+    clutch: InterfaceKeys | None = None
+    camera: InterfaceKeys | None = None
+    operator_present: InterfaceKeys | None = None
+    teleop_PSMs: Rows[TeleopPsmKeys] = ()
+    teleop_ECMs: Rows[TeleopEcmKeys] = ()
+
+
+class SettingsKeys(Section):
+    """Odds and ends."""
+
+    chatty: bool = False
+    path: Rows[str] = ()
+    audio_volume: float = Field(default=0.5, ge=0.0, le=1.0)
+
+
+class SystemFile(Section):
+    """The whole file."""
+
+    id: Literal["dvrk-system.schema.json"] = Field(alias="$id")
+    version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")
+    IOs: Rows[IoKeys] = ()
+    arms: Rows[ArmKeys] = ()
+    consoles: Rows[ConsoleKeys] = ()
+    ISI_focus_controller: IoDeviceKeys | None = None
+    settings: SettingsKeys = SettingsKeys()
+    component_manager: object = None  # of any form: it is left out, see components.py
+    trocar: dict[str, object] | None = None  # checked by itself: unknown keys are errors there

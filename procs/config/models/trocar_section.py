@@ -1,0 +1,77 @@
+"""The `trocar:` section of a system file: what the original files have no key for. Unknown keys are errors here."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from procs.config.build.tasks import TaskKeys
+from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
+from procs.config.read.validate import Rows, Section
+
+Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
+OnExit = Annotated[Literal["restart", "stay-down"], Field()]
+
+
+class ProcessKeys(Section):
+    """One instance, by its name; what is absent comes from its kind."""
+
+    period_s: Period | None = None
+    priority: Priority | None = None
+    cpu: Cpu | None = None
+    on_exit: OnExit | None = None
+    restart_limit: int | None = Field(default=None, ge=0, le=1000)
+    backoff_s: float | None = Field(default=None, ge=0.0, le=60.0, description="s")
+    late_s: float | None = Field(default=None, ge=0.01, le=60.0, description="s of silence, then it is reported")
+    hung_s: float | None = Field(default=None, ge=0.1, le=86400.0, description="s of silence, then it is killed")
+
+
+class IoOptions(Section):
+    """All buses."""
+
+    period_s: Period | None = None
+    priority: Priority = 80
+    cpu: Cpu | None = None
+    setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old set-point, then hold")
+    arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
+    arm_lost_power_off_s: float = Field(default=0.0, ge=0.0, le=3600.0, description="s without the arm; 0: never")
+    current_error_a: float = Field(default=0.0, ge=0.0, le=20.0,
+                                   description="A between measured and requested current; 0: not compared")
+    current_error_s: float = Field(default=0.05, ge=0.0, le=10.0, description="s of that, then power off")
+    spin_us: float = Field(default=50.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle and a reply")
+    tasks: Rows[TaskKeys] = ()
+
+
+class ArmOptions(Section):
+    """All arms."""
+
+    period_s: Period | None = None
+    priority: Priority = 60
+    cpu: Cpu | None = None
+    use_setpoint_v: bool = True
+    jerk_time_s: float = Field(default=0.0, ge=0.0, le=2.0,
+                               description="s in which moves come up to their acceleration; 0: no jerk limit")
+    client_timeout_s: float = Field(default=0.0, ge=0.0, le=10.0,
+                                    description="s after the last servo command of a stream, then hold; 0: never")
+    effort_timeout_s: float = Field(default=0.1, ge=0.0, le=10.0,
+                                    description="s that efforts last that are not asked for again; 0: for ever")
+    effort_speed_ratio: float = Field(default=1.0, ge=0.0, le=5.0,
+                                      description="times the usual limits of speed in effort mode; 0: none")
+    effort_zone_ratio: float = Field(default=1.0, ge=0.0, le=5.0,
+                                     description="times the usual zones of the soft walls at joint limits; 0: none")
+
+
+class TrocarSection(Section):
+    """The whole section."""
+
+    clock: Literal["wall", "paced", "lockstep"] | None = None
+    boards: Literal["real", "emulated"] = "real"
+    calibration_mode: bool = Field(default=False, description="checks that calibration needs off are off")
+    group: Account = Field(default="", description="a group of this machine")
+    service_user: Account = Field(default="", description="a user of this machine")
+    supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
+    io: IoOptions = IoOptions()
+    arm: ArmOptions = ArmOptions()
+    emulation: EmulationOptions = EmulationOptions()
+    processes: dict[str, ProcessKeys] = Field(default_factory=dict)

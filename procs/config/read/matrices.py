@@ -1,0 +1,53 @@
+"""Small checks of matrices that files write out as rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procs.config.build.context import Context
+from procs.config.read.problem import Key
+from procs.config.read.source import Source
+
+Rows = tuple[tuple[float, ...], ...]
+
+_ORTHONORMAL = 1e-3  # files round cosines to four digits
+_LEAST_DETERMINANT = 1e-6
+
+
+def check_size(context: Context, source: Source, key: Key, matrix: Rows, size: int) -> bool:
+    """Whether `matrix` is size × size; an error otherwise."""
+    if len(matrix) == size and all(len(row) == size for row in matrix):
+        return True
+    shape = f"{len(matrix)} rows of {'/'.join(str(n) for n in sorted({len(row) for row in matrix}))}"
+    context.error(source, key, f"wrong size: {shape} numbers", f"{size} rows of {size} numbers")
+    return False
+
+
+def check_rigid(context: Context, source: Source, key: Key, matrix: Rows) -> bool:
+    """Whether `matrix` is a 4 × 4 rigid transform; an error otherwise."""
+    if not check_size(context, source, key, matrix, 4):
+        return False
+    values = np.array(matrix)
+    rotation = values[:3, :3]
+    if not np.array_equal(values[3], [0.0, 0.0, 0.0, 1.0]):
+        context.error(source, key, f"last row is {list(matrix[3])}", "0, 0, 0, 1")
+        return False
+    with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused like any other
+        off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        handed = float(np.linalg.det(rotation))
+    if not off <= _ORTHONORMAL or not handed > 0.0:
+        context.error(source, key, f"not a rotation (off by {off:.2g})", "orthonormal right-handed axes, to 0.001")
+        return False
+    return True
+
+
+def check_invertible(context: Context, source: Source, key: Key, matrix: Rows, size: int) -> bool:
+    """Whether `matrix` is size × size and has an inverse; an error otherwise."""
+    if not check_size(context, source, key, matrix, size):
+        return False
+    with np.errstate(all="ignore"):
+        determinant = abs(float(np.linalg.det(np.array(matrix))))
+    if not _LEAST_DETERMINANT <= determinant < np.inf:
+        context.error(source, key, "has no inverse", "an invertible matrix")
+        return False
+    return True

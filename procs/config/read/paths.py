@@ -1,0 +1,58 @@
+"""Where a system keeps its files outside shared memory, and where a file is that a person names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+PROJECT_CONFIGS: Final = Path(__file__).resolve().parents[3] / "configs"
+
+
+def log_folder(environ: Mapping[str, str], system: str) -> Path:
+    """Folder of a system's log files: `TROCAR_STATE`, else `XDG_STATE_HOME/trocar`, else `~/.local/state/trocar`."""
+    chosen = environ.get("TROCAR_STATE")
+    if chosen:
+        return Path(chosen) / system
+    state = environ.get("XDG_STATE_HOME")
+    root = Path(state) if state else Path(environ.get("HOME", "/tmp")) / ".local" / "state"
+    return root / "trocar" / system
+
+
+def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:
+    """A file as a person names it on a command line: as it is, else along `search`, in `configs`, or beside that.
+
+    Where X.json is in none of them, X.yaml is looked for, too. `path` itself where there is nothing: see `not_found`.
+    """
+    twins = (path, path.with_suffix(".yaml")) if path.suffix == ".json" else (path,)
+    places = (folder / name for name in twins for folder in _folders(search, configs) if _is_there(folder / name))
+    return next(places, path)
+
+
+def not_found(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> str:
+    """What to tell a person who named a file that is nowhere."""
+    folders = _folders(search, configs)
+    there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
+    near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
+    hint = f" (did you mean {path.parent / there[near[0]]}?)" if near else ""
+    looked = "" if path.is_absolute() else f"; looked in {', '.join(str(folder.absolute()) for folder in folders)}"
+    return f"no such file{hint}{looked}"
+
+
+def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:
+    return (Path(), *search, configs, configs / "systems", configs.parent)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name too long, a folder that is not ours to look into
+        return False
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []

@@ -1,0 +1,120 @@
+"""A configuration file as read: plain values with the line of every key, JSON and YAML alike."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.config.read.jsontext import Parsed, TextError, parse_json
+from procs.config.read.problem import WARNING, Key, Problem, key_text, value_text
+from procs.config.read.yamltext import parse_yaml
+
+_YAML = (".yaml", ".yml")
+_LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB
+_OTHER = {stat.S_IFIFO: "a named pipe", stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
+          stat.S_IFBLK: "a device"}
+_MISSING = object()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One file. `overrides` are key paths whose value came from the command line (--set)."""
+
+    path: Path
+    data: dict[str, object]
+    lines: Mapping[Key, int]
+    overrides: frozenset[Key] = frozenset()
+
+    def at(self, key: Key) -> object:
+        """The value at `key`; None when there is none."""
+        found = self._find(key)
+        return None if found is _MISSING else found
+
+    def has(self, key: Key) -> bool:
+        """Whether `key` is written in the file."""
+        return self._find(key) is not _MISSING
+
+    def renamed(self, names: Mapping[str, str]) -> Source:
+        """With other names for keys of the document itself, where these are not written as well."""
+        here = {old: new for old, new in names.items() if old in self.data and new not in self.data}
+        if not here:
+            return self
+        data = {here.get(key, key): value for key, value in self.data.items()}
+        lines = {(here.get(str(key[0]), key[0]), *key[1:]) if key else key: line for key, line in self.lines.items()}
+        return Source(self.path, data, lines, self.overrides)
+
+    def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> Problem:
+        """A finding at `key`, placed at the nearest line known."""
+        found = self._find(key)
+        value = "" if found is _MISSING or not key else value_text(found)
+        file, line = self._place(key)
+        return Problem(file, line, key_text(key), value, text, allowed, severity)
+
+    def _place(self, key: Key) -> tuple[str, int]:
+        if key not in self.lines and any(given[: len(key)] == key for given in self.overrides):
+            return "--set", 0
+        for cut in range(len(key), -1, -1):
+            if key[:cut] in self.overrides:
+                return "--set", 0
+            if key[:cut] in self.lines:
+                return str(self.path), self.lines[key[:cut]]
+        return str(self.path), 0
+
+    def _find(self, key: Key) -> object:
+        here: object = self.data
+        for part in key:
+            in_list = isinstance(here, list) and isinstance(part, int) and 0 <= part < len(here)
+            if not in_list and not (isinstance(here, dict) and part in here):
+                return _MISSING
+            here = here[part]  # type: ignore[index]  # a list or a dict, as just asked
+        return here
+
+
+def unreadable(path: Path) -> tuple[str, str] | None:
+    """What is wrong with a file before it is opened, and what is allowed; None: nothing. OSError: it is not there.
+
+    Opening waits at a named pipe for ever, and may do something to a device.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        return f"not a regular file but {_OTHER.get(stat.S_IFMT(status.st_mode), 'something else')}", "a file"
+    if status.st_size > _LARGEST:
+        return f"too large: {status.st_size} bytes", f"at most {_LARGEST}"
+    return None
+
+
+def read_source(path: Path) -> tuple[Source | None, list[Problem]]:
+    """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
+    name = str(path)
+    try:
+        if wrong := unreadable(path):
+            return None, [Problem(name, 0, "", "", *wrong)]
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as bad:
+        return None, [Problem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
+    except OSError as bad:
+        return None, [Problem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
+    if text.lstrip().startswith("<"):
+        allowed = f"JSON or YAML; trocar convert {path.name} makes one of it"
+        return None, [Problem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
+    is_yaml = path.suffix.lower() in _YAML
+    try:
+        parsed = parse_yaml(text) if is_yaml else parse_json(text)
+    except TextError as bad:
+        what = f"broken {'YAML' if is_yaml else 'JSON'}, column {bad.column}: {bad.what}"
+        return None, [Problem(name, bad.line, "", "", what)]
+    return _as_source(path, parsed)
+
+
+def _as_source(path: Path, parsed: Parsed) -> tuple[Source | None, list[Problem]]:
+    if not isinstance(parsed.data, dict):
+        found = value_text(parsed.data)
+        return None, [Problem(str(path), 1, "", found, "the document must be an object", 'an object: {"key": value}')]
+    source = Source(path, parsed.data, parsed.lines)
+    problems = [
+        Problem(str(path), line, key_text(key), "", "key occurs twice: the last one counts", severity=WARNING)
+        for key, line in parsed.repeated
+    ]
+    return source, problems

@@ -1,0 +1,243 @@
+"""From plain values to a frozen model: pydantic's findings and unknown keys as Problems with file, line and key."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import types
+import typing
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
+
+from annotated_types import Ge, Gt, Le, Lt, MinLen
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+
+from procs.config.read.problem import ERROR, WARNING, Key, Problem
+from procs.config.read.source import Source
+
+Item = TypeVar("Item")
+ModelType = TypeVar("ModelType", bound=BaseModel)
+
+Rows = Annotated[tuple[Item, ...], Field(strict=False)]  # files hold lists; models hold tuples
+MatrixRows = Rows[Rows[float]]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$", description="letters, digits, _ and -, at most 40")]
+
+
+
+def _whole_as_text(value: object) -> object:
+    """The original software reads a version written as a number like the same in quotes."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+_SLIP = 0.75  # from this likeness on a key is taken for a slip of the pen
+_CALIBRATION = re.compile(  # a word of a name
+    r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
+    r"(?:[_-]|$)", re.IGNORECASE)
+_FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # told first: files of another format are wrong all over
+VersionAsText = BeforeValidator(_whole_as_text)
+
+
+class Section(BaseModel):
+    """A frozen, strict part of a file: no conversions between types, no inf, no nan; unknown keys are told apart."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+def validate(
+    model: type[ModelType], source: Source, key: Key = (), *, unknown: str = WARNING
+) -> tuple[ModelType | None, list[Problem]]:
+    """The part of `source` at `key` as `model` (None with errors) and everything found; unknown keys as `unknown`."""
+    data = source.at(key) if key else source.data
+    problems = list(_unknown_keys(model, source, key, data, unknown))
+    try:
+        return model.model_validate(_without_empty(model, data)), problems
+    except ValidationError as bad:
+        found = sorted(bad.errors(include_url=False), key=lambda error: _FORMAT.get(error["loc"], 2))
+        inside = {error["loc"][:cut] for error in found for cut in range(len(error["loc"]))}
+        problems += [_problem(model, source, key, error) for error in found
+                     if not (error["type"] == "too_short" and error["loc"] in inside)]  # wrong rows are not missing
+    return None, problems
+
+
+def _without_empty(annotation: Any, data: object) -> object:
+    """Null, empty lists and empty objects count as absent in dVRK files; entries by name are there even when empty."""
+    annotation = _unwrap(annotation)[0]
+    if isinstance(data, dict) and _holds_models(annotation):
+        inner = typing.get_args(annotation)[1]
+        return {name: _without_empty(inner, {} if item is None else item) for name, item in data.items()}
+    if isinstance(data, dict):
+        known = _fields(annotation) if _is_model(annotation) else {}
+        return {
+            name: _without_empty(known[name].annotation if name in known else object, item)
+            for name, item in data.items()
+            if item not in (None, [], {})
+        }
+    if isinstance(data, list):
+        inner = typing.get_args(annotation)[0] if typing.get_origin(annotation) is tuple else object
+        return [_without_empty(inner, item) for item in data]
+    return data
+
+
+def _problem(model: type[BaseModel], source: Source, key: Key, error: Any) -> Problem:
+    inner: Key = tuple(error["loc"])
+    where = (*key, *inner)
+    annotation, metadata, description = _describe_at(model, inner)
+    allowed = _allowed(annotation, metadata, description)
+    kind = str(error["type"])
+    if kind == "missing" and inner == ("$id",):
+        text = "this key is required: a file without it is from before dVRK 2.4, or of another kind"
+        return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
+    if kind == "missing":
+        return source.problem(where, "this key is required", allowed=allowed)
+    if kind == "value_error":
+        return source.problem(where, str(error["ctx"]["error"]), allowed=description)
+    if kind == "finite_number":
+        return source.problem(where, "not a finite number", allowed=allowed)
+    if kind == "literal_error":
+        return source.problem(where, _unlike(annotation, error["input"]), allowed=allowed)
+    if kind.endswith("_type"):
+        return source.problem(where, "wrong type", allowed=allowed)
+    return source.problem(where, "not allowed" if kind.startswith("string") else "out of range", allowed=allowed)
+
+
+def _unlike(annotation: Any, value: object) -> str:
+    """What is wrong with a value that is none of those listed."""
+    if type(value) not in {type(listed) for listed in _literals(annotation)}:
+        return "wrong type"
+    return "unknown word" if isinstance(value, str) else "no such value"
+
+
+def _unwrap(annotation: Any) -> tuple[Any, list[Any], str]:
+    """Peel Annotated and Optional off: the bare annotation, the constraints met, the description met."""
+    metadata: list[Any] = []
+    description = ""
+    while True:
+        if typing.get_origin(annotation) is Annotated:
+            annotation, *extra = typing.get_args(annotation)
+            for item in extra:
+                metadata += item.metadata if isinstance(item, FieldInfo) else [item]
+                if isinstance(item, FieldInfo) and item.description:
+                    description = item.description
+        elif typing.get_origin(annotation) in (types.UnionType, typing.Union):
+            annotation = next(arg for arg in typing.get_args(annotation) if arg is not types.NoneType)
+        else:
+            return annotation, metadata, description
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _holds_models(annotation: Any) -> bool:
+    """Whether this is a dict of models by name."""
+    return typing.get_origin(annotation) is dict and _is_model(_unwrap(typing.get_args(annotation)[1])[0])
+
+
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields under the names they have in files."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def _describe_at(model: type[BaseModel], inner: Key) -> tuple[Any, list[Any], str]:
+    annotation: Any = model
+    metadata: list[Any] = []
+    description = ""
+    for part in inner:
+        if isinstance(part, int):
+            annotation, metadata, description = _unwrap(typing.get_args(annotation)[0])
+        elif _is_model(annotation):
+            field = _fields(annotation).get(part)
+            if field is None:
+                break
+            annotation, metadata, description = _unwrap(field.annotation)
+            metadata = metadata + field.metadata
+            description = field.description or description
+        elif typing.get_origin(annotation) is dict:
+            annotation, metadata, description = _unwrap(typing.get_args(annotation)[1])
+    return annotation, metadata, description
+
+
+_PLAIN = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "an object"}
+
+
+def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
+    """What may stand there, in words."""
+    if typing.get_origin(annotation) is Literal:
+        words = ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in _literals(annotation))
+        single = len(_literals(annotation)) == 1
+        text = f"the text {words}" if single else f"one of {words}"
+    elif _is_model(annotation):
+        text = f"an object with {', '.join(_fields(annotation))}"
+    elif typing.get_origin(annotation) is tuple:
+        text = "a list"
+    elif typing.get_origin(annotation) is dict:
+        text = "an object"
+    else:
+        text = _PLAIN.get(annotation, "a value")
+    limits = " ".join(_limit(item) for item in metadata if _limit(item))
+    text = f"{text} {limits}" if limits else text
+    return f"{text} ({description})" if description else text
+
+
+def _literals(annotation: Any) -> tuple[Any, ...]:
+    return typing.get_args(annotation)
+
+
+def _limit(item: Any) -> str:
+    if isinstance(item, Ge):
+        return f"from {item.ge}"
+    if isinstance(item, Gt):
+        return f"above {item.gt}"
+    if isinstance(item, Le):
+        return f"up to {item.le}"
+    if isinstance(item, Lt):
+        return f"below {item.lt}"
+    if isinstance(item, MinLen):
+        return f"of at least {item.min_length}"
+    return ""
+
+
+def _unknown_keys(annotation: Any, source: Source, key: Key, data: object, severity: str) -> list[Problem]:
+    annotation = _unwrap(annotation)[0]
+    problems: list[Problem] = []
+    if isinstance(data, list) and typing.get_origin(annotation) is tuple:
+        for index, item in enumerate(data):
+            problems += _unknown_keys(typing.get_args(annotation)[0], source, (*key, index), item, severity)
+    elif isinstance(data, dict) and typing.get_origin(annotation) is dict:
+        for name, item in data.items():
+            problems += _unknown_keys(typing.get_args(annotation)[1], source, (*key, name), item, severity)
+    elif isinstance(data, dict) and _is_model(annotation):
+        known = _fields(annotation)
+        for name, item in data.items():
+            if name in known:
+                problems += _unknown_keys(known[name].annotation, source, (*key, name), item, severity)
+            else:
+                problems.append(_unknown(source, (*key, name), known, severity))
+    return problems
+
+
+def _unknown(source: Source, key: Key, known: Mapping[str, FieldInfo], severity: str) -> Problem:
+    """An unknown key is ignored, as in the original software; not where it looks like a slip that leaves a calibration,
+    a gain or a limit at what it is when absent."""
+    name = str(key[-1])
+    folded = {candidate.lower(): candidate for candidate in known}
+    nearest = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    meant = folded[nearest[0]] if nearest else ""
+    slip = bool(difflib.get_close_matches(name.lower(), nearest, n=1, cutoff=_SLIP))
+    unnoticed = slip and not known[meant].is_required() and not source.has((*key[:-1], meant))
+    if severity != ERROR and unnoticed and _calibrates(meant, known[meant]):
+        text = f'unknown key; did you mean "{meant}"? That would be missing, and it is no value to do without unnoticed'
+        return source.problem(key, text, allowed=", ".join(known))
+    text = "unknown key, ignored" if severity != ERROR else "unknown key"
+    if meant:
+        text += f'; did you mean "{meant}"?'
+    return source.problem(key, text, allowed=", ".join(known), severity=severity)
+
+
+def _calibrates(name: str, field: FieldInfo) -> bool:
+    """Whether a key, or one inside it, is a scale, an offset, a gain or a limit."""
+    if _CALIBRATION.search(name):
+        return True
+    annotation = _unwrap(field.annotation)[0]
+    return _is_model(annotation) and any(_calibrates(*item) for item in _fields(annotation).items())

@@ -1,0 +1,125 @@
+"""Arms as the document has them: their kinematic chains, what they carry, and what belongs to them on their io."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from procs.document.gravity_parameters import MasterGravityParameters
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One Denavit-Hartenberg row with limits and, where the file has them, inertial values."""
+
+    name: str
+    joint_type: str  # revolute or prismatic
+    alpha: float
+    a: float
+    theta: float
+    d: float
+    offset: float
+    lower: float
+    upper: float
+    effort_max: float
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    passive: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A kinematic file: convention "standard" or "modified", rows from base to tip."""
+
+    convention: str
+    links: tuple[Link, ...]
+    base: Matrix | None = None  # base-offset, 4×4
+    actuator_to_joint: Matrix | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Jaw:
+    """Range and effort limit of an instrument's jaw."""
+
+    lower: float
+    upper: float
+    effort_max: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """An instrument: rows appended to the arm's chain, its tip transform and the 4×4 actuator coupling."""
+
+    name: str
+    links: tuple[Link, ...]
+    jaw: Jaw
+    tip: Matrix
+    actuator_to_joint: Matrix
+    engage_lower: tuple[float, ...]
+    engage_upper: tuple[float, ...]
+    snake: bool = False
+    source: str = ""
+    names: tuple[str, ...] = ()  # what it is known by: see `procs.document.catalogue`
+    model: str = ""
+    generation: str = ""  # of the instrument: Classic or S
+    description: str = ""
+    version_min: int | None = None
+    version_max: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ArmInputs:
+    """Names of the digital inputs of an arm's io that belong to it; "" where there is none."""
+
+    clutch: str = ""  # on the arm itself
+    adapter: str = ""
+    tool: str = ""
+    suj_clutch: str = ""
+    suj_clutch_2: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """One `arms[]` entry with the files it names."""
+
+    name: str
+    type: str  # PSM, ECM, MTM, ...
+    generation: str  # Classic or Si
+    serial: str
+    io: str  # instance name of the io process that runs its robot
+    robot: str  # its robot's name in that io
+    simulation: str  # NONE or KINEMATIC
+    period_s: float
+    chain: Chain
+    links: Chain | None = None  # with masses, for gravity compensation (kinematic_gc); None: there is none
+    tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
+    tool: Tool | None = None
+    tools: tuple[Tool, ...] = ()  # all of the tool indexes, which MANUAL and AUTOMATIC detection choose from
+    homing_zero_position: bool = False
+    cannula_depth: float = 0.0  # PSM, m; 0: that of its instrument
+    inputs: ArmInputs = ArmInputs()
+    instrument_reader: str = ""  # PSM: name of what reads its instruments' memory
+    endoscope: str = ""  # ECM: one of `procs.kinematics.endoscopes.NAMES`
+    master_gravity: MasterGravityParameters | None = None  # MTM, from the file measured on it
+    platform_gain: float = 0.5  # MTM, 0 to 1
+    gripper: str = ""  # MTM: the robot of its gripper, on the same io
+    gripper_debounce_s: float = 0.2  # closed for so long counts as closed
+    gripper_zero: float = 0.0  # rad; up to here it is closed
+    mounting_pitch: float | None = None  # rad
+    re_home: bool = True
+    skip_gravity_compensation: bool = False  # then neither `links` nor `master_gravity`
+    base_frame: Matrix | None = None
+    reference_frame: str = ""
+    base_from: str = ""  # the process `suj` that gives its base frame; "": none
+    base_setup: str = ""  # the set-up arm there that carries it
+    use_setpoint_v: bool = True
+    calibration_mode: bool = False
+    jerk_time_s: float = 0.0  # of moves: acceleration takes so long to come up to its limit; 0: no jerk limit
+    client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never
+    effort_timeout_s: float = 0.1  # efforts other than 0 that are not asked for again in that time end; 0: never
+    effort_speed_ratio: float = 1.0  # of the speeds of `arm_types`, which efforts may bring joints to; 0: no limit
+    effort_zone_ratio: float = 1.0  # of the zones there, in which efforts are held off position limits; 0: nowhere
+    source: str = ""

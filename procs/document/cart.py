@@ -1,0 +1,58 @@
+"""Set-up joints as the document has them: a patient cart whose set-up arms carry arms of the system.
+
+A set-up arm stands where its joints put it: world · FK(q) · tip is the base of the arm it carries, in the cart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from procs.document.arms import Chain, Matrix
+
+Linear = tuple[float, float]  # scale, offset
+CLASSIC, SI, FIXED = "Classic", "Si", "Fixed"
+
+
+@dataclass(frozen=True, slots=True)
+class SetupArm:
+    """One set-up arm; the first joint is prismatic (m), the others turn (rad)."""
+
+    name: str
+    carries: str = ""  # the system's arm that takes its base frame from here
+    chain: Chain | None = None  # fixed ones have none
+    joints: int = 0  # with potentiometers; the rest of the chain stands at 0
+    world: Matrix | None = None  # world_origin_to_SUJ, 4×4
+    tip: Matrix | None = None  # SUJ_tip_to_tool_origin, 4×4
+    position: tuple[float, ...] = ()  # KINEMATIC: where it is at first
+    pose: Matrix | None = None  # fixed: of the carried arm's base in the cart, 4×4
+    primary: tuple[Linear, ...] = ()  # volts (Si: counts) to position, by joint
+    secondary: tuple[Linear, ...] = ()
+    weight: tuple[float, ...] = ()  # of the primary ones, 0 to 1
+    plug: int = 0  # Classic: 1 to 4
+    release_current: float = 0.0  # A; Classic brakes let go with it
+    engaged_current: float = 0.0  # A
+    lifts: bool = False  # Classic: a motor moves the first joint
+    board: str = ""  # Si: Bluetooth address of its potentiometer board
+    base_pot: int = 0  # Si: which potentiometer of the base's board is its first joint's
+
+
+@dataclass(frozen=True, slots=True)
+class Cart:
+    """One `arms[]` entry of type SUJ_Classic, SUJ_Si or SUJ_Fixed with its file."""
+
+    name: str
+    kind: str  # Classic, Si or Fixed
+    simulation: str  # NONE or KINEMATIC
+    period_s: float
+    arms: tuple[SetupArm, ...]
+    reference: str = "ECM"  # set-up arm whose arm's tip the others' base frames are given in
+    io: str = ""  # Classic: instance of the io process of its interface board
+    robot: str = ""  # its robot there: an analog input and a current for every plug
+    base_board: str = ""  # Si: Bluetooth address of the base's potentiometer board
+    emulated: bool = False  # Si: its potentiometer boards are played
+    source: str = ""
+
+
+def channel_inputs(robot: str, lines: int = 4) -> tuple[str, ...]:
+    """Names of the digital inputs that show the channel of a Classic cart's multiplexer, lowest bit first."""
+    return tuple(f"{robot}_channel_{line}" for line in range(lines))

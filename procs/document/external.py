@@ -1,0 +1,21 @@
+"""Places that programs of somebody else take: an arm that is not ours, or the pedals of a console."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from procs.document.arms import Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """One place; what the program has to say there is the record `state` of the kind `external`.
+
+    `inputs` are the buttons that consoles take from it.
+    """
+
+    name: str
+    type: str  # MTM_GENERIC, PSM_GENERIC or ECM_GENERIC; "": no arm, buttons alone
+    inputs: tuple[str, ...] = ()
+    base_frame: Matrix | None = None  # of the arm's base in the reference frame
+    reference_frame: str = ""

@@ -1,0 +1,363 @@
+"""The frozen document: one system as plain values, parsed and checked once and handed to every process.
+
+The supervisor makes it from the users' files (`procs/config`), every other process decodes it from JSON with the
+standard library alone, so that `io` starts fast and needs no configuration library. All numbers are SI (m, rad, s, N,
+N·m, A, V); matrices are row-major nested tuples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import TypeVar
+
+from procs.document.arms import Arm as Arm
+from procs.document.arms import ArmInputs as ArmInputs
+from procs.document.arms import Chain as Chain
+from procs.document.arms import Jaw as Jaw
+from procs.document.arms import Link as Link
+from procs.document.arms import Matrix as Matrix
+from procs.document.arms import Tool as Tool
+from procs.document.cart import Cart as Cart
+from procs.document.cart import SetupArm as SetupArm
+from procs.document.consoles import Console as Console
+from procs.document.consoles import Focus as Focus
+from procs.document.consoles import TeleopEcm as TeleopEcm
+from procs.document.consoles import TeleopPsm as TeleopPsm
+from procs.document.consoles import WiredInput as WiredInput
+from procs.document.decoding import decode
+from procs.document.emulated import Bus as Bus
+from procs.document.emulated import Controller as Controller
+from procs.document.emulated import Likeness as Likeness
+from procs.document.emulated import Quirks as Quirks
+from procs.document.emulated import SetupJoints as SetupJoints
+from procs.document.emulated_names import with_names_on_boards
+from procs.document.external import External as External
+from procs.document.tasks import TaskRow as TaskRow
+
+T = TypeVar("T")
+
+WALL = "wall"  # real time
+PACED = "paced"  # simulated time, never faster than real time
+LOCKSTEP = "lockstep"  # simulated time, as fast as the machine allows
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """y = scale · x + offset."""
+
+    scale: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """Counts to joint position (rad or m), soft limits, and where velocity comes from (FIRMWARE or SOFTWARE)."""
+
+    bits_to_position: Linear
+    lower: float
+    upper: float
+    velocity_source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Potentiometer:
+    """ADC bits to volts to joint position (rad or m)."""
+
+    bits_to_voltage: Linear
+    voltage_to_position: Linear
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N. No board: id below 0."""
+
+    board_id: int
+    axis_id: int
+    joint_type: str  # REVOLUTE, PRISMATIC or UNDEFINED
+    effort_to_current: float  # A per N·m (or N)
+    current_to_bits: Linear
+    bits_to_current: Linear
+    maximum_current: float
+    encoder: Encoder | None = None
+    potentiometer: Potentiometer | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Potentiometer against encoder: |difference| > distance for longer than latency_s trips; distance 0 is off."""
+
+    distance: float
+    latency_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """A brake on a motor channel of a board: its current releases it. Currents in A."""
+
+    board_id: int
+    axis_id: int
+    current_to_bits: Linear
+    bits_to_current: Linear
+    maximum_current: float
+    release_current: float
+    release_s: float  # for how long the release current is held
+    released_current: float
+    engaged_current: float
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """One robot of an IO file."""
+
+    name: str
+    serial: str
+    hardware: str  # QLA1, DQLA, dRA1, HARDWARE_UNDEFINED or, without boards, KINEMATIC
+    actuators: tuple[Actuator, ...]
+    potentiometers: str = "UNDEFINED"  # UNDEFINED, NONE, ANALOG or DIGITAL
+    tolerances: tuple[Tolerance, ...] = ()
+    only_io: bool = False
+    joint_to_actuator_position: Matrix | None = None
+    brakes: tuple[Brake, ...] = ()
+    lookup: str = ""  # DIGITAL potentiometers: their table, packed by `procs.fpga.lookup`
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DigitalInput:
+    """One button or switch of a board."""
+
+    name: str
+    board_id: int
+    bit_id: int
+    pressed_value: bool
+    trigger_when_pressed: bool
+    trigger_when_released: bool
+    skip_first_run: bool = False
+    debounce_s: float = 0.0
+    debounce_click_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DigitalOutput:
+    """One digital output of a board; a duration of 0 is for ever."""
+
+    name: str
+    board_id: int
+    bit_id: int
+    is_pwm: bool = False
+    high_s: float = 0.0  # for how long it stays high, then it turns by itself
+    low_s: float = 0.0
+    pwm_hz: float = 0.0
+    high_when_idle: str = ""  # a robot: without set-points for it, or with its controller off, the pin goes high
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentReader:
+    """A `dallas_chips` entry: the board that reads the memory of the instrument on an arm."""
+
+    name: str
+    board_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class PidAxis:
+    """Gains of one actuator; meaning and traps: docs of `procs/io/pid.py`."""
+
+    name: str
+    joint_type: str
+    p_gain: float
+    d_gain: float
+    i_gain: float
+    p_deadband: float = 0.0
+    p_deadband_outer: float = 0.0
+    i_forget_rate: float = 1.0
+    i_limit: float = 0.0
+    offset: float = 0.0
+    pid_max_output: float = 0.0
+    tolerance: float = 0.0
+    v_low_pass_cutoff: float = 1.0
+    use_disturbance_observer: bool = False
+    nominal_mass: float = 0.0
+    disturbance_cutoff: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pid:
+    """The joint controller of one robot; `arm` is the instance whose set-points it follows."""
+
+    robot: str
+    arm: str
+    axes: tuple[PidAxis, ...]
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Io:
+    """One `IOs[]` entry: a bus with its robots, controllers and inputs."""
+
+    name: str
+    port: str  # as it is opened; with emulated boards "udp:127.x.y.z"; empty: KINEMATIC robots, no boards
+    protocol: str  # sequential-read-write, sequential-read-broadcast-write or broadcast-query-read-write
+    period_s: float
+    watchdog_s: float  # 0: off
+    close_all_relays: bool
+    robots: tuple[Robot, ...]
+    pids: tuple[Pid, ...]
+    digital_inputs: tuple[DigitalInput, ...]
+    setpoint_timeout_s: float = 0.03  # without a fresh set-point of the arm for this long, hold
+    arm_lost_s: float = 3.0  # then an error is raised, still holding
+    arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
+    current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
+    current_error_s: float = 0.05  # for longer than this
+    spin_us: float = 50.0
+    instrument_readers: tuple[InstrumentReader, ...] = ()
+    digital_outputs: tuple[DigitalOutput, ...] = ()
+    calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off
+    tasks: tuple[TaskRow, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Emulation:
+    """Everything the `boards` process stands in for; `System.emulated` gives the robots on it."""
+
+    period_s: float
+    buses: tuple[Bus, ...]
+    seed: int = 1
+    pot_noise_v: float = 0.0
+    instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
+    likenesses: tuple[Likeness, ...] = ()
+    setup_joints: tuple[SetupJoints, ...] = ()
+    # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
+    ios: tuple[Io, ...] | None = None
+    arms: tuple[Arm, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One instance the supervisor starts; `after` names instances that must be up first."""
+
+    name: str
+    kind: str
+    period_s: float
+    after: tuple[str, ...] = ()
+    on_exit: str = "restart"  # restart or stay-down
+    priority: int = 0  # SCHED_FIFO priority asked for; 0: none
+    cpu: int | None = None
+    restart_limit: int = 5
+    backoff_s: float = 0.2
+    late_s: float | None = None  # silence that is reported; None: as usual for its kind
+    hung_s: float | None = None  # silence after which it is killed
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """The whole document."""
+
+    name: str
+    source: str
+    clock: str  # WALL, PACED or LOCKSTEP
+    ios: tuple[Io, ...]
+    arms: tuple[Arm, ...]
+    emulation: Emulation | None
+    processes: tuple[Process, ...]
+    carts: tuple[Cart, ...] = ()
+    consoles: tuple[Console, ...] = ()
+    teleop_psms: tuple[TeleopPsm, ...] = ()
+    teleop_ecms: tuple[TeleopEcm, ...] = ()
+    externals: tuple[External, ...] = ()
+    focuses: tuple[Focus, ...] = ()  # one at most
+    audio_volume: float = 0.5
+    supervisor_lost_s: float = 1.0
+    group: str = ""  # may attach, too
+    service_user: str = ""  # whose shared memory is trusted besides our own and root's
+    notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
+
+    def io(self, name: str) -> Io:
+        """The io entry `name`; KeyError when there is none."""
+        return _named(self.ios, name)
+
+    def arm(self, name: str) -> Arm:
+        """The arm entry `name`; KeyError when there is none."""
+        return _named(self.arms, name)
+
+    def cart(self, name: str) -> Cart:
+        """The set-up joints `name`; KeyError when there are none of that name."""
+        return _named(self.carts, name)
+
+    def console(self, name: str) -> Console:
+        """The console `name`; KeyError when there is none."""
+        return _named(self.consoles, name)
+
+    def teleop(self, name: str) -> TeleopPsm | TeleopEcm:
+        """The tele-operation `name`; KeyError when there is none."""
+        rows: tuple[TeleopPsm | TeleopEcm, ...] = (*self.teleop_ecms, *self.teleop_psms)
+        return _named(rows, name)
+
+    def external(self, name: str) -> External:
+        """The place of somebody else's program `name`; KeyError when there is none."""
+        return _named(self.externals, name)
+
+    def focus_of(self, name: str) -> Focus:
+        """The focus controller `name`; KeyError when there is none."""
+        return _named(self.focuses, name)
+
+    def inputs(self, name: str) -> tuple[str, ...]:
+        """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""
+        if any(row.name == name for row in self.externals):
+            return self.external(name).inputs
+        return tuple(row.name for row in self.io(name).digital_inputs)
+
+    def process(self, name: str) -> Process:
+        """The process row `name`; KeyError when there is none."""
+        return _named(self.processes, name)
+
+    def emulated(self) -> System:
+        """The system as its emulated boards see it: every robot and input on them, driven by a process or not.
+
+        Names that several buses have are IO/NAME there.
+        """
+        if self.emulation is None:
+            return self
+        if self.emulation.ios is None:
+            return with_names_on_boards(self)
+        return with_names_on_boards(dataclasses.replace(self, ios=self.emulation.ios, arms=self.emulation.arms))
+
+
+def _named(rows: tuple[T, ...], name: str) -> T:
+    for row in rows:
+        if getattr(row, "name", None) == name:
+            return row
+    raise KeyError(f"{name}: not in this system; it has {', '.join(getattr(row, 'name', '?') for row in rows)}")
+
+
+def to_json(system: System) -> bytes:
+    """The document as UTF-8 JSON; instruments are in it once, however many arms know them."""
+    rows = system.arms + (system.emulation.arms if system.emulation is not None else ())
+    places: dict[Tool, int] = {}
+    known = [[places.setdefault(tool, len(places)) for tool in arm.tools] for arm in rows]
+    bare = dataclasses.replace(system, arms=_with_tools(system.arms, ()))
+    if bare.emulation is not None:
+        bare = dataclasses.replace(
+            bare, emulation=dataclasses.replace(bare.emulation, arms=_with_tools(bare.emulation.arms, ())))
+    content = dataclasses.asdict(bare)
+    content["instruments"], content["known"] = [dataclasses.asdict(tool) for tool in places], known
+    return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
+
+
+def _with_tools(arms: tuple[Arm, ...], tools: tuple[Tool, ...]) -> tuple[Arm, ...]:
+    return tuple(dataclasses.replace(arm, tools=tools) for arm in arms)
+
+
+def from_json(data: bytes) -> System:
+    """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
+    try:
+        content = json.loads(data)
+        tools = [decode(Tool, tool) for tool in content.pop("instruments")]
+        arms = content["arms"] + (content["emulation"]["arms"] if content["emulation"] else [])
+        for arm, known in zip(arms, content.pop("known"), strict=True):
+            arm["tools"] = [tools[place] for place in known]
+        return decode(System, content)
+    except (ValueError, TypeError, LookupError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
+        raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None

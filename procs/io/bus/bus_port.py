@@ -1,0 +1,296 @@
+"""A bus of controllers: finds them, checks them, samples and commands them, whatever transport carries it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import ChainMap
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from procs.fpga import blocks, registers, wire
+from procs.io.bus import discovery
+from procs.io.bus.link import Link
+from procs.io.bus.port import (
+    ALL_BOARDS,
+    BROADCAST_QUERY,
+    PROTOCOLS,
+    SEQUENTIAL,
+    SEQUENTIAL_BROADCAST,
+    BoardInfo,
+    Counters,
+    PortError,
+    Quads,
+)
+from procs.io.bus.protocols import BroadcastWrite, QueryRead, Reader, SequentialRead, SequentialWrite, Writer
+from procs.io.bus.rows import Rows
+from procs.io.bus.transport import Transport
+from procs.io.bus.unasked import UnaskedRead
+
+_Found: TypeAlias = tuple[discovery.Hub, tuple[BoardInfo, ...]]
+
+LONGEST_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
+
+
+class BusPort:
+    """A `Port`. `board_ids` may come in any order; rows are ascending.
+
+    `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
+    deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub even where the boards could
+    do without. `query_wait_ns` replaces the time the boards are given between query and read, `deadline_ms` the 2 ms a
+    cyclic read waits for its reply (1 s when simulated). `exclusive` refuses a bus that another host is driving.
+    `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
+    anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
+    found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an
+    earlier host left them ready: writes, even of discovery, refresh the watchdogs.
+    """
+
+    def __init__(self, transport: Transport, board_ids: Sequence[int], now_ns: Callable[[], int],
+                 protocol: str = BROADCAST_QUERY, *, bridge: bool = False, real_time: bool = True,
+                 exclusive: bool = True, query_wait_ns: int | None = None, deadline_ms: int | None = None,
+                 first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> None:
+        self.board_ids = tuple(sorted(board_ids))
+        where = f"port {transport.where}"
+        wrong = [b for b in self.board_ids if not 0 <= b <= 15]
+        if wrong or len(set(self.board_ids)) != len(self.board_ids):
+            raise PortError(f"board ids {list(board_ids)}", where, "allowed: each once, 0 to 15")
+        if protocol not in PROTOCOLS:
+            raise PortError(f"protocol {protocol!r}", where, f"allowed: {', '.join(PROTOCOLS)}")
+        self._protocol, self._bridge = protocol, bridge
+        self._exclusive, self._query_wait_ns = exclusive, query_wait_ns
+        self._first_control, self._quiet = first_control, quiet
+        self._hub: discovery.Hub | None = None
+        count = len(self.board_ids)
+        self._make_rows(registers.AXES)
+        self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
+        self.away = np.zeros(count, np.bool_)
+        self.recv_ns = 0
+        self.send_ns = 0
+        self.counters = Counters(count)
+        self.boards: tuple[BoardInfo, ...] = ()
+        self._link = Link(transport, now_ns, real_time, spin_ns)
+        self._link.counters = self.counters
+        if deadline_ms is not None:
+            self._link.cycle_timeout_ms = deadline_ms
+        self._nodes: ChainMap[int, int] = ChainMap()
+        self._reader: Reader | None = None
+        self._writer: Writer | None = None
+
+    def _make_rows(self, width: int) -> None:
+        count = len(self.board_ids)
+        self.hardware = ("QLA1",) * count
+        self.columns = blocks.Columns(width)
+        self.blocks: Quads = np.zeros((count, self.columns.count), np.uint32)
+        self.out: Quads = np.zeros((count, width + 1), np.uint32)
+
+    def open(self) -> None:
+        """Open the transport."""
+        self._link.open()
+
+    def close(self) -> None:
+        """Close the transport; boards keep their last command until their watchdog trips."""
+        self._link.close()
+        self._reader = self._writer = None
+
+    @property
+    def stranger(self) -> str:
+        """ADDRESS:PORT of whoever else than the boards sent the newest datagram that was ignored; empty: nobody has."""
+        return self._link.transport.stranger
+
+    def __enter__(self) -> BusPort:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def discover(self) -> tuple[BoardInfo, ...]:
+        """Find the hub and all boards, check them, and get ready to read and write."""
+        link = self._link
+        self.close()
+        link.open()
+        if link.transport.on_firewire:
+            hub, boards = self._find_on_firewire()
+        else:
+            hub, boards = (self._find_told() if self._quiet else None) or self._find_by_network()
+        self.boards, self._hub = boards, hub
+        self._nodes = ChainMap({info.board: info.node for info in boards})
+        if self.board_ids:
+            self._prepare(hub)
+        self.away[...] = False
+        self.counters.clear()  # silent node numbers are no faults
+        return boards
+
+    def _find_by_network(self) -> _Found:
+        link = self._link
+        hub = discovery.find_hub(link, self._bridge)
+        self._make_ours(hub)
+        boards = discovery.find_boards(link, hub.board, self.board_ids)
+        discovery.check_boards(link, boards, self.board_ids)
+        if hub.board not in {info.board for info in boards}:
+            raise PortError(f"hub board {hub.board} answers under no node number", link.where, "check its FireWire")
+        if not link.by_board:
+            discovery.tune_gap(link, boards)
+        return hub, boards
+
+    def _find_told(self) -> _Found | None:
+        """None where the hub has no address of ours, or the boards do not know their node numbers yet."""
+        link = self._link
+        hub = discovery.find_told_hub(link, self._bridge)
+        if hub is None:
+            return None
+        boards = discovery.find_boards(link, hub.board, self.board_ids)
+        discovery.check_boards(link, boards, self.board_ids)
+        return (hub, boards) if hub.board in {info.board for info in boards} else None
+
+    def _find_on_firewire(self) -> _Found:
+        hub, boards = discovery.find_on_firewire(self._link, self.board_ids)
+        self._make_ours(hub)
+        discovery.check_boards(self._link, boards, self.board_ids)
+        return hub, boards
+
+    def _make_ours(self, hub: discovery.Hub) -> None:
+        """Nobody else drives the bus, or PortError; whatever a predecessor left on is switched off."""
+        if self._exclusive and self.board_ids:
+            discovery.refuse_other_host(self._link, hub)
+        if self._first_control:
+            self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
+
+    def refuse_other_host(self) -> None:
+        """PortError while somebody else drives the bus. Asks by sampling the hub, which restarts its sample timer."""
+        if self._hub is None:
+            raise self._not_ready()
+        discovery.refuse_other_host(self._link, self._hub)
+
+    def _prepare(self, hub: discovery.Hub) -> None:
+        known = {info.board: info for info in self.boards}
+        wanted_boards = [known[board] for board in self.board_ids]
+        layouts = tuple(blocks.layout_of(info.firmware, *blocks.AXES_OF[info.hardware]) for info in wanted_boards)
+        self._check_size(layouts)
+        width = max(max(layout.motors, layout.encoders) for layout in layouts)
+        if width != self.columns.width:
+            self._make_rows(width)
+        self.hardware = tuple(info.hardware for info in wanted_boards)
+        wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
+        rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, self.away, wanted,
+                    hub.board, self._query_wait_ns)
+        self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
+        self._reader, self._writer = _parts(self._protocol, self._link, rows)
+
+    def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
+        """What is for all boards at once must fit one datagram."""
+        transport, sizes = self._link.transport, []
+        if self._protocol == BROADCAST_QUERY:
+            sizes.append(("read", 4 * (sum(layout.hub_quads for layout in layouts) + 1), transport.most_read))
+        if self._protocol != SEQUENTIAL:
+            sizes.append(("write", 4 * sum(layout.write_quads for layout in layouts), transport.most_write))
+        for what, needed, limit in sizes:
+            if needed > limit:
+                raise PortError(f"{len(self.board_ids)} boards do not fit one broadcast {what} ({needed} bytes)",
+                                self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
+
+    def ask_all(self) -> None:
+        """Have every board sample; what is done until `read_all` costs no time of the cycle."""
+        if self._reader is None:
+            raise self._not_ready()
+        self._reader.ask()
+
+    def read_all(self) -> bool:
+        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails."""
+        if self._reader is None:
+            raise self._not_ready()
+        counters = self.counters
+        good = self._reader.read()
+        self.recv_ns = self._link.recv_ns
+        counters.reads += 1
+        if not good:
+            counters.bad_reads += 1
+        return good
+
+    def write_all(self) -> bool:
+        """Send `out` to every board, also after a bad read (it feeds the watchdogs), then zero its control words."""
+        if self._writer is None:
+            raise self._not_ready()
+        counters = self.counters
+        good = self._writer.write()
+        self.send_ns = self._link.send_ns
+        counters.writes += 1
+        if not good:
+            counters.bad_writes += 1
+        return good
+
+    def read_quadlet(self, board: int, address: int) -> int:
+        """One register of one board; waits up to 0.1 s, so for set-up and tools. PortError when it does not answer."""
+        value = self._link.read_quadlet(self._node(board), address)
+        if value is None:
+            raise self._no_answer(board, address)
+        return value
+
+    def write_quadlet(self, board: int, address: int, value: int) -> None:
+        """Write one register of one board, or of `ALL_BOARDS`. The boards do not acknowledge writes."""
+        node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
+        if not self._link.write_quadlet(node, address, value):
+            raise self._not_sent(board, address)
+
+    def read_block(self, board: int, address: int, quads: int) -> Quads:
+        """So many consecutive quadlets of one board, (quads,)."""
+        most = min(LONGEST_BLOCK, self._link.transport.most_read) // 4
+        if not 2 <= quads <= most:
+            raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {most}")
+        data = self._link.read_block(self._node(board), address, 4 * quads)
+        if data is None:
+            raise self._no_answer(board, address)
+        return np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
+
+    def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
+        """Quadlets of one board, asked for once between two cycles; None without an answer in a cycle's time."""
+        link, node = self._link, self._node(board)
+        if quads > 1:
+            data = link.read_block(node, address, 4 * quads, timeout_ms=link.cycle_timeout_ms, tries=1)
+            return None if data is None else np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
+        value = link.read_quadlet(node, address, timeout_ms=link.cycle_timeout_ms, tries=1)
+        return None if value is None else np.array([value], np.uint32)
+
+    def write_block(self, board: int, address: int, values: Sequence[int]) -> None:
+        """Write consecutive quadlets of one board."""
+        node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
+        data = np.asarray(values, np.uint32).astype(np.dtype(">u4")).tobytes()
+        link = self._link
+        most = min(LONGEST_BLOCK, link.transport.most_write) // 4
+        if not 2 <= len(values) <= most:
+            raise PortError(f"block of {len(values)} quadlets", f"board {board}", f"allowed: 2 to {most}")
+        if not link.send(wire.block_write(node, address, data, link.next_tl(), link.generation, link.flags)):
+            raise self._not_sent(board, address)
+
+    def info(self, board: int) -> BoardInfo:
+        """What is known of a board; PortError when it was not discovered."""
+        node = self._node(board)
+        return next(dataclasses.replace(info, node=node) for info in self.boards if info.board == board)
+
+    def _node(self, board: int) -> int:
+        node = self._nodes.get(board)
+        if node is None:
+            there = ", ".join(map(str, sorted(self._nodes))) or "none yet (discover first)"
+            raise PortError(f"no board {board}", self._link.where, f"boards on this bus: {there}")
+        return node
+
+    def _not_sent(self, board: int, address: int) -> PortError:
+        return PortError(f"write to register 0x{address:04X} could not be sent", f"{self._link.where} board {board}",
+                         "check the network")
+
+    def _no_answer(self, board: int, address: int) -> PortError:
+        return PortError(f"register 0x{address:04X} is not answered", f"{self._link.where} board {board}",
+                         "check its power and cables")
+
+    def _not_ready(self) -> PortError:
+        return PortError("the boards are not discovered", self._link.where, "open and discover first")
+
+
+def _parts(protocol: str, link: Link, rows: Rows) -> tuple[Reader, Writer]:
+    """Reader and writer of a protocol (one of `port.PROTOCOLS`)."""
+    if protocol == SEQUENTIAL:
+        return SequentialRead(link, rows), SequentialWrite(link, rows)
+    if protocol == SEQUENTIAL_BROADCAST:
+        return SequentialRead(link, rows), BroadcastWrite(link, rows)
+    return (UnaskedRead if link.by_board else QueryRead)(link, rows), BroadcastWrite(link, rows)

@@ -1,0 +1,130 @@
+"""The kernel's FireWire character devices (linux/firewire-cdev.h): requests and events as bytes and back.
+
+Structures are laid out as the C compiler of this machine does it. Payloads are the bytes on the bus: big-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+from procs.fpga.wire import Buffer
+
+ABI_VERSION: Final = 4  # what we understand; later ones have time stamps in responses
+EVENT_BYTES: Final = 4096  # more than any event we ask for
+ROM_BYTES: Final = 1024
+NODE_MASK: Final = 0x3F
+
+# Types of events
+BUS_RESET: Final = 0
+RESPONSE: Final = 1
+
+# Codes of responses; from 0x10 on the kernel's own
+COMPLETE: Final = 0
+CANCELLED: Final = 0x11
+STALE_GENERATION: Final = 0x13
+NO_ACKNOWLEDGE: Final = 0x14
+
+BROADCAST_LEAST_OFFSET: Final = 0xFFFF_F000_0800  # below, the kernel broadcasts nothing
+BROADCAST_BYTES: Final = 512  # it broadcasts at 100 Mbit/s, which has no longer packets
+STATE_CLEAR: Final = 0xFFFF_F000_0000  # register of every node; bits written 1 are cleared
+CYCLE_MASTER: Final = 0x100
+VENDOR: Final = 0xFA610E  # of our boards, in their configuration ROM
+
+_INFO = struct.Struct("@IIQQQI0Q")  # version, ROM length, pointers to ROM and reset event, closure, card
+_REQUEST = struct.Struct("@IIQQQI0Q")  # tcode, length, offset, closure, pointer to data, generation
+_RESET = struct.Struct("@QIIIIIII0Q")
+_RESPONSE = struct.Struct("@QIII")  # closure, type, rcode, length; then data
+_ROM = struct.Struct("@4I")
+
+INFO_BYTES: Final = _INFO.size
+REQUEST_BYTES: Final = _REQUEST.size
+RESET_BYTES: Final = _RESET.size
+RESPONSE_DATA_AT: Final = _RESPONSE.size
+
+
+def _ioctl(direction: int, number: int, size: int) -> int:
+    """The code of an ioctl of these devices (1: the kernel reads, 3: reads and writes)."""
+    return direction << 30 | size << 16 | ord("#") << 8 | number
+
+
+GET_INFO: Final = _ioctl(3, 0x00, INFO_BYTES)
+SEND_REQUEST: Final = _ioctl(1, 0x01, REQUEST_BYTES)
+SEND_BROADCAST_REQUEST: Final = _ioctl(1, 0x12, REQUEST_BYTES)
+
+
+@dataclass(frozen=True, slots=True)
+class BusReset:
+    """The bus was reset, or, in an answer to `GET_INFO`, is as it is; node ids with the bus in the upper ten bits."""
+
+    node: int  # that the device stands for
+    local_node: int  # of the card
+    manager_node: int
+    resource_node: int
+    root_node: int
+    generation: int
+    closure: int = 0
+
+    @property
+    def is_local(self) -> bool:
+        """The device is the card itself."""
+        return self.node == self.local_node
+
+    def encode(self) -> bytes:
+        """As the kernel has it."""
+        return _RESET.pack(self.closure, BUS_RESET, self.node, self.local_node, self.manager_node, self.resource_node,
+                           self.root_node, self.generation)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What became of a request; `data` only of reads that were answered."""
+
+    closure: int
+    code: int
+    data: bytes = b""
+
+    def encode(self) -> bytes:
+        """As the kernel has it: the data of short reads are there twice, of an old mistake that programs rely on."""
+        head = _RESPONSE.pack(self.closure, RESPONSE, self.code, len(self.data))
+        room = -len(head) % 8
+        return head + (self.data.ljust(room, b"\0") + self.data if len(self.data) <= room else self.data + bytes(room))
+
+
+Event: TypeAlias = BusReset | Response
+
+
+def decode_event(data: Buffer) -> Event | None:
+    """The event in what was read from a device; None for those of other kinds, and for what is none."""
+    if len(data) < _RESPONSE.size:
+        return None
+    closure, kind, code, length = _RESPONSE.unpack_from(data)
+    if kind == RESPONSE and len(data) >= _RESPONSE.size + length:
+        return Response(closure, code, bytes(data[_RESPONSE.size : _RESPONSE.size + length]))
+    if kind == BUS_RESET and len(data) >= _RESET.size:
+        closure, _, node, local, manager, resource, root, generation = _RESET.unpack_from(data)
+        return BusReset(node, local, manager, resource, root, generation, closure)
+    return None
+
+
+def encode_info(rom_at: int, reset_at: int) -> bytearray:
+    """Asks for a device's ROM and bus; the kernel writes them to these addresses, and the card into the answer."""
+    return bytearray(_INFO.pack(ABI_VERSION, ROM_BYTES, rom_at, reset_at, 0, 0))
+
+
+def card_of(info: Buffer) -> int:
+    """Which card a device is on, from the answer to `encode_info`."""
+    return int(_INFO.unpack(info)[5])
+
+
+def encode_request(tcode: int, length: int, offset: int, closure: int, data_at: int, generation: int) -> bytes:
+    """One transaction; `length` bytes are written from address `data_at`, or read."""
+    return _REQUEST.pack(tcode, length, offset, closure, data_at, generation)
+
+
+def vendor_of(rom: Buffer) -> int:
+    """The vendor in a configuration ROM, as quadlets of this machine; 0 where it has none."""
+    first, _, _, fourth = _ROM.unpack_from(rom)
+    vendor: int = first & 0xFF_FFFF if first >> 24 == 1 else fourth >> 8  # a minimal ROM is one quadlet
+    return vendor

@@ -1,0 +1,269 @@
+"""Transactions with the boards of a bus: labels, bus generation, deadlines, late replies, retries of set-up reads."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import select
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from procs.fpga import wire
+from procs.io.bus.port import Counters, Quads
+from procs.io.bus.transport import MOST_QUEUED, Transport
+
+DATAGRAM_BYTES: Final = 4096  # more than any board sends
+CYCLE_TIMEOUT_MS: Final = 2
+SETUP_TIMEOUT_MS: Final = 20
+SIMULATED_TIMEOUT_MS: Final = 1000  # simulated time stands still while we wait: only a lost peer may end the wait
+SETUP_TRIES: Final = 5
+MAX_SEQUENCE: Final = 0xFFFF
+MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come
+QUIET_NS: Final = 10_000_000  # without any reply: boards answer much sooner or not at all
+
+TIMED_OUT: Final = 0
+DROPPED: Final = -1
+
+
+class Link:
+    """A transport and what belongs to a transaction. The newest reply lies in `rx` after a successful receive.
+
+    A bus is Ethernet-only while `by_board`: nodes are board ids, requests are not forwarded, and the generation of a
+    FireWire bus that nobody uses is not looked at.
+
+    A reply is never taken for that to another request. Whatever is odd (no reply, one too many, one to something else)
+    makes the link suspect, and before the next read the transport forgets all earlier requests. One that cannot do so
+    has the labels alone, and they come round again: so labels of missing replies rest.
+
+    When no more can rest, the boards are away, and may still answer what they were asked meanwhile. Then only single
+    reads go out, so that there is little to answer. Where labels are all there is, replies count again once a single
+    read was answered and nothing else came after it for a while.
+    """
+
+    def __init__(self, transport: Transport, now_ns: Callable[[], int], real_time: bool, spin_ns: int = 0) -> None:
+        """`spin_ns`: how long to look for a reply again and again before sleeping until there is one."""
+        self.transport = transport
+        self.now_ns = now_ns
+        self.real_time = real_time
+        self.spin_ns = spin_ns if real_time else 0  # a clock that stands still would never end it
+        self.counters = Counters(0)  # the port's own takes its place
+        self.cycle_timeout_ms = CYCLE_TIMEOUT_MS if real_time else SIMULATED_TIMEOUT_MS
+        self.by_board = False
+        self.flags = 0  # control flags of all requests
+        self.generation = 0  # the bus generation our requests carry
+        self.seen_generation = 0  # the one the newest reply carried
+        self.tl = secrets.randbelow(wire.TL_COUNT)  # of the newest request; nobody can guess the next ones
+        self.sequence = 1 + secrets.randbelow(MAX_SEQUENCE)  # of the newest query
+        self.recv_ns = 0
+        self.send_ns = 0
+        self.rx = memoryview(bytearray(DATAGRAM_BYTES))
+        self.rx_quads: Quads = np.frombuffer(self.rx, np.uint32)  # the same bytes: not swapped yet
+        self.suspect = True  # replies to earlier requests may come
+        self._missing: deque[int] = deque(maxlen=MAX_MISSING)  # labels that rest
+        self._forgets = False  # the transport did, the last time
+        self._alone_ns = self._strays = 0  # when a single read went out, and how much had come that nobody waited for
+        self._alone_answered = False
+
+    @property
+    def where(self) -> str:
+        """The other end, for messages."""
+        return self.transport.where
+
+    def open(self) -> None:
+        """Open the transport; nothing is known of the bus."""
+        self.transport.open()
+        self.by_board, self.flags = False, 0
+        self.generation = self.seen_generation = 0
+        self.suspect = True
+        self._missing.clear()
+
+    def close(self) -> None:
+        """Close the transport; harmless when it is."""
+        self.transport.close()
+
+    def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
+        """The hub is known, and what kind of bus it is; the address it must have been given, 0 where there is none."""
+        self.by_board = by_board
+        self.flags = wire.NO_FORWARD if by_board else 0
+        return self.transport.aim(board, firmware, by_board=by_board)
+
+    def next_tl(self) -> int:
+        """The label of the next transaction: 1, 2 … 63, 0, 1 …, but for those that rest."""
+        tl = (self.tl + 1) % wire.TL_COUNT
+        while tl in self._missing:
+            tl = (tl + 1) % wire.TL_COUNT
+        self.tl = tl
+        return tl
+
+    def next_sequence(self) -> int:
+        """The number of the next query: 1 … 65535, 1 …"""
+        self.sequence = sequence = self.sequence % MAX_SEQUENCE + 1
+        return sequence
+
+    def ready(self) -> bool:
+        """Before a read: what comes from now on can be told from replies to earlier ones. False: leave it out now."""
+        if not self.suspect:
+            return True
+        if len(self._missing) < MAX_MISSING:
+            self._forgets = self._forget()
+        elif not self._is_quiet():
+            return False
+        self.suspect = False
+        return True
+
+    def _is_quiet(self) -> bool:
+        """The boards are away, or were: a single read may go out, for nothing came of the one before."""
+        now_ns, strays = self.now_ns(), self._strays
+        if now_ns - self._alone_ns < QUIET_NS:
+            return False
+        self._alone_ns, self._forgets = now_ns, self._forget()
+        self._strays = self.counters.stray
+        if self._strays != strays and not self._forgets:  # they still answer what they were asked meanwhile
+            self._alone_answered = False
+            return False
+        if self._alone_answered:
+            self._alone_answered = False
+            self._missing.clear()
+        return True
+
+    def _believes(self) -> bool:
+        """Replies to earlier reads are missing; whether one with the newest label is the reply to the newest read."""
+        if self._forgets:
+            self._missing.clear()
+        elif len(self._missing) == MAX_MISSING:
+            self._alone_answered = True
+            return False
+        return True
+
+    def doubt(self) -> None:
+        """What had the newest label was not the reply to it, which may still come."""
+        self._missing.append(self.tl)
+        self.suspect = True
+
+    def _forget(self) -> bool:
+        """No reply to an earlier request comes from now on; False: those that had come are thrown away, more may."""
+        if self.transport.forget():
+            return True
+        for _ in range(MOST_QUEUED):
+            if not self.transport.poll(0):
+                break
+            with contextlib.suppress(OSError):
+                self.transport.recv_into(self.rx)
+            self.counters.stray += 1
+        return False
+
+    def send(self, datagram: wire.Buffer) -> bool:
+        """Send one datagram; False when the system refused it (nobody listens, no buffer, no route)."""
+        try:
+            self.transport.send(datagram)
+        except ConnectionRefusedError:
+            # Nobody listened to an earlier datagram; hearing of it cleared the error, and this one was not sent.
+            self.suspect = True
+            try:
+                self.transport.send(datagram)
+            except OSError:
+                return False
+        except OSError:
+            return False
+        self.send_ns = self.now_ns()
+        return True
+
+    def receive(self, tl: int, timeout_ms: int) -> int:
+        """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away."""
+        rx, left_ms, transport = self.rx, timeout_ms, self.transport
+        begin_ns = self.now_ns()
+        deadline_ns = begin_ns + timeout_ms * 1_000_000
+        if self.spin_ns:
+            spin_until_ns = begin_ns + self.spin_ns
+            while not transport.poll(0) and self.now_ns() < spin_until_ns:
+                pass
+        for _ in range(MOST_QUEUED):
+            if not transport.poll(left_ms):
+                break
+            try:
+                size = transport.recv_into(rx)
+            except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
+                size = 0
+            self.recv_ns = now_ns = self.now_ns()
+            if size == wire.TRAILER_BYTES:
+                self.seen_generation = rx[1]
+                self.counters.dropped += 1
+                self.doubt()
+                return DROPPED
+            if size > wire.TRAILER_BYTES and rx[2] >> 2 == tl:
+                if self._missing and not self._believes():
+                    break
+                self.seen_generation = rx[size - 7]
+                return size
+            self.counters.stray += 1
+            self.suspect = True
+            # A simulated clock stands still meanwhile; there MOST_QUEUED is the bound.
+            left_ms = max(0, (deadline_ns - now_ns + 999_999) // 1_000_000)
+        self.counters.timeouts += 1
+        self.counters.waited_ns += min(self.now_ns() - begin_ns, timeout_ms * 1_000_000)
+        self._missing.append(tl)
+        self.suspect = True
+        return TIMED_OUT
+
+    def read_quadlet(self, node: int, address: int, *, flags: int = 0, timeout_ms: int | None = None,
+                     tries: int = SETUP_TRIES) -> int | None:
+        """One register of a node; None when it does not answer. Reads have no side effects: lost ones are repeated."""
+        if timeout_ms is None:
+            timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
+        for _ in range(tries):
+            self._settle()
+            tl = self.next_tl()
+            if not self.send(wire.quadlet_read(node, address, tl, self.generation, self.flags | flags)):
+                continue
+            size = self.receive(tl, timeout_ms)
+            reply = self._decode(size, wire.QUADLET_RESPONSE, node)
+            if reply is not None:
+                return reply.value
+        return None
+
+    def read_block(self, node: int, address: int, length: int, *, flags: int = 0, timeout_ms: int | None = None,
+                   tries: int = SETUP_TRIES) -> bytes | None:
+        """`length` bytes of a node; None when it does not answer."""
+        if timeout_ms is None:
+            timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
+        for _ in range(tries):
+            self._settle()
+            tl = self.next_tl()
+            if not self.send(wire.block_read(node, address, length, tl, self.generation, self.flags | flags)):
+                continue
+            size = self.receive(tl, timeout_ms)
+            reply = self._decode(size, wire.BLOCK_RESPONSE, node)
+            if reply is not None and len(reply.data) == length:
+                return reply.data
+        return None
+
+    def write_quadlet(self, node: int, address: int, value: int, flags: int = 0) -> bool:
+        """Write one register of a node; False when the datagram could not be sent."""
+        return self.send(wire.quadlet_write(node, address, value, self.next_tl(), self.generation, self.flags | flags))
+
+    def pause(self, milliseconds: int) -> None:
+        """Let the boards do their work; late replies stay queued. Nothing to wait for when time is simulated."""
+        if self.real_time:
+            select.poll().poll(milliseconds)
+
+    def _settle(self) -> None:
+        """Before a read that is waited for long and repeated: what has come by now is thrown away."""
+        if self.suspect:
+            self._forgets = self._forget()
+            self._missing.clear()
+
+    def _decode(self, size: int, tcode: int, node: int) -> wire.Response | None:
+        if size <= 0:
+            return None
+        try:
+            reply = wire.decode_response(self.rx[:size])
+        except wire.WireError:
+            reply = None
+        if isinstance(reply, wire.Response) and reply.tcode == tcode and node in (reply.node, wire.BROADCAST):
+            return reply
+        self.counters.stray += 1
+        self.doubt()
+        return None

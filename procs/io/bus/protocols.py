@@ -1,0 +1,319 @@
+"""The three ways to sample all boards and to command them, once a cycle.
+
+A protocol is a reader and a writer. Broadcast-query-read-write takes the same number of datagrams, array operations
+and Python instructions whatever the number of boards; the sequential protocols go from board to board. Where all boards
+are alike, their blocks lie in a datagram as rows do in `Rows.blocks`; otherwise an index says where each quadlet goes.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, Protocol
+
+import numpy as np
+
+from procs.fpga import blocks, registers, wire
+from procs.io.bus.discovery import Rescan
+from procs.io.bus.link import TIMED_OUT, Link
+from procs.io.bus.rows import (
+    BIG_QUAD,
+    BOARD_MASK,
+    DATA_AT,
+    REPLY,
+    TCODE_BITS,
+    HubBlocks,
+    Rows,
+    Unpack,
+    statuses,
+    swapped,
+)
+
+QUERY_WAIT_NS: Final = 10_000  # for the first board, and for each further one, to reach the hub's memory
+
+_QUERY = struct.Struct(">IIII")
+
+
+class Reader(Protocol):
+    """Samples all boards."""
+
+    def ask(self) -> None:
+        """Have the boards sample, where that is a step of its own."""
+
+    def read(self) -> bool:
+        """True: `rows.blocks` holds a fresh sample of all boards but those that are away."""
+
+
+class Writer(Protocol):
+    """Commands all boards."""
+
+    def write(self) -> bool:
+        """True: `rows.out` was sent."""
+
+
+class Bus:
+    """What every reader does first: find the nodes again when the bus generation changed."""
+
+    def __init__(self, link: Link, rows: Rows) -> None:
+        self._link, self._rows = link, rows
+        self._rescan = Rescan(link, rows.nodes, rows.hub)
+        self._away = self._rescan.away
+
+    @property
+    def is_lost(self) -> bool:
+        """The map of nodes is not up to date."""
+        return self._rescan.active
+
+    def blame(self) -> bool:
+        """The nodes are not known again yet, which is no board's fault: bad are all. Always False."""
+        self._rows.bad[...] = True
+        return False
+
+    def settled(self) -> bool:
+        """True when the map of nodes is up to date."""
+        link = self._link
+        if link.seen_generation != link.generation and not link.by_board and not self._rescan.active:
+            self._rescan.start()
+        if self._rescan.active and not self._rescan.advance():
+            return False
+        if self._rescan.away != self._away or self._rescan.probe():
+            self._away = self._rescan.away
+            self._rows.away[...] = [board in self._rescan.away for board in self._rows.board_ids]
+            if self._rows.away.all():  # there is but a hub that is none of ours
+                self._rescan.start()
+                return False
+        return True
+
+
+class QueryRead:
+    """One query to all boards, then one read of everything from the hub."""
+
+    def __init__(self, link: Link, rows: Rows) -> None:
+        self._link, self._rows, self._bus = link, rows, Bus(link, rows)
+        self._time_mask = rows.layouts[-1].time_mask
+        self._take_members()
+        self._made_for = (-1, -1, b"")
+        self._reads: list[bytes] = []
+        self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
+
+    def _take_members(self) -> None:
+        """Ask the boards that are there."""
+        rows = self._rows
+        members = np.flatnonzero(~rows.away).tolist()
+        self._blocks = HubBlocks(self._link, rows, members)
+        self._least_wait_ns = QUERY_WAIT_NS * len(members)
+        self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
+
+    def ask(self) -> None:
+        """Query all boards."""
+        link = self._link
+        self._asked, self._sent = True, False
+        if not self._bus.settled() or not link.ready():
+            return
+        self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
+        if (link.generation, hub_node, self._rows.away.tobytes()) != self._made_for:
+            self._prepare(hub_node)
+        sequence = link.next_sequence()
+        query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
+                            sequence << 16 | self._blocks.mask_of_boards)
+        self._sent = link.send(self._control + query + wire.crc_bytes(query))
+        self._ready_ns = link.send_ns + self._wait_ns
+        self._blocks.expect(sequence)
+
+    def read(self) -> bool:
+        """Sample every board; a fixed number of datagrams and array operations."""
+        if not self._asked:
+            self.ask()
+        link, now_ns, found, hub = self._link, self._link.now_ns, self._blocks, self._rows.hub
+        self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
+        while now_ns() < ready_ns:
+            pass
+        if not self._sent:
+            return self._bus.blame() if self._bus.is_lost else found.blame_all()
+        tl = link.next_tl()
+        if not link.send(self._reads[tl]):
+            return found.blame_all()
+        size = link.receive(tl, link.cycle_timeout_ms)
+        if found.source(size) != self._hub_node:
+            return found.blame_reply(size, hub)
+        if not found.are_there():
+            return found.blame()
+        found.take()
+        if self._rows.query_wait_ns is None:
+            self._adapt_wait()
+        return True
+
+    def _prepare(self, hub_node: int) -> None:
+        """Read requests with every label, for this generation, hub and boards."""
+        self._take_members()
+        generation = self._link.generation
+        self._control = bytes((0, generation))
+        self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
+                       for tl in range(wire.TL_COUNT)]
+        self._made_for = generation, hub_node, self._rows.away.tobytes()
+
+    def _adapt_wait(self) -> None:
+        """Next time, wait as long as the last board took this time, when that is longer than the rule."""
+        at = self._blocks.last_header_at
+        ticks = int.from_bytes(self._link.rx[at : at + 4], "big") & self._time_mask
+        self._wait_ns = max(self._least_wait_ns, ticks * 1_000_000_000 // registers.CLOCK_HZ)
+
+
+class SequentialRead:
+    """A block read of every board, one after the other; gives up at the first that fails."""
+
+    def __init__(self, link: Link, rows: Rows) -> None:
+        self._link, self._rows, self._bus = link, rows, Bus(link, rows)
+        self._quads = [layout.read_quads for layout in rows.layouts]
+        self._starts = rows.starts(self._quads)
+        self._sample = np.zeros(sum(self._quads), np.uint32)
+        self._unpack = Unpack(rows, self._sample, self._starts, 0, range(len(rows.board_ids)))
+        self._statuses = [swapped(status) for status in statuses(rows).tolist()]
+        self._board_mask = swapped(BOARD_MASK)
+
+    def ask(self) -> None:
+        """Every board samples when it is read."""
+
+    def read(self) -> bool:
+        """Sample board after board, but for those that are away."""
+        rows, counters = self._rows, self._link.counters
+        if not self._bus.settled():
+            return self._bus.blame()
+        dropped = counters.dropped
+        for row, board in enumerate(rows.board_ids):
+            if not rows.away[row] and not self._read_board(row, rows.nodes[board]):
+                rows.bad[...] = False
+                rows.bad[row] = True
+                counters.board_bad_reads[row] += counters.dropped == dropped  # else it was the bus
+                return False
+        self._unpack.run()
+        rows.bad[...] = rows.away
+        return True
+
+    def _read_board(self, row: int, node: int) -> bool:
+        link, quads = self._link, self._quads[row]
+        if not link.ready():
+            return False
+        tl = link.next_tl()
+        if not link.send(wire.block_read(node, registers.REAL_TIME, 4 * quads, tl, link.generation, link.flags)):
+            return False
+        size = link.receive(tl, link.cycle_timeout_ms)
+        if size <= 0:
+            link.counters.board_timeouts[row] += size == TIMED_OUT
+            return False
+        label, source, length = REPLY.unpack_from(link.rx)
+        at = self._starts[row]
+        self._sample[at : at + quads] = link.rx_quads[DATA_AT : DATA_AT + quads]
+        if (size == 4 * quads + wire.BLOCK_OVERHEAD_BYTES and label & TCODE_BITS == wire.BLOCK_RESPONSE << 4
+                and source >> 16 & 0x3F == node and length == 4 * quads
+                and int(self._sample[at + blocks.STATUS]) & self._board_mask == self._statuses[row]):
+            return True
+        link.doubt()
+        return False
+
+
+class Groups:
+    """The write groups of all boards in one datagram buffer; `encode` fills it from `rows.out`."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows, width = rows, rows.columns.width
+        self.sizes = [4 * layout.write_quads for layout in rows.layouts]  # bytes
+        self.length = sum(self.sizes)
+        self.starts = rows.starts(self.sizes)
+        # The datagram starts 2 bytes into the buffer: then its quadlets are aligned for numpy.
+        buffer = memoryview(bytearray(2 + 22 + self.length + 4))
+        self.datagram = buffer[2:]
+        self.data = buffer[24 : 24 + self.length]
+        quads = np.frombuffer(buffer, BIG_QUAD, self.length // 4, 24)
+        self._boards = np.array(rows.board_ids, np.uint32)[:, np.newaxis]
+        self._axis_bits = np.uint32(1) << np.arange(width, dtype=np.uint32)
+        self._rev_7 = rows.layouts[0].firmware == 7  # whose groups have no header; they are mixed with no others
+        if not self._rev_7:
+            quads[[start // 4 for start in self.starts]] = [
+                board << 8 | layout.write_quads for board, layout in zip(rows.board_ids, rows.layouts, strict=True)]
+        self._alike = rows.alike
+        if self._alike:
+            self._payload = quads.reshape(len(rows.board_ids), -1)[:, -(width + 1) :]
+            return
+        # motors of every board, then its control word, which is the last column of its row
+        self._quads, self._flat = quads, rows.out.reshape(-1)
+        self._from = np.concatenate([row * (width + 1) + np.array([*range(layout.motors), width])
+                                     for row, layout in enumerate(rows.layouts)])
+        self._to = np.concatenate([start // 4 + 1 + np.arange(layout.motors + 1)
+                                   for start, layout in zip(self.starts, rows.layouts, strict=True)])
+
+    def encode(self) -> None:
+        """Put `rows.out` into the datagram."""
+        if self._rev_7:
+            self._encode_rev_7()
+        elif self._alike:
+            self._payload[...] = self._rows.out
+        else:
+            self._quads[self._to] = self._flat.take(self._from)
+
+    def _encode_rev_7(self) -> None:
+        """Rev 7 has the board id where later ones have the mode, and amplifier enables in the control word."""
+        dac, control = self._rows.out[:, :-1], self._rows.out[:, -1]
+        kept = registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK
+        self._payload[:, :-1] = dac & np.uint32(kept) | self._boards << registers.DAC_BOARD_SHIFT
+        enable = (dac >> 28 & 1) @ self._axis_bits
+        mask = (dac >> 29 & 1) @ self._axis_bits
+        self._payload[:, -1] = (control | enable << registers.CONTROL_AMP_SHIFT
+                                | mask << registers.CONTROL_AMP_MASK_SHIFT)
+
+    def sent(self) -> None:
+        """Control words act once: a power-on repeated every cycle would clear faults as they are latched."""
+        self._rows.out[:, -1] = 0
+
+
+class BroadcastWrite:
+    """One datagram with the groups of all boards."""
+
+    def __init__(self, link: Link, rows: Rows) -> None:
+        self._link, self._groups = link, Groups(rows)
+        self._made_for = -1
+        self._heads: list[bytes] = []
+
+    def write(self) -> bool:
+        """Encode and send the groups of all boards."""
+        link, groups = self._link, self._groups
+        if link.generation != self._made_for:
+            self._prepare()
+        groups.encode()
+        datagram = groups.datagram
+        datagram[:22] = self._heads[link.next_tl()]
+        datagram[-4:] = wire.crc_bytes(groups.data)
+        if not link.send(datagram):
+            return False
+        groups.sent()
+        return True
+
+    def _prepare(self) -> None:
+        """Control word, header and header CRC for every label."""
+        data, generation, flags = bytes(self._groups.length), self._link.generation, self._link.flags
+        self._heads = [wire.block_write(wire.BROADCAST, registers.REAL_TIME, data, tl, generation, flags)[:22]
+                       for tl in range(wire.TL_COUNT)]
+        self._made_for = generation
+
+
+class SequentialWrite:
+    """One datagram a board."""
+
+    def __init__(self, link: Link, rows: Rows) -> None:
+        self._link, self._rows, self._groups = link, rows, Groups(rows)
+
+    def write(self) -> bool:
+        """Send board after board; all are tried even when one datagram cannot be sent."""
+        link, rows, groups = self._link, self._rows, self._groups
+        groups.encode()
+        done = True
+        for row, board in enumerate(rows.board_ids):
+            if rows.away[row]:  # its node may be another's by now
+                continue
+            at = groups.starts[row]
+            data = bytes(groups.data[at : at + groups.sizes[row]])
+            node = rows.nodes[board]
+            done &= link.send(wire.block_write(node, registers.REAL_TIME, data, link.next_tl(), link.generation,
+                                               link.flags))
+        if done:
+            groups.sent()
+        return done

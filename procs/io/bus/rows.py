@@ -1,0 +1,177 @@
+"""The arrays of a port, and how the blocks of its boards lie in what is received."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.fpga import blocks, registers, wire
+from procs.io.bus.link import DROPPED, TIMED_OUT, Link
+from procs.io.bus.port import Quads
+
+BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
+BIG_QUAD: Final = np.dtype(">u4")
+DATA_AT: Final = wire.RESPONSE_HEADER_BYTES // 4
+REPLY: Final = struct.Struct(">xxHIxxxxH")  # label and tcode; source; length
+TCODE_BITS: Final = 0xF0
+
+
+@dataclass(slots=True)
+class Rows:
+    """The arrays of a port, row by row the boards in ascending id, and where the boards are on the bus."""
+
+    board_ids: tuple[int, ...]
+    layouts: tuple[blocks.Layout, ...]
+    columns: blocks.Columns
+    blocks: Quads  # (n, columns.count)
+    out: Quads  # (n, columns.width + 1)
+    bad: NDArray[np.bool_]  # (n,) boards without a sample in the last read
+    away: NDArray[np.bool_]  # (n,) boards that have left the bus: they are not asked
+    nodes: dict[int, int]  # board id to node; the hub is always in it
+    hub: int  # board id
+    query_wait_ns: int | None = None  # None: what the boards need
+
+    @property
+    def alike(self) -> bool:
+        """All boards have blocks of the same shape, and these fill whole rows."""
+        shapes = {(layout.firmware == 7, layout.motors, layout.encoders) for layout in self.layouts}
+        width = self.columns.width
+        return len(shapes) == 1 and next(iter(shapes))[1:] == (width, width)
+
+    def starts(self, quads: list[int]) -> list[int]:
+        """Where the part of every board begins when parts of so many quadlets follow each other."""
+        return [sum(quads[:row]) for row in range(len(quads))]
+
+
+def swapped(quad: int) -> int:
+    """A quadlet as it lies in a receive buffer, in the byte order of the wire."""
+    return int.from_bytes(quad.to_bytes(4, "big"), "little")
+
+
+def statuses(rows: Rows) -> Quads:
+    """What the top byte of every status quadlet must be."""
+    ids = np.array(rows.board_ids, np.uint32)
+    motors = np.array([layout.motors for layout in rows.layouts], np.uint32)
+    return (motors << registers.STATUS_AXES_SHIFT | ids << registers.STATUS_BOARD_SHIFT).astype(np.uint32)
+
+
+class Unpack:
+    """Copies the read blocks of all boards out of a buffer, which holds them as the wire does, to `rows.blocks`."""
+
+    def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int, members: Sequence[int]) -> None:
+        """Blocks of the rows `members` begin at quadlets `starts` of `raw`, each after `header` quadlets."""
+        count, quads = len(rows.board_ids), [rows.layouts[row].read_quads for row in members]
+        self._alike = rows.alike and starts == sorted(starts) and len(members) == count
+        if self._alike:
+            first, stride = starts[0] - header, header + quads[0]
+            self._source = raw[first : first + count * stride].reshape(count, stride)[:, header:].view(BIG_QUAD)
+            self._target = rows.blocks[:, : quads[0]]
+            return
+        self._raw, self._flat = raw, rows.blocks.reshape(-1)
+        self._from = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
+        self._to = np.concatenate([row * rows.columns.count + np.array(rows.layouts[row].columns(rows.columns.width))
+                                   for row in members])
+        self._quads = np.zeros(len(self._from), np.uint32)
+
+    def run(self) -> None:
+        """Swap and copy."""
+        if self._alike:
+            self._target[...] = self._source
+            return
+        self._raw.take(self._from, out=self._quads, mode="clip")
+        self._flat[self._to] = self._quads.view(BIG_QUAD)
+
+
+class HubBlocks:
+    """The blocks of boards as a hub sends them, each after a header that says which query it answers."""
+
+    def __init__(self, link: Link, rows: Rows, members: Sequence[int]) -> None:
+        """Of the boards in rows `members`, at least one."""
+        self._link, self._rows, self._members = link, rows, list(members)
+        layouts = [rows.layouts[row] for row in members]
+        count, first = len(layouts), layouts[0]
+        self.mask_of_boards = sum(1 << rows.board_ids[row] for row in members)
+        self.quads = [layout.hub_quads for layout in layouts]
+        self.length = 4 * (sum(self.quads) + 1)  # bytes
+        self._size = self.length + wire.BLOCK_OVERHEAD_BYTES
+        # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
+        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
+        self._masked, self._expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
+        self._expected[:, 1] = statuses(rows)[self._members].byteswap()
+        self._sizes = np.array([layout.header(0) for layout in layouts], np.uint32).byteswap()
+        self._sequence_bits = swapped(first.header(0xFFFF) ^ first.header(0))
+        self._header = first.header
+        self.order(range(count))
+
+    def order(self, order: Sequence[int]) -> None:
+        """Blocks come in this order of places among the members."""
+        heads, at = [0] * len(self.quads), DATA_AT
+        for place in order:
+            heads[place] = at
+            at += self.quads[place]
+        self._heads = np.array([(head, head + 1 + blocks.STATUS) for head in heads], np.intp)
+        self._unpack = Unpack(self._rows, self._link.rx_quads, [head + 1 for head in heads], header=1,
+                              members=self._members)
+        self.last_header_at = 4 * heads[order[-1]]
+
+    def expect(self, sequence: int) -> None:
+        """The next ones answer the query of this number."""
+        np.bitwise_or(self._sizes, swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
+
+    def source(self, size: int) -> int:
+        """The node that sent the reply of `size` bytes, -1 where that is not a block of our length."""
+        if size != self._size:
+            return -1
+        label, source, length = REPLY.unpack_from(self._link.rx)
+        if label & TCODE_BITS != wire.BLOCK_RESPONSE << 4 or length != self.length:
+            return -1
+        return int(source) >> 16 & 0x3F
+
+    def are_there(self) -> bool:
+        """Every board's header and status are where they are expected, and answer the query."""
+        self._link.rx_quads.take(self._heads, out=self._masked, mode="clip")
+        np.bitwise_and(self._masked, self._check, self._masked)
+        return self._masked.tobytes() == self._expected.tobytes()
+
+    def take(self) -> None:
+        """Copy the blocks to `rows.blocks`."""
+        self._unpack.run()
+        self._rows.bad[...] = self._rows.away
+
+    def blame(self) -> bool:
+        """Note which blocks were not the wanted ones: wrong board, or the answer to another query. Always False."""
+        counters, wrong = self._link.counters, self._masked != self._expected
+        self._rows.bad[...] = self._rows.away
+        self._rows.bad[self._members] = np.any(wrong, axis=1)
+        counters.board_bad_reads[self._members] += self._rows.bad[self._members]
+        counters.board_sequence_errors[self._members] += wrong[:, 0]
+        if wrong[:, 0].any():
+            counters.sequence_errors += 1
+        if wrong[:, 0].all():  # the reply to an earlier read
+            self._link.doubt()
+        self._link.suspect = True
+        return False
+
+    def blame_all(self) -> bool:
+        """No board was asked. Always False."""
+        self._rows.bad[...] = True
+        self._link.counters.board_bad_reads[self._members] += 1
+        return False
+
+    def blame_reply(self, size: int, hub: int) -> bool:
+        """Something of this size came that was no blocks, or nothing: from board `hub`, if any. Always False."""
+        rows, link = self._rows, self._link
+        rows.bad[...] = True
+        if size > 0:
+            link.counters.stray += 1
+            link.doubt()
+        if size != DROPPED:  # else it was the bus
+            link.counters.board_bad_reads[self._members] += 1
+        if size == TIMED_OUT and hub in rows.board_ids:
+            link.counters.board_timeouts[rows.board_ids.index(hub)] += 1
+        return False

@@ -1,0 +1,215 @@
+"""UDP to the controllers of a bus: to the hub, which bridges to FireWire, or to the address of every board."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import secrets
+import select
+import socket
+from collections.abc import Callable
+from typing import Final
+
+from procs.fpga import registers, wire
+from procs.io.bus.port import PortError
+from procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
+
+FRAME_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
+ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
+OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
+NODES: Final = 16
+FIRST_PORT: Final = 49152  # of those that anybody may take
+PORTS: Final = 16384
+BIND_TRIES: Final = 64
+
+_Peer = tuple[str, int]
+
+
+def is_loopback(address: str) -> bool:
+    """True inside 127/8."""
+    return ipaddress.IPv4Address(address).is_loopback
+
+
+def discovery_address(address: str) -> str:
+    """Where discovery asks: inside 127/8 the hub itself (systems run side by side), else its old-class broadcast."""
+    if is_loopback(address):
+        return address
+    octets = address.split(".")
+    first = int(octets[0])
+    kept = 1 if first < 128 else 2 if first < 192 else 3 if first < 224 else 0
+    return ".".join(octets[:kept] + ["255"] * (4 - kept))
+
+
+def address_of(address: str, board: int) -> str:
+    """The address of a board from Rev 9 on: the bus's, its last octet increased by the board id."""
+    head, _, last = address.rpartition(".")
+    return f"{head}.{(int(last) + board) % 256}"
+
+
+class UdpTransport:
+    """A `Transport` over one UDP socket at a time, each with a port that none had for long.
+
+    Boards reply to the port that asked. So whatever is still to come of earlier requests, however much and however
+    late, finds the port of an earlier socket closed. Replies count only when they come from the port of the controllers
+    at an address of this bus: that of the hub, as soon as it is known (the kernel sees to that), or of the board that
+    the reply speaks of.
+
+    `bridge`: nobody is asked by multicast. `asked_at` replaces the address at which everybody is asked.
+    """
+
+    on_firewire = False
+    send: Callable[[wire.Buffer], object]
+    poll: Callable[[int], object]
+    recv_into: Callable[[memoryview], int]
+
+    def __init__(self, address: str, *, bridge: bool = False, udp_port: int = wire.UDP_PORT,
+                 asked_at: str = "") -> None:
+        self._address, self._udp_port, self._bridge = address, udp_port, bridge
+        self._loopback = is_loopback(address)
+        self._asked_at = asked_at or discovery_address(address)
+        self.where = f"{address}:{udp_port}"
+        self.gives_address: int | None = registers.ip_quadlet(address)
+        self.pause_ms = 0 if self._loopback else ADDRESS_PAUSE_MS
+        self.most_read = self.most_write = wire.MAX_DATA if self._loopback else FRAME_DATA_BYTES
+        self.stranger = ""
+        self._socket: socket.socket | None = None
+        self._own = ""  # address of the interface that leads to the bus; empty: there is none
+        # Ports are taken in an order that comes to each of them, and that nobody can guess.
+        self._port, self._stride = secrets.randbelow(PORTS), 2 * secrets.randbelow(PORTS // 2) + 1
+        self._boards: list[_Peer] = [(address_of(address, node), udp_port) for node in range(NODES)]
+        self._senders = frozenset(self._boards)
+        self._by_node: list[_Peer | None] = self._boards + [None] * (wire.BROADCAST + 1 - NODES)
+        self._hub: _Peer | None = None  # the only one spoken to
+        self._everybody: list[_Peer] = []
+        self.close()
+
+    def open(self) -> None:
+        """Make the socket."""
+        self.close()
+        with contextlib.suppress(OSError):  # whoever needs it is told when it is used
+            self._own = self._address if self._loopback else self._local_address()
+        self.ask_everybody()
+
+    def _local_address(self) -> str:
+        """Of the interface that leads to the bus."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((self._address, self._udp_port))  # sends nothing
+            return str(probe.getsockname()[0])
+
+    def close(self) -> None:
+        """Close the socket; harmless when there is none."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+        self.send = self.poll = self.recv_into = self._closed
+
+    def _closed(self, _: object) -> int:
+        raise closed(self.where)
+
+    # -- whom we speak to ----------------------------------------------------------------------------------------------
+
+    def ask_everybody(self) -> int:
+        """By broadcast; inside 127/8 at the bus's address and, where that may be needed, by multicast, too."""
+        self._everybody = [(self._asked_at, self._udp_port)]
+        if self._loopback and not self._bridge:
+            self._everybody.append((wire.MULTICAST, self._udp_port))
+        alone = self._loopback and self._bridge and self._asked_at == self._address
+        self._speak_to(self._everybody[0] if alone else None)
+        return 0
+
+    def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
+        """From now on requests go to the hub, and only its replies are heard, or to the boards themselves."""
+        own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
+        self._everybody = []
+        self._speak_to(None if by_board else (own, self._udp_port))
+        return registers.ip_quadlet(own)
+
+    def _speak_to(self, hub: _Peer | None) -> None:
+        self._hub = hub
+        where = hub or (self._address, self._udp_port)
+        self.where = f"{where[0]}:{where[1]}"
+        try:
+            self._renew()
+        except OSError as error:
+            raise PortError(f"no route ({error.strerror})", self.where, "check the network") from error
+
+    def forget(self) -> bool:
+        """With a new socket; False: there is none to be had, for want of a network or of resources."""
+        if self._socket is None:
+            raise closed(self.where)
+        with contextlib.suppress(OSError):
+            self._renew()
+            return True
+        return False
+
+    def _renew(self) -> None:
+        """A new socket in the place of the old one."""
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._prepare(made)
+        except BaseException:
+            made.close()
+            raise
+        self.close()
+        poll = select.poll()
+        poll.register(made, select.POLLIN)
+        self._socket, self.poll = made, poll.poll
+        if self._hub is not None:
+            self.send, self.recv_into = made.send, made.recv_into
+        else:
+            self.send = self._send_to_everybody if self._everybody else self._send_by_board
+            self.recv_into = self._receive
+
+    def _prepare(self, made: socket.socket) -> None:
+        made.setblocking(False)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        if self._hub is None:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            if self._own:
+                made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._own))
+        self._bind(made)
+        if self._hub is not None:
+            made.connect(self._hub)  # only its replies are heard, and sending is cheaper
+
+    def _bind(self, made: socket.socket) -> None:
+        """To the next port that nobody has; inside 127/8 at the bus's address: multicast is heard from there only."""
+        for _ in range(BIND_TRIES):
+            self._port = (self._port + self._stride) % PORTS
+            try:
+                made.bind((self._address if self._loopback else "", FIRST_PORT + self._port))
+                return
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+        raise OSError(errno.EADDRINUSE, "no free UDP port")
+
+    # -- datagrams -----------------------------------------------------------------------------------------------------
+
+    def _send_to_everybody(self, datagram: wire.Buffer) -> None:
+        sock, (first, *others) = self._open_socket(), self._everybody
+        sock.sendto(datagram, first)
+        for peer in others:
+            with contextlib.suppress(OSError):  # a machine without multicast has no Ethernet-only buses
+                sock.sendto(datagram, peer)
+
+    def _send_by_board(self, datagram: wire.Buffer) -> None:
+        node = datagram[3] & 0x3F
+        self._open_socket().sendto(datagram, self._boards[node] if node < NODES else (wire.MULTICAST, self._udp_port))
+
+    def _receive(self, buffer: memoryview) -> int:
+        """A board speaks for itself; before it is known, and where a reply names none, any address of the bus does."""
+        size, sender = self._open_socket().recvfrom_into(buffer)
+        if self._everybody or size <= wire.TRAILER_BYTES:
+            is_theirs = sender in self._senders
+        else:
+            is_theirs = sender == self._by_node[buffer[5] & 0x3F]
+        if is_theirs:
+            return size
+        self.stranger = f"{sender[0]}:{sender[1]}"
+        return 0
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise closed(self.where)
+        return self._socket

@@ -1,0 +1,1 @@
+"""Kinematics and dynamics of the arms: chains, inverse, gravity, trajectories, poses."""

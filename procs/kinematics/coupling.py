@@ -1,0 +1,68 @@
+"""Actuators to joints and back, for positions, velocities and efforts.
+
+One matrix says it all: joint = A · actuator for positions and velocities; power is the same on both sides, so
+efforts go with the transposed inverse: joint effort = A⁻ᵀ · actuator effort, actuator effort = Aᵀ · joint effort.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.system import Chain, Matrix, Tool
+
+Array = NDArray[np.float64]
+
+TOOL_AT = 3  # an instrument's four discs follow the arm's first three joints
+
+
+class Coupling:
+    """The coupling of one robot with n actuators; vectors are (n,), SI; `out` must not be the input."""
+
+    def __init__(self, actuator_to_joint: Array) -> None:
+        """`actuator_to_joint`: (n, n), invertible (ValueError otherwise)."""
+        matrix = np.array(actuator_to_joint, dtype=np.float64)
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+            raise ValueError(f"a coupling is a finite square matrix, not one of shape {matrix.shape}")
+        if not np.linalg.cond(matrix) <= 1e9:
+            raise ValueError("a coupling must be invertible")
+        self.n = matrix.shape[0]
+        self.actuator_to_joint = matrix
+        self.joint_to_actuator = np.linalg.inv(matrix).astype(np.float64)
+        self.actuator_to_joint_effort = np.ascontiguousarray(self.joint_to_actuator.T)
+        self.joint_to_actuator_effort = np.ascontiguousarray(matrix.T)
+        self.is_identity = bool(np.array_equal(matrix, np.eye(self.n)))
+
+    def joint_position(self, actuator: Array, out: Array | None = None) -> Array:
+        """Joint positions of actuator positions; the same map serves velocities."""
+        return np.matmul(self.actuator_to_joint, actuator, out=out)
+
+    def actuator_position(self, joint: Array, out: Array | None = None) -> Array:
+        """Actuator positions of joint positions; the same map serves velocities."""
+        return np.matmul(self.joint_to_actuator, joint, out=out)
+
+    def joint_effort(self, actuator: Array, out: Array | None = None) -> Array:
+        """Joint efforts of actuator efforts."""
+        return np.matmul(self.actuator_to_joint_effort, actuator, out=out)
+
+    def actuator_effort(self, joint: Array, out: Array | None = None) -> Array:
+        """Actuator efforts of joint efforts."""
+        return np.matmul(self.joint_to_actuator_effort, joint, out=out)
+
+
+def coupling(actuators: int, chain: Chain, tool: Tool | None = None) -> Coupling:
+    """The coupling of an arm: its instrument's block on the last four, else the kinematic file's, else none."""
+    matrix = np.eye(actuators)
+    if tool is not None:
+        _place(matrix, tool.actuator_to_joint, TOOL_AT, tool.source or tool.name)
+    elif chain.actuator_to_joint is not None:
+        _place(matrix, chain.actuator_to_joint, 0, chain.source or "chain")
+    return Coupling(matrix)
+
+
+def _place(matrix: Array, block: Matrix, at: int, source: str) -> None:
+    values = np.array(block)
+    end = at + len(values)
+    if values.shape != (len(values), len(values)) or end > len(matrix):
+        raise ValueError(f"{source}: a coupling of shape {values.shape} does not fit {len(matrix)} actuators at {at}")
+    matrix[at:end, at:end] = values

@@ -1,0 +1,69 @@
+"""Which solver belongs to which arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.arm_types import ARM_TYPES, found
+from procs.document.system import Chain, Tool
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.inverse.endoscope import EndoscopeInverse
+from procs.kinematics.inverse.master import Master
+from procs.kinematics.inverse.snake import Snake
+from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.wrist import Wrist
+
+Array = NDArray[np.float64]
+
+ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
+BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
+BENDS[7, 4] = BENDS[6, 5] = 1.0
+Solvers = Callable[[Chain, Tool | None, Array | None], Inverse | None]
+"""What the table of arm types names: the solver for a chain, its tool and its tip; None: it does not fit them."""
+
+
+def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> Inverse:
+    """The solver of an arm type: of a PSM with its tool, of an ECM with its endoscope's `tip` (4, 4).
+
+    ValueError for arms or chains that none fits.
+    """
+    row = ARM_TYPES.get(arm_type)
+    make = cast(Solvers, found(row.inverse)) if row is not None and row.inverse else _none
+    solver = make(chain, tool, tip)
+    if solver is None:
+        raise ValueError(f"{chain.source or 'chain'}: no inverse kinematics for {arm_type} of "
+                         f"{_joints(chain, tool)} joints")
+    return solver
+
+
+def instrument_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+    """Of a PSM with an instrument."""
+    if tool is not None and _joints(chain, tool) == PSM_JOINTS:
+        return Inverse(Kinematics(chain, tool), Wrist(chain, tool))
+    if tool is not None and tool.snake and _joints(chain, tool) == SNAKE_JOINTS:
+        return Inverse(Kinematics(chain, tool), Snake(chain, tool), free=BENDS)
+    return None
+
+
+def endoscope_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+    """Of an ECM."""
+    fits = tool is None and _joints(chain, tool) == ECM_JOINTS
+    return EndoscopeInverse(chain, np.eye(4) if tip is None else tip) if fits else None
+
+
+def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+    """Of an MTM."""
+    fits = tool is None and _joints(chain, tool) == MTM_JOINTS
+    return Inverse(Kinematics(chain), Master(chain)) if fits else None
+
+
+def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+    return None
+
+
+def _joints(chain: Chain, tool: Tool | None) -> int:
+    return len(chain.links) + (len(tool.links) if tool is not None else 0)

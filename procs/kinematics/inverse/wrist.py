@@ -1,0 +1,56 @@
+"""Every solution of a PSM whose wrist has two crossing axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.system import Chain, Tool
+from procs.kinematics.inverse.shaft import TINY, Shaft, Triple, both_ways, cross
+from procs.kinematics.poses import renormalised
+
+Array = NDArray[np.float64]
+
+
+class Wrist:
+    """PSM whose wrist has two crossing axes, the second a distance further: roll, pitch, yaw.
+
+    The yaw axis stands in the goal. The link from pitch to yaw axis is at right angles to it and, because the pitch
+    axis is at right angles to the shaft, in one plane with it and the remote centre. That leaves two links and, for
+    each, two directions of the shaft.
+    """
+
+    def __init__(self, chain: Chain, tool: Tool) -> None:
+        """`chain` is yaw, pitch, insertion; `tool` roll, wrist pitch, wrist yaw."""
+        links = chain.links + tool.links
+        self._shaft = Shaft(chain, links, renormalised(np.array(tool.tip)))
+        self._length = links[5].a
+
+    def solutions(self, goal: Array, seed: Array) -> Iterator[Array]:
+        """All four; the last three joints are NaN where the shaft could not be so."""
+        end = self._shaft.last_frame(goal)
+        px, py, pz = end[:3, 3].tolist()
+        x, y, z = end[:3, 2].tolist()
+        reach = x * px + y * py + z * pz
+        ax, ay, az = px - reach * x, py - reach * y, pz - reach * z
+        apart = math.sqrt(ax * ax + ay * ay + az * az)
+        if apart < TINY:
+            return
+        for k in (1.0 / apart, -1.0 / apart):
+            link, length = (ax * k, ay * k, az * k), self._length
+            for along, depth in both_ways((px - length * link[0], py - length * link[1], pz - length * link[2])):
+                q = self._shaft.joints(along, depth)
+                if self._shaft.within(q):
+                    self._turn(q, along, link, end[:3, :3])
+                yield q
+
+    def _turn(self, q: Array, along: Triple, link: Triple, end: Array) -> None:
+        """Roll and wrist for a shaft along `along` and the link from pitch to yaw axis along `link`."""
+        pitch_axis = cross(link, (end[0, 2], end[1, 2], end[2, 2]))
+        roll = np.array((cross(pitch_axis, along), pitch_axis, along)).T
+        wrist = np.array((link, end[:, 2], pitch_axis)).T
+        for joint, before, after in ((3, self._shaft.rotation(q), roll), (4, roll, wrist), (5, wrist, end)):
+            q[joint] = self._shaft.turned(joint, before, after)

@@ -1,0 +1,214 @@
+"""How a master's motion becomes that of a PSM: pose, jaw, and whether somebody holds the master.
+
+Poses are (7,), x y z qx qy qz qw, in the arms' reference frames, which makes motion agree with the view; "first" values
+are those of the last `rebase`. Angles in rad, lengths in m. Formulas as in dVRK 2.4, mtsTeleOperationPSM.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.kinematics.poses import conjugate, product, turned
+
+Array = NDArray[np.float64]
+Quaternion = tuple[float, float, float, float]
+
+IDENTITY: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+Y_AXIS: Final = (0.0, 1.0, 0.0)
+
+TOGETHER: Final = 0.8  # of both thresholds: a bit of each is presence as well
+CAUGHT_UP: Final = math.radians(2.0)
+NO_GRIPPER_JAW: Final = math.radians(45.0)  # jaw where the master has no gripper
+MOST_LOST_S: Final = 0.03  # a cycle that came later than this lets the jaw go no further
+
+
+def roll_between(master: Array, slave: Array) -> float:
+    """The angle (0 to π) between the y axes of two tips, poses (7,): how far the master is rolled against the slave."""
+    a, b, c = turned(master[3:].tolist(), Y_AXIS)
+    d, e, f = turned(slave[3:].tolist(), Y_AXIS)
+    return math.acos(max(-1.0, min(1.0, a * d + b * e + c * f)))
+
+
+class Follow:
+    """The pose mapping. `goal` (7,) is where the slave was last told to go; it never jumps but by `begin`."""
+
+    def __init__(self, scale: float, *, rotation_locked: bool = False, translation_locked: bool = False) -> None:
+        """Not yet based: call `begin` before `step`."""
+        self.scale, self.rotation_locked, self.translation_locked = scale, rotation_locked, translation_locked
+        self.goal: Array = np.array(IDENTITY)
+        self.offset: Quaternion = IDENTITY[3:]
+        """Of the slave's orientation to the master's: R_masterᵀ · R_goal."""
+        self._first_offset = self.offset
+        self._first_master, self._first_slave = list(IDENTITY), list(IDENTITY)
+        self._first_base: list[float] | None = None
+
+    def begin(self, master: Array, slave: Array, base: Array | None = None) -> None:
+        """Follow from here on: the master's measured pose, the slave's set-point, its base frame where one moves."""
+        self._first_master, self._first_slave = master.tolist(), slave.tolist()
+        self._first_base = None if base is None else base.tolist()
+        self.goal[...] = slave
+        self.offset = self._first_offset = product(conjugate(self._first_master[3:]), self._first_slave[3:])
+
+    def rebase(self, master: Array, base: Array | None = None) -> None:
+        """The same from the last goal, so that a change of scale or locks moves nothing."""
+        self.begin(master, self.goal, base)
+
+    def step(self, master: Array, base: Array | None = None) -> Array:
+        """The slave's goal for the master's measured pose; `base`: the slave's base frame now."""
+        x, y, z, *turn = master.tolist()
+        p, q, r, *first_turn = self._first_slave
+        quaternion: Sequence[float] = first_turn
+        if not self.translation_locked:
+            scale, (a, b, c, *_) = self.scale, self._first_master
+            p, q, r = p + scale * (x - a), q + scale * (y - b), r + scale * (z - c)
+        if not self.rotation_locked:
+            quaternion = product(turn, self._first_offset)
+        if base is not None and self._first_base is not None:
+            p, q, r, quaternion = _carried(self._first_base, base.tolist(), (p, q, r), quaternion)
+        i, j, k, w = quaternion
+        length = math.copysign(math.sqrt(i * i + j * j + k * k + w * w), w)
+        unit = (i / length, j / length, k / length, w / length)
+        self.goal[...] = (p, q, r, *unit)
+        self.offset = product(conjugate(turn), unit)
+        return self.goal
+
+    def velocity(self, twist: Array, *, linear: bool, angular: bool) -> Sequence[float]:
+        """The slave's twist (6) for the master's: linear scaled, angular as it is; zero where not `linear`, `angular`.
+
+        What is locked does not move.
+        """
+        x, y, z, a, b, c = twist.tolist()
+        scale = self.scale if linear and not self.translation_locked else 0.0
+        turn = 1.0 if angular and not self.rotation_locked else 0.0
+        return scale * x, scale * y, scale * z, turn * a, turn * b, turn * c
+
+
+def _carried(
+    first: Sequence[float], base: Sequence[float], place: Sequence[float], quaternion: Sequence[float]
+) -> tuple[float, float, float, Quaternion]:
+    """What stays where it is, seen from a base that has moved: base⁻¹ · first · pose."""
+    back = conjugate(base[3:])
+    x, y, z = turned(first[3:], place)
+    x, y, z = turned(back, (first[0] + x - base[0], first[1] + y - base[1], first[2] + z - base[2]))
+    return x, y, z, product(back, product(first[3:], quaternion))
+
+
+class Presence:
+    """Whether somebody holds the master: its gripper or its roll has moved since the last `reset`."""
+
+    def __init__(self, gripper_threshold: float, roll_threshold: float) -> None:
+        """Ranges from which on somebody does, rad; 0 for the gripper: always."""
+        self._gripper_threshold, self._roll_threshold = gripper_threshold, roll_threshold
+        self.is_active = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the ranges seen, not the answer."""
+        self._gripper_low, self._gripper_high = math.inf, -math.inf
+        self.forget_roll()
+
+    def forget_roll(self) -> None:
+        """Forget the range of the roll seen."""
+        self._roll_low, self._roll_high = math.inf, -math.inf
+
+    def forget(self) -> None:
+        """Nobody is known to hold it."""
+        self.is_active = False
+        self.reset()
+
+    @property
+    def gripper_range(self) -> float:
+        """How far the gripper has moved."""
+        return max(0.0, self._gripper_high - self._gripper_low)
+
+    @property
+    def roll_range(self) -> float:
+        """How far the roll has moved."""
+        return max(0.0, self._roll_high - self._roll_low)
+
+    def look(self, gripper: float, roll: float) -> bool:
+        """Take this cycle's angles in (NaN: not known); once active it stays so until forgotten."""
+        if math.isfinite(gripper):
+            self._gripper_low, self._gripper_high = min(self._gripper_low, gripper), max(self._gripper_high, gripper)
+        if math.isfinite(roll):
+            self._roll_low, self._roll_high = min(self._roll_low, roll), max(self._roll_high, roll)
+        gripper_range, roll_range = self.gripper_range, self.roll_range
+        if (gripper_range >= self._gripper_threshold or roll_range >= self._roll_threshold
+                or gripper_range + roll_range > TOGETHER * (self._gripper_threshold + self._roll_threshold)):
+            self.is_active = True
+        return self.is_active
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What is looked at before following starts; angles in rad."""
+
+    error: float
+    tolerance: float
+    is_active: bool
+    is_moving: bool
+
+
+def waiting_for(master: str, start: Start) -> str:
+    """Why following does not start, in plain words; "": it may."""
+    reasons = []
+    if not start.error <= start.tolerance:
+        reasons.append(f"{master} {math.degrees(start.error):.1f}° off, tolerance {math.degrees(start.tolerance):g}°")
+    if start.is_moving:
+        reasons.append(f"{master} is still moving")
+    if not start.is_active:
+        reasons.append(f"pinch or twist {master}'s gripper a bit")
+    return f"waiting: {'; '.join(reasons)}" if reasons else ""
+
+
+class Jaw:
+    """The jaw's angle for the gripper's: jaw = k·g + o. The ghost of the gripper goes after it at a limited rate."""
+
+    def __init__(self, gripper_zero: float, gripper_max: float, rate: float, rate_after_clutch: float) -> None:
+        """Gripper angles for a jaw at 0 and fully open (rad, not the same); rates of the ghost, rad/s."""
+        self._zero, self._max = gripper_zero, gripper_max
+        self._rate, self._slow_rate = rate, rate_after_clutch
+        self._lower = 0.0
+        self.ghost = 0.0
+        self._catching_up, self._has_gripper = True, False
+        self.use(0.0, gripper_max)
+
+    def use(self, lower: float, upper: float) -> None:
+        """The range of the jaw that is on, rad."""
+        self._lower = lower
+        self._factor = upper / (self._max - self._zero)
+        self._offset = -self._zero * self._factor
+
+    def jaw_of(self, gripper: float) -> float:
+        """The jaw's angle for a gripper's."""
+        return self._factor * gripper + self._offset
+
+    def begin(self, jaw: float) -> None:
+        """Go on from the jaw's set-point, slowly until the gripper is caught up with."""
+        self.ghost = (jaw - self._offset) / self._factor
+        self._catching_up, self._has_gripper = True, False
+
+    def step(self, gripper: float, passed_s: float) -> float:
+        """The jaw's angle after `passed_s`; `gripper` NaN: the master has none, or it is not seen any more.
+
+        Without one the jaw goes to NO_GRIPPER_JAW; with one that is not seen it stays.
+        """
+        if math.isfinite(gripper):
+            self._has_gripper = True
+        else:
+            gripper = self.ghost if self._has_gripper else (NO_GRIPPER_JAW - self._offset) / self._factor
+        if abs(gripper - self.ghost) < CAUGHT_UP:
+            self._catching_up = False
+        most = (self._slow_rate if self._catching_up else self._rate) * max(0.0, min(passed_s, MOST_LOST_S))
+        self.ghost += max(-most, min(most, gripper - self.ghost))
+        jaw = self.jaw_of(self.ghost)
+        if jaw < self._lower:
+            jaw = self._lower
+            self.ghost = (jaw - self._offset) / self._factor
+        return jaw

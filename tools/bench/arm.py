@@ -1,0 +1,195 @@
+"""`trocar bench arm`: the CPU time that an arm's cycle and its kinematics take.
+
+KINEMATIC arms with their io, both in this process, on rings and mailboxes of a system of their own and on a clock that
+is stepped. What is timed (thread CPU time) is all that an arm does in a cycle: io's record and the commands in, the
+set-points and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs import runtime
+from procs.arm.arm import Arm as RunningArm
+from procs.arm.loop import Loop
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.io.kinematic import KinematicIo
+from procs.io.loop import RingSource
+from procs.io.record import Record
+from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from procs.supervisor import memory
+from shm.client import Client
+from tools.cleanup import Keeper
+from tools.errors import Problem
+
+Array = NDArray[np.float64]
+
+CYCLES = 20_000
+PERIOD_NS = 666_667
+POSES = 20_000
+STEPS = 40_000  # of the clock until homed
+FILES = {"": "kinematic", "_ecm": "kinematic-ecm", "_mtm": "kinematic-mtm"}
+AMPLITUDE = 0.3  # rad, and a tenth of it in m
+NEAR = 0.002  # rad and m from one pose to the next: a master moved fast
+
+
+def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints."""
+    figures: dict[str, float] = {}
+    for suffix, file in FILES.items():
+        with Bench(file) as bench:
+            bench.home()
+            figures |= {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
+            if not suffix:
+                figures |= kinematics(bench.arm, poses)
+    conditions = {
+        "cycles": cycles, "poses": poses, "arms": {suffix or "(none)": file for suffix, file in FILES.items()},
+        "time": "thread CPU time", "kernel": platform.release(), "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+    return {"bench": "arm", "figures": figures, "conditions": conditions}
+
+
+class Bench:
+    """One arm of a system file, and the io that plays its robot, cycle by cycle."""
+
+    def __init__(self, file: str) -> None:
+        self.name = f"bench-arm-{os.getpid()}"
+        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=self.name, sets=["clock=wall"])
+        if loaded.errors or loaded.system is None:
+            raise Problem(f"{file}.yaml cannot be read: {loaded.errors}")
+        self._system = loaded.system
+        self.now_ns = 1_000_000_000
+        row = self._system.arms[0]
+        self._keeper = Keeper(self.name)
+        memory.create_all(self._system)
+        self._io_process = runtime.Me("io", self.name, row.io)
+        self._arm_process = runtime.Me("arm", self.name, row.name)
+        self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
+        sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in self._system.io(row.io).pids]
+        self._core = KinematicIo(self._system.io(row.io), lambda: self.now_ns, Record(self._out.field), sources)
+        self._loop = Loop(self._arm_process)
+        self._client = Client(self.name, row.name)
+
+    @property
+    def arm(self) -> RunningArm:
+        """The arm itself."""
+        return self._loop.arm
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.close()
+        for process in (self._arm_process, self._io_process):
+            process.close()
+        memory.remove_all(self.name)
+        self._keeper.close()
+
+    def send(self, name: str, values: Any = (), text: str = "") -> None:
+        """A command for the arm's next cycle."""
+        self._client.poll()
+        self._client.send(name, values, text)
+
+    def step(self) -> int:
+        """A cycle of io, then one of the arm; the CPU time of the latter, ns."""
+        self.now_ns += PERIOD_NS
+        self._core.cycle(self._io_mailbox.drain(0))
+        self._core.reports.events.clear()
+        self._out.publish(self._core.stamp_ns)
+        begin = time.thread_time_ns()
+        self._loop.cycle(self.now_ns, 0)
+        return time.thread_time_ns() - begin
+
+    def home(self) -> None:
+        """Power on, home, bend the arm into its workspace."""
+        for word in ("enable", "home"):
+            self.step()
+            self.send("state_command", (), word)
+            for _ in range(STEPS):
+                self.step()
+                if self.arm.state == {"enable": "ENABLED", "home": "HOMED"}[word]:
+                    break
+            else:
+                raise Problem(f"{self._system.arms[0].name} did not get beyond {self.arm.state}")
+        for _ in range(2000):  # instruments engage
+            self.step()
+
+
+def _measure(bench: Bench, cycles: int) -> dict[str, float]:
+    holding = [bench.step() for _ in range(cycles)]
+    n = bench.arm.joints.count
+    wave = np.full(n, AMPLITUDE)
+    centre = bench.arm.io.setpoint[:n].copy()
+    prismatic = bench.arm.joints.v_max[:n] < 0.3  # m/s
+    wave[prismatic] = 0.1 * AMPLITUDE
+    moving = []
+    for cycle in range(cycles):
+        if cycle % 2000 == 0:
+            bench.send("move_jp", centre + wave * (1.0 if cycle // 2000 % 2 else -1.0))
+        moving.append(bench.step())
+    for _ in range(4000):
+        bench.step()
+    pose = pose_from_matrix(bench.arm.control.cartesian.to_reference(bench.arm.control.cartesian.tip))
+    following = []
+    for cycle in range(cycles):
+        angle = 2.0 * np.pi * cycle / 1500.0
+        goal = pose.copy()
+        goal[:3] += 0.01 * np.array((np.cos(angle) - 1.0, np.sin(angle), 0.3 * np.sin(angle)))
+        bench.send("servo_cp", goal)
+        following.append(bench.step())
+    if bench.arm.control.motion.space != 2:
+        raise Problem("the arm does not follow poses")
+    return {
+        "cycle_cpu_us_p50": _us(moving, 50), "cycle_cpu_us_p99": _us(moving, 99),
+        "cycle_holding_cpu_us_p50": _us(holding, 50),
+        "cycle_following_cpu_us_p50": _us(following, 50), "cycle_following_cpu_us_p99": _us(following, 99),
+    }
+
+
+def kinematics(arm: RunningArm, poses: int) -> dict[str, float]:
+    """Forward and inverse kinematics of an arm by themselves."""
+    forward, inverse = arm.joints.kinematics, arm.joints.inverse
+    if forward is None or inverse is None:
+        raise Problem("the arm has no instrument")
+    random = np.random.default_rng(1)
+    n = arm.joints.count
+    low, high = arm.joints.lower[:n], arm.joints.upper[:n]
+    middle, reach = 0.5 * (low + high), 0.35 * (high - low)
+    seeds = middle + reach * random.uniform(-1.0, 1.0, (poses, n))
+    seeds[:, 2] = np.maximum(seeds[:, 2], 0.08)
+    goals = [forward.fk(q + NEAR * random.uniform(-1.0, 1.0, n), np.eye(4)) for q in seeds]
+    near = [_timed(inverse.solve, goal, q) for goal, q in zip(goals, seeds, strict=True)]
+    away = []
+    for q in seeds:
+        pose = np.zeros(7)
+        pose[:3] = random.uniform(-1.0, 1.0, 3) * 0.6
+        turn = random.normal(size=4)
+        pose[3:] = turn / np.linalg.norm(turn)
+        goal = matrix_from_pose(pose)
+        took = _timed(inverse.solve, goal, q)
+        if inverse.reason:
+            away.append(took)
+    forward_ns = [_timed(forward.update, q) for q in seeds]
+    return {
+        "fk_jacobian_us_p50": _us(forward_ns, 50), "ik_near_us_p50": _us(near, 50), "ik_near_us_p99": _us(near, 99),
+        "ik_unreachable_us_p50": _us(away, 50), "ik_unreachable_us_p999": _us(away, 99.9),
+        "ik_unreachable_poses": float(len(away)),
+    }
+
+
+def _timed(what: Callable[..., Any], *arguments: Any) -> int:
+    begin = time.thread_time_ns()
+    what(*arguments)
+    return time.thread_time_ns() - begin
+
+
+def _us(nanoseconds: list[int], percentile: float) -> float:
+    return float(np.percentile(nanoseconds, percentile)) * 1e-3

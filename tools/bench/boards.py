@@ -1,0 +1,137 @@
+"""`trocar bench boards`: the CPU time that emulated boards take for one cycle of their host.
+
+A cycle is a broadcast query, a hub read and a broadcast write at 1500 Hz, with the physics steps at 1 kHz that fall
+into it, all amplifiers on and the arms moving. Ten boards (five PSMs) and two boards (one PSM) take turns on the same
+machine; `ratio_10_vs_2` is formed of turns side by side. `procs/boards/cost.py` measures, in a process for each.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import psutil
+
+from procs.config import load_system
+from procs.document.system import System, to_json
+from shm.directory import create_ring
+from shm.topics import BOARDS_STATE
+from tools.bench.children import Team
+from tools.bench.io_loop import write_system
+from tools.cleanup import own_folder
+from tools.errors import Problem
+from tools.printing import progress
+
+ROUNDS, TURN_S = 9, 0.8
+PSMS = {10: 5, 2: 1}  # by number of boards
+COUNTER = itertools.count()
+
+# figure: boards, what was measured, its percentile
+FIGURES = {
+    "cycle_cpu_us_p50": (10, "whole", "p50"),
+    "cycle_cpu_us_p10": (10, "whole", "p10"),
+    "cycle_cpu_us_p99": (10, "whole", "p99"),
+    "cycle_cpu_us_p50_paused": (10, "paused", "p50"),
+    "cycle_cpu_us_p50_sockets": (10, "sockets", "p50"),
+    "cycle_cpu_us_p99_sockets": (10, "sockets", "p99"),
+    "cycle_cpu_us_p50_2": (2, "whole", "p50"),
+    "cycle_cpu_us_p99_2": (2, "whole", "p99"),
+    "cycle_cpu_us_p50_2_sockets": (2, "sockets", "p50"),
+    "physics_us_p50": (10, "physics", "p50"),
+    "answering_us_p50": (10, "answering", "p50"),
+    "query_us_p50": (10, "query", "p50"),
+    "hub_read_us_p50": (10, "read", "p50"),
+    "write_us_p50": (10, "write", "p50"),
+    "state_record_us_p50": (10, "record", "p50"),
+    "physics_us_p50_2": (2, "physics", "p50"),
+    "answering_us_p50_2": (2, "answering", "p50"),
+}
+KINDS = {
+    "cycle": "broadcast query, hub read, broadcast write; windows of 3 cycles with 2 physics steps, mean of a cycle",
+    "paused": "after a pause of 2 ms each window, as in real time; the others one after the other",
+    "sockets": "with the server's waiting, receiving and sending on loopback",
+    "not counted": "state record (state_record_us), waking up and pacing of the process",
+}
+
+Said = dict[str, dict[str, int]]
+
+
+@dataclass
+class Found:
+    """What the turns gave, by number of boards."""
+
+    turns: dict[int, list[Said]] = field(default_factory=lambda: {boards: [] for boards in PSMS})
+    ratios: list[float] = field(default_factory=list)
+
+    def keep_round(self, before: Said, ten: Said, after: Said) -> None:
+        """A turn of ten boards between two turns of two; `after` is the `before` of the next."""
+        if not self.turns[2]:
+            self.turns[2].append(before)
+        self.turns[10].append(ten)
+        self.turns[2].append(after)
+        self.ratios += [ten["whole"]["p50"] / two["whole"]["p50"] for two in (before, after)]
+
+    def figures(self) -> dict[str, float]:
+        """All figures, flat: medians over the turns."""
+        found = {key: median(turn[what][percentile] for turn in self.turns[boards]) / 1e3
+                 for key, (boards, what, percentile) in FIGURES.items()}
+        return {**found, "ratio_10_vs_2": median(self.ratios)}
+
+    def span(self) -> str:
+        """The quickest and the slowest turn: far apart when somebody else was at work, too."""
+        medians = [turn["whole"]["p50"] / 1e3 for turn in self.turns[10]]
+        return f"{min(medians):.1f} to {max(medians):.1f}"
+
+
+def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
+    """Measure; one object with `bench`, `figures` and `conditions`."""
+    found = Found()
+    with contextlib.ExitStack() as stack, progress("bench boards") as say:
+        say("starting", None)
+        teams = {boards: stack.enter_context(_team(boards)) for boards in PSMS}
+        for team in teams.values():
+            team.wait()
+        before = teams[2].measure(turn_s)
+        for i in range(rounds):
+            say(f"round {i + 1} of {rounds}", i / rounds)
+            ten, after = teams[10].measure(turn_s), teams[2].measure(turn_s)
+            found.keep_round(before, ten, after)
+            before = after
+    conditions = {
+        "boards": "10 (5 PSMs, 35 axes) and 2 (1 PSM, 7 axes)", "state": "amplifiers on, every arm swinging",
+        "turns": f"{rounds} rounds of turns of {turn_s:g} s", "cycle_cpu_us_p50_of_turns": found.span(), **KINDS,
+        "clock": "CPU time of the thread that serves", "cores": len(psutil.Process().cpu_affinity() or []),
+        "kernel": platform.release(), "python": platform.python_version(), "numpy": np.__version__,
+    }
+    return {"bench": "boards", "figures": found.figures(), "conditions": conditions}
+
+
+@contextlib.contextmanager
+def _team(boards: int) -> Iterator[Team]:
+    """The process that measures so many boards; what is made for it is gone at the end."""
+    name = f"bench{os.getpid()}-{next(COUNTER)}"
+    with own_folder(name) as folder:
+        system = _system(folder, boards, name)
+        document = folder / "document.json"
+        document.write_bytes(to_json(system))
+        sizes = {"axes": sum(len(robot.actuators) for io in system.ios for robot in io.robots), "boards": boards}
+        command = [sys.executable, "-m", "procs.boards.cost", name, str(document)]
+        create_ring(name, "boards", BOARDS_STATE, sizes, {})
+        with Team("boards", {f"{boards} boards": command}) as team:
+            yield team
+
+
+def _system(folder: Path, boards: int, name: str) -> System:
+    loaded = load_system(write_system(folder, PSMS[boards]), boards="emulated", name=name)
+    if loaded.errors or loaded.system is None:
+        raise Problem(f"bench boards: {'; '.join(str(error) for error in loaded.errors)}")
+    return loaded.system

@@ -1,0 +1,175 @@
+"""The children of a bench: started once, each on its core, asleep until told to measure for so many seconds.
+
+A child says `{}` when it is ready. Then, for each line `seconds` it reads, it measures and says one line: for every
+measurement its percentiles in ns. Children that live long make it cheap to measure many things in turn, and in turn is
+what a machine asks for whose cores are near each other in one second and far apart in the next.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import os
+import resource
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from time import monotonic_ns
+from typing import IO, Self
+
+import psutil
+
+from shm.clock import pause
+from tools.errors import Problem
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 30.0  # with a line
+FAREWELL_S = 3.0
+LOOK_S = 0.2
+CPU_S = 120  # of a child in all: one that polls for somebody who has died ends
+WARM_UP = 200  # first times of each turn that do not count
+KEPT = 1_000_000  # times a child keeps
+
+Times = Mapping[str, list[int]]
+Turn = Callable[[float], Times]
+
+
+def summary(times: list[int]) -> dict[str, int]:
+    """Percentiles of some times; a short list is taken whole."""
+    counted = sorted(times[WARM_UP:] if len(times) > WARM_UP else times)
+    if not counted:
+        raise Problem("nothing was measured: the turn was too short")
+    count = len(counted)
+    return {"p50": counted[count // 2], "p99": counted[count * 99 // 100], "n": count}
+
+
+def pin(core: int) -> None:
+    """To this core, without the garbage collector, and not for ever."""
+    psutil.Process().cpu_affinity([core])
+    gc.disable()
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    if hard == resource.RLIM_INFINITY or hard > CPU_S:
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+
+
+def serve(turn: Turn) -> None:
+    """The life of a child: a turn for every line, until the other side closes."""
+    print("{}", flush=True)
+    for line in sys.stdin:
+        try:
+            said = {name: summary(times) for name, times in turn(float(line)).items()}
+        except Problem as problem:
+            sys.exit(str(problem))
+        print(json.dumps(said), flush=True)
+
+
+class Team:
+    """The processes of one measurement, by role; those in front wait for the last, which measures."""
+
+    def __init__(self, name: str, commands: Mapping[str, Sequence[str]]) -> None:
+        """Start them; `wait` says when they are ready."""
+        self.name = name
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._errors: dict[str, IO[bytes]] = {}
+        try:
+            for role, command in commands.items():
+                self._errors[role] = errors = tempfile.TemporaryFile()  # noqa: SIM115, closed in close
+                self._children[role] = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE,
+                                                        stdout=subprocess.PIPE, stderr=errors)
+        except OSError as error:
+            self.close()
+            raise Problem(f"bench {name}: {error}") from None
+
+    def wait(self) -> None:
+        """Until all are ready."""
+        self._hear(PATIENCE_S)
+
+    def measure(self, seconds: float) -> dict[str, dict[str, int]]:
+        """One turn of all; the percentiles of what they measured."""
+        for child in self._children.values():
+            assert child.stdin is not None
+            with contextlib.suppress(BrokenPipeError):  # it has died: `_hear` tells what it said
+                child.stdin.write(b"%f\n" % seconds)
+                child.stdin.flush()
+        return self._hear(PATIENCE_S + seconds)
+
+    def _hear(self, patience_s: float) -> dict[str, dict[str, int]]:
+        """One line of each; the first that ends without one is told, for it is the cause of whatever comes next."""
+        end = monotonic_ns() + int(patience_s * 1e9)
+        texts = dict.fromkeys(self._children, b"")
+        while waiting := {role: out for role, out in self._outs().items() if not texts[role].endswith(b"\n")}:
+            ready, _, _ = select.select(waiting.values(), [], [], LOOK_S)
+            for role, out in waiting.items():
+                part = os.read(out, 1 << 16) if out in ready else b""
+                texts[role] += part
+                if not part and (out in ready or self._children[role].poll() is not None):
+                    raise Problem(f"bench {self.name}: {role} ended {self._last_words(role)}")
+            if monotonic_ns() > end:
+                raise Problem(f"bench {self.name}: {' and '.join(waiting)} did not answer within {patience_s:g} s")
+        said: dict[str, dict[str, int]] = {}
+        for text in texts.values():
+            said |= json.loads(text)
+        return said
+
+    def _outs(self) -> dict[str, int]:
+        return {role: child.stdout.fileno() for role, child in self._children.items() if child.stdout is not None}
+
+    def _last_words(self, role: str) -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._children[role].wait(timeout=1.0)
+        self._errors[role].seek(0)
+        lines = self._errors[role].read().decode(errors="replace").strip().splitlines()
+        return f"with {self._children[role].returncode}: {lines[-1] if lines else 'no word'}"
+
+    def close(self) -> None:
+        """Let them end; whoever does not is killed, with what it started."""
+        for child in self._children.values():
+            if child.stdin is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    child.stdin.close()
+        for child in self._children.values():
+            _end(child)
+            if child.stdout is not None:
+                child.stdout.close()
+        for errors in self._errors.values():
+            errors.close()
+        self._children.clear()
+        self._errors.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    try:
+        family = psutil.Process(child.pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        family = []
+    try:
+        child.wait(timeout=FAREWELL_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+    for each in reversed(family):  # the oldest last: it cleans up behind the others
+        if not _gone(each):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.kill()
+            _gone(each)
+
+
+def _gone(process: psutil.Process) -> bool:
+    """Whether it ends within FAREWELL_S; one that nobody buries has gone, too."""
+    end = monotonic_ns() + int(FAREWELL_S * 1e9)
+    with contextlib.suppress(psutil.NoSuchProcess):
+        while process.status() != psutil.STATUS_ZOMBIE:
+            if monotonic_ns() > end:
+                return False
+            pause(0.005)
+    return True

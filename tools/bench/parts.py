@@ -1,0 +1,313 @@
+"""The roles of `trocar bench ring` that use our own shared memory; each is made once and then measures in turns.
+
+Started as `python -m tools.bench.parts ROLE SYSTEM CORE` (see tools/bench/children.py). Polling loops have no bound of
+their own, which would be paid at every poll: a child whose partner has died is killed, or ends when its CPU time does.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from time import monotonic_ns
+
+from shm.client import LoopClient
+from shm.clock import pause
+from shm.directory import create_ring
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
+from shm.pulse import Pulse, create_control
+from shm.ring import RingReader, RingWriter
+from shm.segment import Segment, segment_name
+from shm.topics import PROBE, PROBE_4K, Topic
+from tools.bench.children import KEPT, Turn, pin, serve
+from tools.errors import Problem
+
+BATCH = 50  # of what is too short for the clock; fewer than the ring keeps
+LAST = -1.0  # in the first number of a payload: this was the last one of this turn
+POLLERS, LOOKERS = 2, 6
+LOOK_S = 0.005
+PATIENCE_NS = 10_000_000_000
+RINGS = (("ping", PROBE), ("pong", PROBE), ("ping", PROBE_4K), ("pong", PROBE_4K), ("local", PROBE),
+         ("local", PROBE_4K), ("crowd", PROBE))
+
+
+def make_segments(system: str) -> None:
+    """All segments of the benchmark; whoever calls removes them."""
+    for instance, topic in RINGS:
+        create_ring(system, instance, topic, {}, {})
+    create_mailbox(system, "owner", "arm")
+    create_control(system, "sleeper")
+
+
+def _writer(system: str, instance: str, topic: Topic = PROBE) -> RingWriter:
+    return RingWriter(Segment(segment_name(system, instance, topic.name), write=True), instance)
+
+
+def _reader(system: str, instance: str, topic: Topic = PROBE) -> RingReader:
+    return RingReader(Segment(segment_name(system, instance, topic.name)))
+
+
+def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
+    """Round trips: publish, poll until the answer is here, copied into our record, and read whose answer it is."""
+    writer, answers = _writer(system, "ping", topic), _reader(system, "pong", topic)
+    publish, payload = writer.publish, writer.field("payload")
+    arrived, stamp = answers.next, answers.field("stamp_ns").item
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        times: list[int] = []
+        end = monotonic_ns() + int(seconds * 1e9)
+        while True:
+            begin = monotonic_ns()
+            publish(begin)
+            while not arrived():
+                pass
+            answer = stamp()
+            now = monotonic_ns()
+            times.append(now - begin)
+            if now > end or answer != begin or len(times) == KEPT:
+                break
+        payload[0] = LAST
+        publish(now)
+        while not arrived():
+            pass
+        payload[0] = 0.0
+        if answer != begin or answers.stamp_ns != now or answers.lost or answers.trouble:
+            raise Problem(f"this was not the answer {answers.trouble}")
+        return {what: times}
+
+    return turn
+
+
+def pong(system: str, topic: Topic = PROBE) -> Turn:
+    """Answer every record of ping with one of the same size and the same stamp."""
+    writer, asked = _writer(system, "pong", topic), _reader(system, "ping", topic)
+    publish, arrived = writer.publish, asked.next
+    stamp, payload = asked.field("stamp_ns").item, asked.field("payload")
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        while True:
+            while not arrived():
+                pass
+            publish(stamp())
+            if payload[0] == LAST:
+                return {}
+
+    return turn
+
+
+def local(system: str) -> Turn:
+    """Single calls in one process that nobody disturbs, each time the mean of a batch."""
+    writer, reader, large = _writer(system, "local"), _reader(system, "local"), _writer(system, "local", PROBE_4K)
+    publish, newest, following, publish_4k = writer.publish, reader.newest, reader.next, large.publish
+    names = ("publish", "newest", "next", "publish_4k")
+
+    def batches() -> tuple[int, ...]:
+        t0 = monotonic_ns()
+        for _ in range(BATCH):
+            publish(t0)
+        t1 = monotonic_ns()
+        for _ in range(BATCH):
+            newest()
+        t2 = monotonic_ns()
+        for _ in range(BATCH):
+            following()
+        t3 = monotonic_ns()
+        for _ in range(BATCH):
+            publish_4k(t3)
+        t4 = monotonic_ns()
+        return t1 - t0, t2 - t1, t3 - t2, t4 - t3
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        times: dict[str, list[int]] = {name: [] for name in names}
+        end = monotonic_ns() + int(seconds * 1e9)
+        while not times["newest"] or monotonic_ns() < end:
+            for name, duration in zip(names, batches(), strict=True):
+                times[name].append(duration // BATCH)
+        if reader.lost or reader.sequence != writer.sequence:
+            raise Problem("a record is missing")
+        return times
+
+    return turn
+
+
+def crowd(system: str) -> Turn:
+    """Publish as fast as possible while others read; each time the mean of a batch."""
+    writer = _writer(system, "crowd")
+    publish, payload = writer.publish, writer.field("payload")
+    turns = 0
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        nonlocal turns
+        turns += 1
+        times: list[int] = []
+        end = monotonic_ns() + int(seconds * 1e9)
+        now = 0
+        while now < end:
+            begin = monotonic_ns()
+            for _ in range(BATCH):
+                publish(begin)
+            now = monotonic_ns()
+            times.append((now - begin) // BATCH)
+        payload[0] = turns * LAST
+        publish(now)
+        return {"publish_readers8": times}
+
+    return turn
+
+
+def poller(system: str) -> Turn:
+    """Read every record that can be had, polling; not one function with `looker`, which would slow the polling."""
+    reader = _reader(system, "crowd")
+    arrived, payload = reader.next, reader.field("payload")
+    turns = 0
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        nonlocal turns
+        turns += 1
+        while not arrived() or payload[0] != turns * LAST:
+            pass
+        if reader.trouble:
+            raise Problem(reader.trouble)
+        return {}
+
+    return turn
+
+
+def looker(system: str) -> Turn:
+    """Look at the newest record now and then, as most processes do."""
+    reader = _reader(system, "crowd")
+    payload = reader.field("payload")
+    turns = 0
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        nonlocal turns
+        turns += 1
+        while not reader.newest() or payload[0] != turns * LAST:
+            pause(LOOK_S)
+        if reader.trouble:
+            raise Problem(reader.trouble)
+        return {}
+
+    return turn
+
+
+def owner(system: str) -> Turn:
+    """Times from just before a client's send to the command in the polling owner's hands, its numbers read."""
+    box = Mailbox(system, "owner", "arm")
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        times: list[int] = []
+        while True:
+            for command in box.drain():
+                sent = float(command.values[0])
+                now = monotonic_ns()
+                command.done()
+                if sent == LAST:
+                    return {"mailbox": times}
+                times.append(now - int(sent))
+
+    return turn
+
+
+def client(system: str) -> Turn:
+    """Send commands with the time of sending, each when the one before has been answered."""
+    sender = LoopClient(system, "owner")
+    values = [0.0] * 7
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        end = monotonic_ns() + int(seconds * 1e9)
+        now = 0
+        while now < end:
+            now = monotonic_ns()
+            values[0] = float(now)  # exact below 2**53 ns, 104 days of uptime
+            sender.send("servo_jp", values)
+            while not sender.poll():
+                pass
+        sender.send("servo_jp", (LAST,))
+        while not sender.poll():
+            pass
+        return {}
+
+    return turn
+
+
+def sleeper(system: str) -> Turn:
+    """Times from the rouser's call to the sleeper running."""
+    page = Pulse(system, "sleeper", write=True)
+    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+    seen = 0
+
+    def news() -> bool:
+        return int(sent_out) != seen
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        nonlocal seen
+        times: list[int] = []
+        patience = monotonic_ns() + int(seconds * 1e9) + PATIENCE_NS
+        while monotonic_ns() < patience:
+            if not nap.sleep(news, 1_000_000_000):
+                continue  # a wake-up may come late, for news already seen
+            now = monotonic_ns()
+            seen, sent = int(sent_out), int(stamp)
+            heard[...] = seen
+            if sent < 0:
+                return {"wakeup": times}
+            times.append(now - sent)
+        raise Problem("the rouser has gone")
+
+    return turn
+
+
+def rouser(system: str) -> Turn:
+    """Rouse the sleeper when it has heard the last news and gone to sleep."""
+    page = Pulse(system, "sleeper", write=True)
+    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+    count = 0
+
+    def asleep(patience_ns: int) -> bool:
+        while heard != count or not nap.sleeps:
+            if monotonic_ns() > patience_ns:
+                return False
+            pause(1e-5)
+        pause(2e-4)  # the word is 1 just before the sleep
+        return True
+
+    def turn(seconds: float) -> dict[str, list[int]]:
+        nonlocal count
+        end = monotonic_ns() + int(seconds * 1e9)
+        patience = end + PATIENCE_NS
+        now = 0
+        while asleep(patience):
+            count += 1
+            last = now > end
+            now = monotonic_ns()
+            stamp[...] = -1 if last else now
+            sent_out[...] = count
+            nap.rouse()
+            if last:
+                return {}
+        raise Problem("the sleeper has gone")
+
+    return turn
+
+
+ROLES: dict[str, Callable[[str], Turn]] = {
+    "ping": ping, "pong": pong, "ping_4k": lambda system: ping(system, PROBE_4K, "trip_4k"),
+    "pong_4k": lambda system: pong(system, PROBE_4K), "local": local, "crowd": crowd, "poller": poller,
+    "looker": looker, "owner": owner, "client": client, "sleeper": sleeper, "rouser": rouser,
+}
+
+
+def main(words: list[str]) -> int:
+    """A child of the benchmark."""
+    if len(words) != 3 or words[0] not in ROLES:
+        print("started by: trocar bench ring", file=sys.stderr)
+        return 2
+    role, system, core = words
+    pin(int(core))
+    serve(ROLES[role](system))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

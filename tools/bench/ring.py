@@ -1,0 +1,250 @@
+"""`trocar bench ring`: how long shared memory takes, and how long others take for the same, on the same two cores.
+
+Everything is measured in short turns, round after round: a turn of ours, a turn of a peer, a turn of ours, and so on.
+On a virtual machine the two cores may be near each other in one second and far apart in the next, which doubles every
+time; so ratios are formed of turns that lie side by side, and what is printed is the median over all rounds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import psutil
+
+from shm.layout import schema_of
+from shm.topics import PROBE, PROBE_4K
+from tools.bench.children import ROOT, Team
+from tools.bench.parts import BATCH, LOOK_S, LOOKERS, POLLERS, make_segments
+from tools.bench.peers import MODULES, SETTINGS
+from tools.cleanup import own_folder
+from tools.errors import Problem
+from tools.printing import progress
+
+ROUNDS, TURN_S = 9, 0.2
+COUNTER = count()
+SOURCE = ROOT / "tools" / "pingpong.c"
+FLAGS = ("-O2", "-std=c11")
+PEERS = ("c", *SETTINGS)
+INSTALL = "not installed; pip install -e .[bench]"
+
+# figure: what was measured, its percentile, how many ns the unit has
+FIGURES = {
+    "round_trip_us_p50": ("trip", "p50", 1e3),
+    "round_trip_us_p99": ("trip", "p99", 1e3),
+    "publish_ns_p50": ("publish", "p50", 1),
+    "newest_ns_p50": ("newest", "p50", 1),
+    "next_ns_p50": ("next", "p50", 1),
+    "publish_readers8_ns_p50": ("publish_readers8", "p50", 1),
+    "round_trip_4k_us_p50": ("trip_4k", "p50", 1e3),
+    "publish_4k_ns_p50": ("publish_4k", "p50", 1),
+    "mailbox_us_p50": ("mailbox", "p50", 1e3),
+    "mailbox_us_p99": ("mailbox", "p99", 1e3),
+    "wakeup_us_p50": ("wakeup", "p50", 1e3),
+    "wakeup_us_p99": ("wakeup", "p99", 1e3),
+}
+
+Said = Mapping[str, Mapping[str, int]]
+Commands = dict[str, list[str]]  # of a team: role and command line
+
+
+@dataclass
+class Found:
+    """What the turns gave, by what was measured; of a peer also its time by ours, from turns side by side."""
+
+    turns: dict[str, list[Mapping[str, int]]] = field(default_factory=dict)
+    by_ours: dict[str, list[float]] = field(default_factory=dict)
+
+    def keep(self, said: Said) -> None:
+        """Add a turn."""
+        for name, turn in said.items():
+            self.turns.setdefault(name, []).append(turn)
+
+    def keep_peer(self, name: str, before: Said, theirs: Said, after: Said) -> None:
+        """Add a turn of a peer, between two of ours."""
+        self.keep({name: theirs["trip"]})
+        pairs = self.by_ours.setdefault(name, [])
+        pairs.extend(theirs["trip"]["p50"] / ours["trip"]["p50"] for ours in (before, after))
+
+    def drop(self, name: str) -> None:
+        """Forget a peer."""
+        self.turns.pop(name, None)
+        self.by_ours.pop(name, None)
+
+    def figures(self) -> dict[str, float]:
+        """All figures, flat: medians over the turns; ratios are theirs by ours, with C ours by C's."""
+        found = {key: median(turn[quantile] for turn in self.turns[name]) / unit
+                 for key, (name, quantile, unit) in FIGURES.items()}
+        for name in filter(self.by_ours.__contains__, PEERS):
+            found[f"{name}_us_p50"] = median(turn["p50"] for turn in self.turns[name]) / 1e3
+        for name in filter(self.by_ours.__contains__, PEERS):
+            ratios = self.by_ours[name]
+            found[f"ratio_vs_{name}"] = median(1 / ratio for ratio in ratios) if name == "c" else median(ratios)
+        return found
+
+    def span(self) -> str:
+        """The quickest and the slowest turn of ours: far apart when the machine has several moods."""
+        trips = [turn["p50"] / 1e3 for turn in self.turns["trip"]]
+        return f"{min(trips):.2f} to {max(trips):.2f}"
+
+
+def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
+    """Measure; one object with `bench`, `figures` and `conditions`."""
+    cores = _pair(psutil.Process().cpu_affinity() or [0])
+    about: dict[str, str] = {}  # the peers: settings, or why one was left out
+    found = Found()
+    with _world() as (system, folder), contextlib.ExitStack() as stack, progress("bench ring") as say:
+        say("starting", None)
+        own = {name: stack.enter_context(Team("ring", commands)) for name, commands in _own(system, cores).items()}
+        peers: dict[str, Team] = {}
+        for name in PEERS:
+            commands, about[name] = _peer(name, folder, cores)
+            if commands:
+                peers[name] = stack.enter_context(Team(f"ring, {name}", commands))
+        for team in own.values():
+            team.wait()
+        for name, team in list(peers.items()):
+            try:
+                team.wait()
+            except Problem as problem:
+                about[name] = f"left out: {problem}"
+                del peers[name]
+        for i in range(rounds):
+            say(f"round {i + 1} of {rounds}", i / rounds)
+            _round(turn_s, own, peers, about, found)
+    turns = {"turns": f"{rounds} rounds of turns of {turn_s:g} s, a turn of ours before and behind each peer's",
+             "round_trips": sum(turn["n"] for turn in found.turns["trip"]), "round_trip_us_p50_of_turns": found.span()}
+    conditions = {**_machine(cores), **turns, **_settings(), **about}
+    return {"bench": "ring", "figures": found.figures(), "conditions": conditions}
+
+
+def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: dict[str, str], found: Found) -> None:
+    """A turn of ours before and behind each peer's, then one of every other part."""
+    before = own["trip"].measure(turn_s)
+    found.keep(before)
+    for name, team in list(peers.items()):
+        try:
+            theirs = team.measure(turn_s)
+        except Problem as problem:
+            about[name] = f"left out: {problem}"
+            del peers[name]
+            found.drop(name)
+            continue
+        after = own["trip"].measure(turn_s)
+        found.keep(after)
+        found.keep_peer(name, before, theirs, after)
+        before = after
+    for name, team in own.items():
+        if name != "trip":
+            found.keep(team.measure(turn_s))
+
+
+@contextlib.contextmanager
+def _world() -> Iterator[tuple[str, str]]:
+    """A system's name and a folder, all that is made in either gone at the end."""
+    system = f"bench{os.getpid()}-{next(COUNTER)}"
+    with own_folder(system) as folder:
+        make_segments(system)
+        yield system, str(folder)
+
+
+def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
+    """The teams of our own parts; the last of a team measures, on the first core."""
+
+    def team(*roles: str) -> Commands:
+        last = len(roles) - 1
+        return {f"{role} {i}": [sys.executable, "-m", "tools.bench.parts", role, system, str(cores[i != last])]
+                for i, role in enumerate(roles)}
+
+    return {
+        "trip": team("pong", "ping"),
+        "trip_4k": team("pong_4k", "ping_4k"),
+        "local": team("local"),
+        "crowd": team(*["poller"] * POLLERS, *["looker"] * LOOKERS, "crowd"),
+        "mailbox": team("client", "owner"),
+        "wakeup": team("rouser", "sleeper"),
+    }
+
+
+def _peer(name: str, folder: str, cores: tuple[int, int]) -> tuple[Commands, str]:
+    """The team of a peer and its version and settings; an empty team and the reason when it is missing."""
+    first, second = (str(core) for core in cores)
+    if name == "c":
+        return _compiled(folder, first, second)
+    module = MODULES.get(name)
+    if module is None:
+        version = f"Python {platform.python_version()}"
+    elif importlib.util.find_spec(module) is None:
+        return {}, INSTALL
+    else:
+        version = importlib.metadata.version({"zmq": "pyzmq"}.get(module, module))
+    start = [sys.executable, "-m", "tools.bench.peers"]
+    if module is None:
+        team = {name: [*start, name, folder, first, second]}
+    else:
+        team = {f"{name}_pong": [*start, f"{name}_pong", folder, second, first],
+                f"{name}_ping": [*start, f"{name}_ping", folder, first, second]}
+    return team, f"{version}; {SETTINGS[name]}"
+
+
+def _compiled(folder: str, first: str, second: str) -> tuple[Commands, str]:
+    """The ping-pong in C, when it can be had."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        return {}, "gcc is not there; sudo apt-get install gcc libc6-dev"
+    program = Path(folder) / "pingpong"
+    done = subprocess.run([gcc, *FLAGS, "-o", program, SOURCE], capture_output=True, text=True, check=False)
+    if done.returncode:
+        return {}, f"gcc failed: {''.join(done.stderr.strip().splitlines()[:1])}"
+    version = subprocess.run([gcc, "--version"], capture_output=True, text=True, check=False).stdout.splitlines()[:1]
+    text = f"{''.join(version)}, {' '.join(FLAGS)}; the ring of shm/ring.py in C11 atomics, tools/{SOURCE.name}"
+    return {"c": [str(program), first, second]}, text
+
+
+def _pair(cores: list[int]) -> tuple[int, int]:
+    return cores[0], cores[-1]
+
+
+def _machine(cores: tuple[int, int]) -> dict[str, Any]:
+    first, second = cores
+    pinned = f"{first} and {second}" if first != second else f"{first}, the only core: polling processes alternate"
+    model = next((line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
+                  if line.startswith("model name")), platform.machine())
+    return {
+        "cpu": model,
+        "cores": os.cpu_count(),
+        "pinned": pinned,
+        "load_1min": os.getloadavg()[0],
+        "kernel": platform.release(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def _settings() -> dict[str, Any]:
+    """What was measured how, in words."""
+    return {
+        "payload_bytes": schema_of(PROBE).dtype.itemsize - 16,
+        "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,
+        "round_trip": f"depth {PROBE.depth}; publish, poll next() until the answer is copied into our record, read its "
+                      "stamp, which is the question's; garbage collector off, as with all peers",
+        "publish, newest, next": f"one process, nobody else attached; means of {BATCH} calls",
+        "publish_readers8": f"1 writer at full speed, {POLLERS + LOOKERS} readers, each a process on the other core: "
+                            f"{POLLERS} poll next() without pause, {LOOKERS} take newest() every {LOOK_S * 1e3:g} ms; "
+                            f"means of {BATCH} calls",
+        "mailbox": "from just before a loop sends to the command in the polling owner's hands, its 7 numbers read",
+        "wakeup": "from just before it is woken to the process running that slept",
+    }

@@ -1,0 +1,246 @@
+"""`trocar bench system [SYSTEM]`: a whole system at work: rates, missed deadlines and CPU time of every process.
+
+The system is started as `trocar up` does it, all arms are homed, an operator is emulated at every console. Each
+tele-operation has to follow for once; then, for `--seconds`, those that are selected follow while their masters move
+all the time. Masters without a robot (KINEMATIC) are moved by joint set-points of ours, 200 a second; our own CPU time
+is `bench` among the processes and no part of the total.
+
+`io_rate_hz` and `io_missed_percent` are those of the io that does worst; missed are deadlines that passed without a
+cycle, of all deadlines. CPU time is what the kernel counted for a process in the window; 100 % is one core.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.events import ERROR, WARNING
+from shm.pulse import Pulse
+from shm.ring import RingReader
+from tools.arms import home, power_off
+from tools.errors import Problem
+from tools.examples.surgeon import Seat, Seen, Sway, seats
+from tools.following import beats
+from tools.inspect.processes import lives
+from tools.inspect.watch import Watch, powered_names
+from tools.printing import number, plain, table
+from tools.supervising import Background, Request
+from tools.systems import ROOT, instances_of_kind, system_file
+
+FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
+SECONDS = 60.0
+MOVES_HZ = 200.0
+TRIES = 3
+TOLD = 1024  # newest events of a process that are looked at
+KEPT_TEXTS = 5
+FIFO_SHARE = Path("/proc/sys/kernel/sched_rt_runtime_us")
+
+
+def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", seconds: float = SECONDS,
+        sets: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints."""
+    name = f"bench-system-{os.getpid()}"
+    background = Background(Request(system_file(file, paths), name, boards, paths, (*sets, "clock=wall")), tied=True)
+    try:
+        background.wait_until_up(_silent)
+        begin = monotonic_ns()
+        refusals = _home(name)
+        homed_s = (monotonic_ns() - begin) * 1e-9
+        with seats(name) as taken:
+            for seat in taken:
+                seat.begin()
+                seat.wait()
+            followed = [teleop for seat in taken for teleop in seat.try_all()]
+            found = _measure(name, taken, seconds)
+        with contextlib.suppress(Problem):
+            power_off(name)
+    finally:
+        background.stop(_silent)
+    conditions = {
+        "system": str(file), "boards": boards or "as the file says", "seconds": seconds, "homed_after_s": homed_s,
+        "homing_failed_before": refusals, "teleops_tried": followed,
+        "sets": list(sets), "cores": len(psutil.Process().cpu_affinity() or []),
+        "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else "",
+        "kernel": platform.release(), "python": platform.python_version(),
+    }
+    return {"bench": "system", **found, "conditions": conditions}
+
+
+def _home(system: str) -> list[str]:
+    """Home all arms; what went wrong in tries before: a machine that still loads a dozen programs may stall them."""
+    refusals: list[str] = []
+    while len(refusals) < TRIES:
+        try:
+            home(system)
+        except Problem as problem:
+            refusals.append(str(problem))
+        else:
+            return refusals
+    raise Problem("; then ".join(refusals))
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """The counters of one process: `cycles` at its last beat, `cpu_s` at the time of looking."""
+
+    beat_ns: int
+    look_ns: int
+    kind: str
+    pid: int
+    cycles: int
+    missed: int
+    overruns: int
+    cpu_s: float
+    scheduling: str
+
+
+class Told:
+    """Warnings and errors of one process from now on."""
+
+    def __init__(self, system: str, name: str) -> None:
+        self._ring: RingReader = directory.reader(system, name, "events")
+        self._since = self._ring.head
+
+    def count(self, severity: int) -> tuple[int, list[str]]:
+        """How many came, and the newest different texts."""
+        kept = self._ring.last(TOLD)
+        texts = [str(plain(bytes(text))) for text in
+                 kept["text"][(kept["sequence"] > self._since) & (kept["severity"] == severity)]]
+        return len(texts), list(dict.fromkeys(reversed(texts)))[:KEPT_TEXTS]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._ring.close()
+
+
+def _measure(system: str, taken: list[Seat], seconds: float) -> dict[str, Any]:
+    chosen = [teleop for seat in taken for teleop in seat.expected()]
+    with contextlib.ExitStack() as stack:
+        sways = [Sway(system, name) for name in _played(system, [m for teleop in chosen for m in teleop.masters])]
+        told = {life.name: Told(system, life.name) for life in lives(system) if life.kind != "supervisor"}
+        for close in (*(sway.close for sway in sways), *(each.close for each in told.values())):
+            stack.callback(close)
+        before, begin, used = marks(system), monotonic_ns(), _cpu_s(os.getpid())
+        for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
+            for sway in sways:
+                sway.step(k / MOVES_HZ)
+        after, passed_s = marks(system), (monotonic_ns() - begin) * 1e-9
+        rows = [row(name, before[name], after[name]) for name in after if name in before]
+        bench = {"name": "bench", "kind": "bench", "cpu_percent": (_cpu_s(os.getpid()) - used) / passed_s * 100.0}
+        following = [teleop.name for teleop in chosen if teleop.is_following]
+        missing = [teleop.told for teleop in chosen if not teleop.is_following]
+        errors = {name: each.count(ERROR) for name, each in told.items()}
+        warnings = {name: each.count(WARNING) for name, each in told.items()}
+        homed = [name for name in powered_names(system) if _is_homed(system, name)]
+    return {
+        "figures": {**figures(rows), "arms": len(homed), "teleops": len(following),
+                    "errors": sum(count for count, _ in errors.values()),
+                    "warnings": sum(count for count, _ in warnings.values())},
+        "homed": homed, "following": following, "processes": [*rows, bench],
+        "told": {name: [*errors[name][1], *warnings[name][1]] for name in told if errors[name][0] + warnings[name][0]},
+        "problems": _problems(system, homed, missing, errors, before, after),
+    }
+
+
+def marks(system: str) -> dict[str, Mark]:
+    """Every process of a system as it is now."""
+    found = {}
+    for life in lives(system):
+        pulse = Pulse(system, life.name)
+        beat_ns, cycles = int(pulse.get("heartbeat_ns")), int(pulse.get("cycles"))
+        found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(pulse.get("missed")),
+                                int(pulse.get("overruns")), _cpu_s(life.pid), life.scheduling)
+        pulse.close()
+    return found
+
+
+def row(name: str, before: Mark, after: Mark) -> dict[str, Any]:
+    """What one process did in a window; one that was started anew meanwhile counts as if it had then begun."""
+    if before.pid != after.pid:
+        before = Mark(before.beat_ns, before.look_ns, after.kind, after.pid, 0, 0, 0, 0.0, after.scheduling)
+    beats_s, passed_s = (max(1, then - was) * 1e-9 for was, then in
+                         ((before.beat_ns, after.beat_ns), (before.look_ns, after.look_ns)))
+    cycles, missed = after.cycles - before.cycles, after.missed - before.missed
+    return {
+        "name": name, "kind": after.kind, "rate_hz": cycles / beats_s,
+        "missed_percent": missed / max(1, missed + cycles) * 100.0, "missed": missed,
+        "overruns": after.overruns - before.overruns, "cpu_percent": (after.cpu_s - before.cpu_s) / passed_s * 100.0,
+        "scheduling": after.scheduling,
+    }
+
+
+def figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The figures of all processes together."""
+    ios = [each for each in rows if each["kind"] == "io"]
+    worst: dict[str, float] = {
+        f"{kind}_missed_percent": max((each["missed_percent"] for each in rows if each["kind"] == kind), default=0.0)
+        for kind in ("arm", "teleop")
+    }
+    return {
+        "io_rate_hz": min((each["rate_hz"] for each in ios), default=0.0),
+        "io_missed_percent": max((each["missed_percent"] for each in ios), default=0.0),
+        "cpu_percent_total": sum(each["cpu_percent"] for each in rows), **worst,
+    }
+
+
+def show(result: dict[str, Any]) -> None:
+    """For eyes, what is more than figures and conditions."""
+    rows = [(each["name"], number(each.get("rate_hz")), number(each.get("missed_percent"), ".2f"),
+             str(each.get("overruns", "–")), number(each["cpu_percent"]), each.get("scheduling", ""))
+            for each in result["processes"]]
+    columns = ("process", "Hz", "missed %", "overruns", "CPU %", "scheduling")
+    table("bench system: processes", columns, rows, columns[1:5])
+    print(f"homed: {', '.join(result['homed'])}\nfollowing: {', '.join(result['following'])}")
+    for name, texts in result["told"].items():
+        for text in texts:
+            print(f"{name} said: {text}")
+    for problem in result["problems"]:
+        print(f"PROBLEM: {problem}")
+
+
+def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
+              before: dict[str, Mark], after: dict[str, Mark]) -> list[str]:
+    said = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
+    said += [f"{name} told {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
+    restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
+    return said + [f"{name} was started anew" for name in restarted]
+
+
+def _played(system: str, masters: list[str]) -> list[str]:
+    """Of some masters those without a robot, each once."""
+    arms = set(instances_of_kind(system, "arm"))
+    return [name for name in dict.fromkeys(masters) if name in arms and _flag(system, name, "simulated")]
+
+
+def _is_homed(system: str, name: str) -> bool:
+    with Watch(system, name) as watch:
+        return watch.look() and watch.homed
+
+
+def _flag(system: str, name: str, field: str) -> bool:
+    seen = Seen(system, name, "arm")
+    try:
+        return bool(seen.value(field))
+    finally:
+        seen.ring.close()
+
+
+def _cpu_s(pid: int) -> float:
+    """CPU time of a process so far; 0 when it is gone."""
+    try:
+        times = psutil.Process(pid).cpu_times()
+    except psutil.NoSuchProcess:
+        return 0.0
+    return float(times.user + times.system)
+
+
+def _silent(text: str, part: float | None) -> None:
+    """No progress line: a bench prints its result only."""

@@ -1,0 +1,11 @@
+"""Configuration files from before dVRK 2.4 become today's: texts in, values out, and the fate of every key."""
+
+from tools.converters.differences import differences
+from tools.converters.jsonout import to_json
+from tools.converters.recognise import OTHER, Converted, Output, convert_file, with_arm_file
+from tools.converters.report import CONVERTED, DEFAULTED, DROPPED, LOST, Change, Reference
+
+__all__ = [
+    "CONVERTED", "DEFAULTED", "DROPPED", "LOST", "OTHER", "Change", "Converted", "Output", "Reference", "convert_file",
+    "differences", "to_json", "with_arm_file",
+]

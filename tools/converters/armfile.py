@@ -1,0 +1,112 @@
+"""Arm files from before dVRK 2.4 (no `$id`, keys with dashes) to today's."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import PurePosixPath
+
+from procs.config.read.jsontext import Parsed
+from tools.converters.keys import Keys
+from tools.converters.report import Report
+
+Json = dict[str, object]
+
+_CHAINS = {
+    "psm": "PSM", "psm-si": "PSM_Si", "psm-si-physical": "PSM_Si_physical",
+    "ecm": "ECM", "ecm-si": "ECM_Si", "mtml": "MTML", "mtmr": "MTMR",
+}
+_OF_KIND = {
+    "ecm": ("endoscope",),
+    "psm": ("tool-detection", "tool", "custom-tool-index"),
+    "mtm": ("gravity-compensation", "platform-gain"),
+}
+_TEXTS = {"tool-detection": "tool_detection", "custom-tool-index": "custom_tool_index",
+          "gravity-compensation": "gravity_compensation"}
+_FLAGS = {"re-home": "re_home", "homing-zero-position": "homing_zero_position"}
+_NUMBERS = {"mounting-pitch": "mounting_pitch", "platform-gain": "platform_gain"}
+_MODEL = re.compile(r"_(\d{6})\Z")
+_VERSION = re.compile(r"\[(\d+)\]\Z")
+_PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the set-up joints
+
+
+def looks_like_arm(data: dict[str, object]) -> bool:
+    """Whether an object is an arm file of old: it names its kinematics and has no `$id`."""
+    return isinstance(data.get("kinematic"), str) and not {"$id", "DH", "arms"} & set(data)
+
+
+def convert_arm(parsed: Parsed, file: str, report: Report) -> Json:
+    """The new arm file; `file` is the old one's name. Of no use when the report has problems."""
+    keys = Keys(parsed.data, parsed.lines, report)
+    old = keys.text("kinematic")
+    stem = PurePosixPath(old).stem.lower()
+    kind = _kind(keys, stem, file)
+    row: Json = {"$id": f"dvrk-{kind}.schema.json", "$version": "1", "kinematic": _kinematic(keys, old, stem, file)}
+    generation = keys.text("generation")
+    if not generation:
+        generation = "Si" if "-si" in stem else "Classic"
+        keys.defaulted("generation", generation, "by the name of the kinematic file")
+    row["generation"] = generation
+    for name, new in _TEXTS.items():
+        text = keys.text(name)
+        row |= {new: text} if text else {}
+    for name, new in _FLAGS.items():
+        flag = keys.flag(name)
+        row |= {new: flag} if flag is not None else {}
+    for name, new in _NUMBERS.items():
+        number = keys.number(name)
+        row |= {new: number} if number is not None else {}
+    row |= _tool(keys) | (_endoscope(keys, generation, row) if kind == "ecm" else {})
+    keys.finish()
+    return row
+
+
+def _kind(keys: Keys, stem: str, file: str) -> str:
+    for kind, names in _OF_KIND.items():
+        if any(keys.has(name) for name in names):
+            return kind
+    for name in (stem, file.lower()):
+        if name[:3] in _OF_KIND:
+            return name[:3]
+    allowed = ", ".join(name for names in _OF_KIND.values() for name in names)
+    keys.report.error(keys.line(), "", "", "nothing says which kind of arm this is", f"one of {allowed}")
+    return "psm"
+
+
+def _kinematic(keys: Keys, old: str, stem: str, file: str) -> str:
+    if stem == "mtm":
+        stem = "mtmr" if "mtmr" in file.lower() else "mtml"
+    new = _CHAINS.get(stem, "")
+    if not new:
+        return old
+    new = f"kinematic/{new}.json"
+    keys.converted("kinematic", old, new, "today's name of the stock chain")
+    return new
+
+
+def _tool(keys: Keys) -> Json:
+    old = keys.text("tool")
+    if not old:
+        return {}
+    new = _MODEL.sub(r":\1", _VERSION.sub(r":\1", old))
+    new = re.sub(r"\A5MM_NEEDLE", "NEEDLE", new)
+    if new != old:
+        keys.converted("tool", old, new, "today: NAME:MODEL or NAME:MODEL:VERSION")
+    return {"tool": new}
+
+
+def _endoscope(keys: Keys, generation: str, row: Json) -> Json:
+    old = keys.text("endoscope")
+    new = old or "SD_STRAIGHT"
+    if not new.startswith(("Classic_", "Si_")):
+        new = f"{generation}_{new}"
+    if not old:
+        keys.defaulted("endoscope", new, "the file does not say: check it")
+    elif new != old:
+        keys.converted("endoscope", old, new, "today's name")
+    added: Json = {"endoscope": new}
+    if "mounting_pitch" not in row:
+        pitch = round(_PITCH.get(generation, 0.0), 6)
+        keys.defaulted("mounting_pitch", f"{pitch} rad", "as on set-up joints: check it")
+        added["mounting_pitch"] = pitch
+    return added

@@ -1,0 +1,152 @@
+"""An old configuration file by its content: which kind it is, and the files of today that it becomes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+from procs.config.read.jsontext import Parsed, TextError, parse_json
+from procs.config.read.problem import Problem
+from tools.converters.armfile import convert_arm, looks_like_arm
+from tools.converters.console import convert_console, looks_like_console
+from tools.converters.io_xml import convert_io
+from tools.converters.pid_xml import convert_pid
+from tools.converters.report import CONVERTED, LOST, Change, Reference, Report
+from tools.converters.rob_text import convert_rob, looks_like_rob
+from tools.converters.setup import convert_setup, looks_like_setup
+from tools.converters.xmltext import Node, XmlError, parse_xml
+
+Json = dict[str, object]
+
+UNKNOWN = "unknown"
+OTHER = "other"  # none of the old files, which no run over a folder needs to tell
+KINDS = "IO XML, PID XML, .rob, console*.json, arm and SUJ files from before 2.4"
+
+_XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
+_JSON = re.compile(r"\s*(?:\{|//|/\*)")
+_TODAY = {"IOs", "consoles", "$id", "$version"}
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A file of today: its name and what is in it."""
+
+    name: str
+    data: Json
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """What an old file became. With problems there are no outputs."""
+
+    kind: str
+    outputs: tuple[Output, ...]
+    changes: tuple[Change, ...]
+    problems: tuple[Problem, ...]
+    references: tuple[Reference, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything in the old file that means something went over."""
+        return not self.problems and all(change.fate != LOST for change in self.changes)
+
+
+def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = None) -> Converted:
+    """Convert the bytes of the file called `name`. Nothing raises: mistakes are the result's `problems`.
+
+    `follow` gives the new name of a file that is converted in the same run, by the name the old file has for it, or "".
+    """
+    report = Report(name) if follow is None else Report(name, follow)
+    if _XML.match(data):
+        kind, outputs = _xml(PurePath(name), data, report)
+    else:
+        kind, outputs = _text(PurePath(name), data, report)
+    changes = tuple(sorted(report.changes, key=lambda change: change.line))
+    return Converted(kind, () if report.problems else tuple(outputs), changes, tuple(report.problems),
+                     tuple(report.references))
+
+
+def with_arm_file(converted: Converted, file: str, old: str, new: str) -> Converted:
+    """What became of `file`, with another name for an arm file that it made; its system file follows."""
+    system, *rest = converted.outputs
+    rows = system.data.get("arms")
+    arms = [{**row, "arm_file": new} if isinstance(row, dict) and row.get("arm_file") == old else row
+            for row in (rows if isinstance(rows, list) else [])]
+    change = Change(file, 0, CONVERTED, "arm_file", old, new, "another file of this run has that name")
+    outputs = (Output(system.name, {**system.data, "arms": arms}),
+               *(Output(new, output.data) if output.name == old else output for output in rest))
+    return replace(converted, outputs=outputs, changes=(*converted.changes, change))
+
+
+def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+    try:
+        root = parse_xml(data)
+    except XmlError as bad:
+        report.error(bad.line, "", "", bad.what)
+        return UNKNOWN, []
+    if root.tag == "Config":
+        files = convert_io(root, report)
+        outputs = [Output(f"{path.stem}.json", files.main)]
+        if files.grippers is not None:
+            outputs.append(Output(f"{files.gripper_name}.json", files.grippers))
+        return "io", outputs
+    if root.tag == "controller" and root.attributes.get("type") == "PID":
+        return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
+    _refuse(root, report)
+    return OTHER, []
+
+
+def _refuse(root: Node, report: Report) -> None:
+    report.error(root.line, root.tag, "", "no known kind of file", "Config (IO), controller with type PID")
+
+
+def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as bad:
+        report.error(0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")
+        return UNKNOWN, []
+    if looks_like_rob(text):
+        return "rob", [Output(f"{path.stem}.json", convert_rob(text, report))]
+    if _JSON.match(text):
+        return _json(path, text, report)
+    report.error(1, "", "", "no known kind of file", KINDS)
+    return OTHER, []
+
+
+def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]:
+    try:
+        parsed = parse_json(text)
+    except TextError as bad:
+        report.error(bad.line, "", "", f"broken JSON, column {bad.column}: {bad.what}")
+        return UNKNOWN, []
+    for kind, fits, convert in _READERS:
+        if isinstance(parsed.data, dict) and fits(parsed.data):
+            return kind, convert(path, parsed, report)
+    today = isinstance(parsed.data, dict) and _TODAY & set(parsed.data)
+    report.error(1, "", "", "this is today's format already" if today else "no known kind of file", KINDS)
+    return OTHER, []
+
+
+def _from_console(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    stem = f"system-{path.stem.removeprefix('console').lstrip('-_') or 'console'}"
+    files = convert_console(parsed, stem, report)
+    return [Output(f"{stem}.json", files.system), *(Output(name, data) for name, data in files.arms.items())]
+
+
+def _from_arm(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    return [Output(path.name, convert_arm(parsed, path.name, report))]
+
+
+def _from_setup(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+    return [Output(path.name, convert_setup(parsed, report))]
+
+
+_Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, Report], list[Output]]]
+_READERS: tuple[_Reader, ...] = (
+    ("setup joints", looks_like_setup, _from_setup),
+    ("console", looks_like_console, _from_console),
+    ("arm", looks_like_arm, _from_arm),
+)

@@ -1,0 +1,88 @@
+"""What became of every key of an old file: converted, defaulted, dropped, lost; and what is wrong with the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from procs.config.read.problem import Problem
+
+CONVERTED = "converted"  # its value stands in the new file in another unit or under another name
+DEFAULTED = "defaulted"  # the old file said nothing; the new one must
+DROPPED = "dropped"  # nothing needs it any more
+LOST = "lost"  # the new format cannot say it, or needs what the old one did not have: a person has to decide
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One key that did not go over unchanged; `str()` gives it on one line. `line` 0: the old file has no such line."""
+
+    file: str
+    line: int
+    fate: str
+    key: str
+    old: str
+    new: str
+    reason: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        was = f"{self.key} = {self.old}" if self.old else self.key
+        now = f" → {self.new}" if self.new else ""
+        why = f" ({self.reason})" if self.reason else ""
+        return f"{place}: {self.fate}: {was}{now}{why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A file that an old one names: as it is called there, and what is read in its place from now on."""
+
+    line: int
+    key: str
+    old: str
+    new: str
+    converted_with_it: bool  # by the same run
+
+
+def _nothing(name: str) -> str:
+    return ""
+
+
+@dataclass(slots=True)
+class Report:
+    """Collects changes and problems while one file is converted.
+
+    `follow` gives the present name of a file that is converted in the same run, by the name that files have for it; ""
+    for others.
+    """
+
+    file: str
+    follow: Callable[[str], str] = _nothing
+    references: list[Reference] = field(default_factory=list)
+    changes: list[Change] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+    def converted(self, line: int, key: str, old: str, new: str, reason: str = "") -> None:
+        """The value stands in the new file, written otherwise."""
+        self.changes.append(Change(self.file, line, CONVERTED, key, old, new, reason))
+
+    def defaulted(self, line: int, key: str, new: str, reason: str) -> None:
+        """`key`, which the old file does not have, is `new` from now on."""
+        self.changes.append(Change(self.file, line, DEFAULTED, key, "", new, reason))
+
+    def dropped(self, line: int, key: str, old: str, reason: str) -> None:
+        """The new format does without."""
+        self.changes.append(Change(self.file, line, DROPPED, key, old, "", reason))
+
+    def lost(self, line: int, key: str, old: str, reason: str) -> None:
+        """The new format cannot say it, or wants what is not there; `reason` tells what to do."""
+        self.changes.append(Change(self.file, line, LOST, key, old, "", reason))
+
+    def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:
+        """The file is wrong here; nothing is written."""
+        self.problems.append(Problem(self.file, line, key, value, text, allowed))
+
+
+def number_text(value: float, unit: str = "") -> str:
+    """A number as people write it, with its unit."""
+    return f"{value:.9g} {unit}".rstrip()

@@ -1,0 +1,1 @@
+"""Programs that take the place of an operator or of an arm."""

@@ -1,0 +1,108 @@
+"""A gamepad as the master of a tele-operation: an example of a program that takes an arm's place.
+
+    pip install evdev
+    python -m tools.examples.gamepad_master
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+import trocar
+from tools.cli import guarded
+from tools.errors import Problem
+from tools.examples.gamepad import BUTTONS, Device, Gamepad, Hand, is_gamepad
+from tools.options import SystemOption
+from tools.printing import note
+
+MISSING = "gamepads are read with the package evdev: pip install evdev (or Trocar's extra gamepad)"
+HELD = "hold the left bumper to move, right trigger: gripper, B: clutch, X: camera; Ctrl-C ends it"
+
+
+def evdev() -> Any:
+    """The package; Problem when it is not there."""
+    try:
+        return importlib.import_module("evdev")
+    except ImportError:
+        raise Problem(MISSING) from None
+
+
+def devices(package: Any) -> list[Device]:
+    """All input devices that may be read."""
+    found: list[Device] = []
+    for path in package.list_devices():
+        with contextlib.suppress(OSError):
+            found.append(package.InputDevice(path))
+    return found
+
+
+def chosen(package: Any, path: str) -> Device:
+    """The device of this path, or the first gamepad; Problem says what there is."""
+    if path:
+        try:
+            device: Device = package.InputDevice(path)
+        except OSError as error:
+            raise Problem(f"{path} cannot be read: {error.strerror or error}") from None
+        return device
+    there = devices(package)
+    for device in there:
+        if is_gamepad(device):
+            return device
+    known = ", ".join(f"{device.path} {device.name}" for device in there)
+    raise Problem(f"no gamepad is there that may be read (member of the group input?); there are: {known or 'none'}")
+
+
+def drive(master: trocar.Provider, pad: Gamepad, hand: Hand, tell: Callable[[str], None]) -> None:
+    """Show the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
+    before = master.now_ns
+    wired = [button for button in BUTTONS if button in master.buttons]
+    if "operator_present" not in wired:
+        tell("the console does not take operator_present from here: say in another way that somebody is there")
+    while master.tick():
+        try:
+            sticks = pad.poll()
+        except OSError as error:
+            raise Problem(f"the gamepad is gone ({error.strerror or error})") from None
+        for button in wired:
+            master.press(button, BUTTONS[button] in sticks.keys)
+        pose = hand.step(sticks, (master.now_ns - before) * 1e-9)
+        master.write(pose, hand.twist, gripper=hand.gripper)
+        before = master.now_ns
+
+
+def gamepad_master(
+    arm: Annotated[str, typer.Option("--arm", help="The arm that it takes the place of.")] = "MTMR",
+    device: Annotated[str, typer.Option("--device", metavar="PATH", help="Default: the first gamepad.")] = "",
+    speed: Annotated[float, typer.Option("--speed", min=0.0, max=0.5, help="Stick at its end, m/s.")] = 0.05,
+    turn: Annotated[float, typer.Option("--turn", min=0.0, max=5.0, help="Stick at its end, rad/s.")] = 0.7,
+    rate: Annotated[float, typer.Option("--rate", min=50.0, max=2000.0, help="Records a second.")] = 200.0,
+    listing: Annotated[bool, typer.Option("--list", help="Show the input devices and end.")] = False,
+    system: SystemOption = None,
+) -> int:
+    """Be the master of a tele-operation with a gamepad. Nothing moves unless the left bumper is held.
+
+    Left stick: x and y; right stick: z and roll; cross: wrist; right trigger: gripper, pulled and let go: presence.
+
+    Example: python -m tools.examples.gamepad_master --arm MTMR --speed 0.03
+    """
+    package = evdev()
+    if listing:
+        for each in devices(package):
+            print(f"{each.path} {each.name}{' (gamepad)' if is_gamepad(each) else ''}")
+        return 0
+    found = chosen(package, device)
+    with trocar.provide(arm, system, rate=rate, program="gamepad_master") as master:
+        note(f"{arm} is {found.name}: {HELD}")
+        with contextlib.suppress(KeyboardInterrupt):
+            drive(master, Gamepad(found), Hand(speed, turn), note)
+    note(f"{arm} is nobody now")
+    return 0
+
+
+if __name__ == "__main__":
+    typer.run(guarded(gamepad_master))

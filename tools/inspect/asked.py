@@ -1,0 +1,39 @@
+"""What the processes of a system were asked for, by whom, and what became of it: their audit rings as one list."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from shm import directory
+from tools.errors import Problem
+from tools.inspect.messages import time_of_day
+from tools.printing import plain
+
+AUDIT = "audit"
+
+
+def rows_of(system: str, instance: str | None, most: int) -> list[dict[str, Any]]:
+    """The newest `most` of each process, or of one, oldest first; Problem: nobody is asked for anything there."""
+    found = []
+    for name, topic in directory.rings(system):
+        if topic == AUDIT and instance in (None, name):
+            ring = directory.reader(system, name, AUDIT)
+            found += [{"process": name, **_plain(row)} for row in ring.last(most)]
+            ring.close()
+    if not found and instance is not None and (instance, AUDIT) not in directory.rings(system):
+        raise Problem(f"{instance}: there is no such process, or it takes no commands; trocar status lists them")
+    return sorted(found, key=lambda row: row["monotonic_ns"])
+
+
+def _plain(row: Any) -> dict[str, Any]:
+    return {name: plain(row[name]) for name in row.dtype.names if name != "sequence"}
+
+
+def in_words(row: dict[str, Any]) -> str:
+    """One line: when, who was asked, for what, the outcome, whose command that was."""
+    asked = f"{row['command']} {row['text']}".rstrip()
+    why = f" ({row['reason']})" if row["reason"] else ""
+    whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
+    through = f" by pid {row['pid']}" if row["pid"] else ""
+    return (f"{time_of_day(row['local_ns'])}  {row['process']}: {asked}: {row['outcome']}{why}; "
+            f"{f'for {whose}' if row['origin'] else 'for nobody'}{through}")

@@ -1,0 +1,86 @@
+"""What a run of a system was like: periods and latency of io, errors, restarts; used by `demo`."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from procs.document.system import from_json
+from shm import directory
+from shm.events import ERROR
+from tools.inspect.processes import Life, lives
+from tools.printing import plain
+
+KEPT = 300_000  # cycles; more would only cost memory
+FEWER = 0.9  # share of the nominal rate below which io was not on rate
+
+
+class Run:
+    """Watches a system from now on; call `collect` at least every two seconds."""
+
+    def __init__(self, system: str, io: str) -> None:
+        """`io` is the instance whose cycles are watched."""
+        self.system, self._io = system, io
+        self._reader = directory.reader(system, io, "state", "io")
+        self._recv, self._write = self._reader.field("recv_ns"), self._reader.field("write_ns")
+        self._stamps: deque[int] = deque(maxlen=KEPT)
+        self._latency: deque[int] = deque(maxlen=KEPT)
+        self._events = {
+            instance: directory.reader(system, instance, ring)
+            for instance, ring in directory.rings(system) if ring == "events"
+        }
+        self._begin = {life.name: life for life in lives(system)}
+        self.errors: list[str] = []
+
+    def collect(self) -> None:
+        """Take in what happened since."""
+        while self._reader.next():
+            stamp = self._reader.stamp_ns
+            self._stamps.append(stamp)
+            self._latency.append(int(self._write) - int(self._recv))
+        for instance, reader in self._events.items():
+            while reader.next():
+                if int(reader.field("severity")) == ERROR:
+                    self.errors.append(f"{instance}: {plain(reader.field('text').item())}")
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the run; what was not healthy stands in `problems`."""
+        self.collect()
+        now = {life.name: life for life in lives(self.system)}
+        processes = [self._process(life) for life in now.values()]
+        stamps, latency = np.array(self._stamps, dtype=np.int64), np.array(self._latency) * 1e-3
+        periods = np.diff(stamps) * 1e-3
+        nominal = 1.0 / from_json(directory.document(self.system)).io(self._io).period_s
+        rate = 1e6 / periods.mean() if len(periods) else 0.0
+        problems = list(self.errors)
+        problems += [f"{life.name}: {life.trouble}" for life in now.values() if life.trouble]
+        problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
+        if rate < FEWER * nominal:
+            problems.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")
+        return {
+            "io_rate_hz": rate, "io_cycles": len(stamps), **_spread("io_period_us", periods),
+            **_spread("read_to_write_us", latency), "processes": processes, "problems": problems,
+        }
+
+    def _process(self, life: Life) -> dict[str, Any]:
+        begin = self._begin.get(life.name, life)
+        cycles, missed = life.cycles - begin.cycles, life.missed - begin.missed
+        return {"name": life.name, "cycles": cycles, "missed": missed, "overruns": life.overruns - begin.overruns,
+                "missed_percent": 100.0 * missed / cycles if cycles else None, "restarts": life.restarts,
+                "rate_hz": life.rate_hz, "period_p99_s": life.period_p99_s, "work_p99_s": life.work_p99_s,
+                "scheduling": life.scheduling}
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+        for reader in self._events.values():
+            reader.close()
+
+
+def _spread(name: str, values: Any) -> dict[str, float | None]:
+    if not len(values):
+        return {f"{name}_p50": None, f"{name}_p99": None, f"{name}_max": None}
+    p50, p99, most = np.percentile(values, (50, 99, 100))
+    return {f"{name}_p50": float(p50), f"{name}_p99": float(p99), f"{name}_max": float(most)}

@@ -1,0 +1,175 @@
+"""How the processes of a system are doing, from their control pages and the supervisor's record."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from procs.document.system import Process, from_json
+from procs.manifest import THIRD_PARTY, hung_s, late_s
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.pulse import Pulse
+from shm.segment import Segment, SegmentError, segment_name
+from tools.printing import number, plain
+from tools.systems import alive, is_simulated
+
+LOOK_AGAIN_S = 0.02
+TRIES = 5
+SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
+COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
+RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
+COUNTS = ("cycles", "missed", "overruns", "pauses")
+STATISTICS = ("period", "work", "latency")
+PARTS = ("avg", "std", "min", "max", "p99")
+
+
+@dataclass(frozen=True, slots=True)
+class Life:
+    """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well.
+
+    `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
+    reply to the next write; what it has not measured is absent. `pauses`: it was held up and began anew so often.
+    Of a program of somebody else `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
+    without a robot, and for the process that plays it.
+    """
+
+    name: str
+    kind: str
+    state: str
+    pid: int
+    rate_hz: float | None
+    period_p99_s: float | None
+    work_p99_s: float | None
+    cycles: int
+    missed: int
+    overruns: int
+    pauses: int
+    restarts: int
+    exit_reason: str
+    scheduling: str
+    silent_s: float | None
+    trouble: str
+    statistics: dict[str, dict[str, float]]
+    simulation: str = ""
+
+
+def lives(system: str) -> list[Life]:
+    """Every process of a system, the supervisor first."""
+    ledger, rows = _ledger(system), _rows(system)
+    simulated = is_simulated(system)
+    found = []
+    for name in directory.instances(system):
+        try:
+            pulse = Pulse(system, name)
+        except SegmentError:  # the system went down while we looked
+            continue
+        try:
+            said = _said(system, name)
+            life = _life(name, pulse, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated, rows.get(name))
+            found.append(dataclasses.replace(life, simulation=str(said.get("simulation", ""))))
+        finally:
+            pulse.close()
+    return found
+
+
+def _rows(system: str) -> dict[str, Process]:
+    """What the configuration says of each process; nothing where it is not readable."""
+    try:
+        return {row.name: row for row in from_json(directory.document(system)).processes}
+    except (SegmentError, ValueError):
+        return {}
+
+
+def _said(system: str, name: str) -> dict[str, Any]:
+    """What its state record says about itself; it may say anything."""
+    try:
+        with Segment(segment_name(system, name, "state")) as segment:
+            return dict(segment.header.info)
+    except (SegmentError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _ledger(system: str) -> dict[str, dict[str, Any]]:
+    """What the supervisor wrote about each instance."""
+    try:
+        reader = directory.reader(system, "supervisor", "state", "supervisor")
+    except SegmentError:
+        return {}
+    try:
+        if not reader.newest():
+            return {}
+        names = ("instance", "kind", "lifecycle", "restarts", "exit_reason")
+        columns = {name: plain(reader.field(name)) for name in names}
+    finally:
+        reader.close()
+    rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+    return {str(row["instance"]): row for row in rows if row["instance"]}
+
+
+def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row: Process | None) -> Life:
+    kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
+    state, lives_on = pulse.state, alive(pulse.segment.identity())
+    counts = {count: pulse.get(count) for count in COUNTS}
+    statistics = {which: {part: float(pulse.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
+    statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
+    period, work = statistics.get("period"), statistics.get("work")
+    beat = int(pulse.get("heartbeat_ns"))
+    shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
+    return Life(
+        name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
+        rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
+        period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
+        **counts,
+        restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
+        scheduling=str(plain(pulse.get("policy"))),
+        silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
+        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, pulse, simulated), statistics=statistics,
+    )
+
+
+def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, simulated: bool) -> str:
+    if state == "FAILED":
+        return f"failed: {plain(pulse.get('error'))}"
+    if not lives_on:
+        return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
+    if state == "RUNNING" and _stalled(row, pulse, simulated):
+        return "silent" if row.kind in THIRD_PARTY else "stalled"
+    return ""
+
+
+def _stalled(row: Process, pulse: Pulse, simulated: bool) -> bool:
+    """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
+    try:
+        late_ns = (hung_s(row) if simulated else late_s(row)) * 1e9  # nobody is late there, see supervisor
+    except KeyError:
+        return False
+    beat = int(pulse.get("heartbeat_ns"))
+    if not beat or monotonic_ns() - beat <= late_ns:
+        return False
+    for _ in range(TRIES):
+        pause(LOOK_AGAIN_S)
+        if int(pulse.get("heartbeat_ns")) != beat:
+            return False
+    return True
+
+
+def cells(life: Life) -> tuple[str, ...]:
+    """A process as a row of a table with COLUMNS; times are the 99 % ones of period and work."""
+    in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
+    name = f"{life.name} {life.simulation}".rstrip()
+    return (name, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed), str(life.restarts),
+            life.trouble)
+
+
+def remarks(life: Life) -> str:
+    """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
+    parts = [f"{life.simulation}, there is no robot"] if life.simulation else []
+    parts += [life.scheduling] if life.scheduling else []
+    latency = life.statistics.get("latency")
+    if latency:
+        in_us = {part: latency[part] * 1e6 for part in PARTS}
+        parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
+    parts += [f"held up {life.pauses} times"] if life.pauses else []
+    return "; ".join(parts + ([f"last ended: {life.exit_reason}"] if life.exit_reason else []))

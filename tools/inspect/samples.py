@@ -1,0 +1,100 @@
+"""One board's real-time block as values a person can read: for `trocar bus watch`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from procs.fpga import blocks, registers
+from tools.desk import Board, Desk
+from tools.errors import Problem
+from tools.inspect import meanings
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis, from 1; what there is only of motors or only of encoders is None or empty for the others."""
+
+    axis: int
+    pot_bits: int | None
+    current_bits: int | None
+    encoder_counts: int | None
+    overflow: bool | None
+    velocity_counts_s: float | None
+    amplifier: str
+    inputs: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A board at one moment."""
+
+    board: Board
+    since_s: float  # since the sample before, whoever took it
+    status: int
+    watchdog: int  # its register
+    digital_input: int
+    celsius: list[float | None]
+    axes: tuple[Axis, ...]
+
+    @property
+    def words(self) -> list[str]:
+        """The status in words, without the board's id."""
+        return meanings.status_words(self.status, self.board.hardware, self.board.firmware)[1:]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For programs."""
+        status = self.status
+        return {
+            "board": self.board.board, "hardware": self.board.hardware, "firmware": self.board.firmware,
+            "since_s": self.since_s, "status": status, "words": self.words,
+            "power": bool(status & registers.STATUS_POWER), "relay": bool(status & registers.STATUS_RELAY),
+            "watchdog_tripped": bool(status & registers.STATUS_WATCHDOG),
+            "watchdog_s": (self.watchdog & 0xFFFF) * registers.WATCHDOG_UNIT_S,
+            "digital_input": self.digital_input, "celsius": self.celsius,
+            "axes": [{name: getattr(axis, name) for name in Axis.__slots__} for axis in self.axes],
+        }
+
+
+def layout(board: Board) -> blocks.Layout:
+    """How a board's real-time block is made up; Problem for controllers nobody knows."""
+    if board.hardware not in blocks.AXES_OF or board.firmware not in registers.FIRMWARE_REVISIONS:
+        raise Problem(f"{board.title} cannot be watched; allowed: {', '.join(blocks.AXES_OF)}, firmware Rev 7, 8, 9")
+    return blocks.layout_of(board.firmware, *blocks.AXES_OF[board.hardware])
+
+
+def take(desk: Desk, board: Board) -> Sample:
+    """Sample a board once: a block read and a register read, which change nothing but its sample timer."""
+    shape = layout(board)
+    words = desk.block(board.board, registers.REAL_TIME, shape.read_quads)
+    return sample_of(board, words, desk.read(board.board, registers.WATCHDOG))
+
+
+def sample_of(board: Board, words: list[int], watchdog: int) -> Sample:
+    """The values in a real-time block and a watchdog register."""
+    shape = layout(board)
+    columns = blocks.Columns(max(shape.motors, shape.encoders))
+    row = np.zeros(columns.count, np.uint32)
+    row[shape.columns(columns.width)] = words
+    adc, position, status = row[columns.adc].tolist(), row[columns.position].tolist(), int(row[blocks.STATUS])
+    timing = (columns.running, columns.period, columns.quarter_5, columns.quarter_1)
+    speeds = meanings.velocities([row[kind].tolist() for kind in timing], board.hardware)
+    motor, inputs = row[columns.motor_status].tolist(), int(row[blocks.DIGITAL_INPUT])
+    digital = board.hardware == "dRA1"
+    axes = []
+    for k in range(columns.width):
+        drives, counts = k < shape.motors, k < shape.encoders
+        axes.append(Axis(
+            k + 1,
+            adc[k] >> 16 & (registers.DIGITAL_POT_MASK if digital else 0xFFFF) if drives else None,
+            adc[k] & 0xFFFF if drives else None,
+            meanings.counts(position[k]) if counts else None,
+            bool(position[k] & registers.ENCODER_OVERFLOW) if counts and not digital else None,
+            speeds[k] if counts else None,
+            meanings.amplifier(status, motor[k], k, board.hardware, board.firmware) if drives else "",
+            meanings.limit_inputs(inputs, board.hardware, k)))
+    since_s = (int(row[blocks.TIMESTAMP]) + 1) * registers.TICK_S
+    return Sample(board, since_s, status, watchdog, inputs,
+                  meanings.celsius(int(row[blocks.TEMPERATURE]), board.hardware), tuple(axes))

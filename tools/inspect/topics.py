@@ -1,0 +1,132 @@
+"""Topics by the names people use: whole records (PSM1/state), CRTK views (PSM1/measured_js), events (PSM1/error).
+
+The catalogue is read from what is in shared memory, each ring's header describing itself; which CRTK names are views
+on which fields stands in `shm/topics.py`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from procs.arm_types import ARM_TYPES
+from procs.manifest import PROCS
+from shm.directory import rings, topic_of
+from shm.segment import Segment, SegmentError, segment_name
+from shm.topics import Field, View
+from tools.systems import unknown
+
+SAID_BY_ALL = ("status", "warning", "error")
+SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types
+RECORD, EVENT = "record", "event"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One topic: the ring it lives in, and how it is seen.
+
+    `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes; of a
+    set-up arm `row` is its place among all, and `count` the number of its joints.
+    `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
+    KINEMATIC where there is no robot.
+    """
+
+    name: str
+    instance: str
+    ring: str
+    kind: str
+    rate_hz: float
+    fields: tuple[Field, ...] = ()
+    view: View | None = None
+    event: str = ""
+    robot: str = ""
+    first: int = 0
+    count: int = 0
+    row: int = -1
+    labels: tuple[str, ...] = field(default=())
+    trouble: str = ""
+    simulation: str = ""
+
+
+def catalogue(system: str) -> list[Entry]:
+    """All topics of a system, records first, then views, then events, of one instance after the other."""
+    found: list[Entry] = []
+    for instance, ring in rings(system):
+        found += _entries(system, instance, ring)
+    return found
+
+
+def find(system: str, topic: str) -> Entry:
+    """The topic of this name; Problem names the nearest ones."""
+    entries = catalogue(system)
+    for entry in entries:
+        if entry.name == topic:
+            return entry
+    raise unknown("topic", topic, [entry.name for entry in entries])
+
+
+def _entries(system: str, instance: str, ring: str) -> list[Entry]:
+    try:
+        with Segment(segment_name(system, instance, ring)) as segment:
+            gone = segment.gone
+            entries = _described(instance, ring, segment.header.info, segment.header.schema.text)
+            simulation = str(segment.header.info.get("simulation", ""))
+    except SegmentError as error:
+        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
+        text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
+        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
+    return [dataclasses.replace(entry, trouble=writer_gone(gone), simulation=simulation) for entry in entries]
+
+
+def writer_gone(who: str) -> str:
+    """What is to be said of a ring whose last writer was `who`; empty when that one lives."""
+    return f"its writer {who} is gone" if who else ""
+
+
+def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> list[Entry]:
+    rate = float(info.get("rate_hz", 0.0))
+    fields = tuple(_field(row) for row in json.loads(text)["fields"])
+    known = {f.name: f for f in fields}
+    kind, own = str(info.get("kind", "")), ARM_TYPES.get(str(info.get("type", "")))
+    record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
+    if ring == "events":
+        said = next((row.events for row in PROCS if row.kind == kind), ())
+        said += (own.events if own is not None else ()) + SAID_BY_ALL
+        return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
+    try:
+        views = topic_of(kind, ring).views
+    except KeyError:
+        views = ()
+    found = [record]
+    for view in views:
+        seen = tuple(known[name] for _, name in view.fields if name in known)
+        if len(seen) < len(view.fields):  # another version's record
+            continue
+        what = view.name.partition("/")[0]
+        if own is not None and what in SEEN_OF_SOME and what not in own.views:
+            continue
+        if view.per:
+            found += _of_each(view, instance, ring, rate, seen, dict(info.get(f"{view.per}s", {})))
+        else:
+            found.append(Entry(f"{instance}/{view.name}", instance, ring, view.kind, rate, seen, view))
+    return found
+
+
+def _of_each(
+    view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], parts: dict[str, Any]
+) -> list[Entry]:
+    """A view for every robot, or every set-up arm."""
+    found = []
+    for robot, cut in parts.items():
+        labels = tuple(str(label) for label in cut.get("names", ()))
+        found.append(Entry(f"{instance}/{robot}/{view.name}", instance, ring, view.kind, rate, seen, view, robot=robot,
+                           first=int(cut.get("first", 0)), count=int(cut["count"]), row=int(cut.get("row", -1)),
+                           labels=labels))
+    return found
+
+
+def _field(row: dict[str, Any]) -> Field:
+    return Field(str(row["name"]), str(row["dtype"]), str(row.get("unit", "")), str(row.get("text", "")))

@@ -1,0 +1,211 @@
+"""Reading a topic by its name, whatever it is: used by `echo`, `attach` and `trocar.py`.
+
+    with open_topic(system, "PSM1/measured_js") as source:
+        if source.newest():
+            source.stamp_ns, source.valid, source.part("position"), source.as_dict()
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.ring import RingReader
+from tools.inspect.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
+from tools.printing import plain
+from tools.systems import is_simulated
+
+FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
+ONE_JOINT = ("jaw", "gripper")
+OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
+MESSAGE = ("severity", "code", "component", "axis", "board", "value", "limit", "text", "hint")
+STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
+JS = ("position", "velocity", "effort")
+
+
+class Source:
+    """One topic, open for reading; a context manager."""
+
+    def __init__(self, system: str, entry: Entry, reader: RingReader | None = None) -> None:
+        """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
+        self.entry = entry
+        self._simulated = is_simulated(system)
+        self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
+        self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
+        self._fields = {name: self._reader.field(name) for name in self._names}
+
+    @property
+    def stamp_ns(self) -> int:
+        """Monotonic stamp of the record last read."""
+        return self._reader.stamp_ns
+
+    @property
+    def age_s(self) -> float:
+        """Age of the record last read; 0 where time is simulated, and stamps are."""
+        return 0.0 if self._simulated else (monotonic_ns() - self.stamp_ns) * 1e-9
+
+    @property
+    def sequence(self) -> int:
+        """Its number."""
+        return self._reader.sequence
+
+    @property
+    def head(self) -> int:
+        """Number of the newest record, 0: none."""
+        return self._reader.head
+
+    @property
+    def lost(self) -> int:
+        """Records that were overwritten before `next` came to them."""
+        return self._reader.lost
+
+    def trouble(self) -> str:
+        """What is wrong with the ring: no writer any more, or records no writer writes; empty when all is well."""
+        said = [writer_gone(self._reader.gone), self._reader.trouble]
+        return "; ".join(part for part in said if part)
+
+    def newest(self) -> bool:
+        """Read the newest record, or the last event of this name; False when there is none."""
+        if self.entry.kind != EVENT:
+            return self._reader.newest()
+        return self._reader.newest() and self._back_to_ours()
+
+    def next(self) -> bool:
+        """Read the next record in order, or the next event of this name; False when there is none yet."""
+        while self._reader.next():
+            if self.entry.kind != EVENT or self._is_ours():
+                return True
+        return False
+
+    def history(self, count: int) -> list[dict[str, Any]]:
+        """The newest records kept, oldest first, as plain values."""
+        rows = self._reader.last(count)
+        return [{name: plain(row[name]) for name in self._reader.dtype.names or ()} for row in rows]
+
+    def kept(self, count: int) -> list[dict[str, Any]]:
+        """The newest events of this name that the ring keeps, oldest first; all of them with the name `events`."""
+        rows = self.history(1 << 20)
+        ours = [row for row in rows if self.entry.kind != EVENT or row["event"] == self.entry.event]
+        return ours[-count:] if count else ours
+
+    def as_row(self) -> dict[str, Any]:
+        """The record last read, whole."""
+        head = {"stamp_ns": self.stamp_ns, "sequence": self.sequence}
+        return head | {name: plain(self._fields[name]) for name in self._names}
+
+    def _is_ours(self) -> bool:
+        return bool(plain(self._fields["event"].item()) == self.entry.event)
+
+    def _back_to_ours(self) -> bool:
+        if self._is_ours():
+            return True
+        kept = self._reader.last(1 << 20)
+        ours = np.flatnonzero(kept["event"] == self.entry.event.encode())
+        if not len(ours):
+            return False
+        record = kept[ours[-1]]
+        for name, cell in self._fields.items():
+            cell[...] = record[name]
+        self._reader.field("stamp_ns")[...] = record["stamp_ns"]
+        self._reader.sequence = int(record["sequence"])
+        return True
+
+    @property
+    def valid(self) -> bool:
+        """Whether the values of the record may be used."""
+        flag = self._fields.get(self.entry.view.where if self.entry.view else "valid")
+        return True if flag is None else bool(flag[self.entry.row] if self.entry.row >= 0 else flag[()])
+
+    def part(self, name: str) -> NDArray[Any]:
+        """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty: not there."""
+        view = self.entry.view
+        where = dict(view.fields).get(name) if view is not None else name
+        if where is None:
+            return np.zeros(0)
+        value = np.atleast_1d(self._fields[where])
+        if self.entry.row >= 0:
+            of_joints = self.entry.kind == "js"
+            return value[self.entry.row, : self.entry.count if of_joints else None].copy()
+        if self.entry.count:
+            return value[self.entry.first : self.entry.first + self.entry.count].copy()
+        if value.shape[-1] == 8 and "count" in self._fields:  # an arm's record has room for 8 joints
+            return value[..., : int(self._fields["count"][()])].copy()
+        return value.copy()
+
+    def labels(self) -> list[str]:
+        """Joint names of a view."""
+        if self.entry.labels:
+            return list(self.entry.labels)
+        names = [str(plain(name)) for name in self.part("name").tolist()]
+        part = self.entry.name.rsplit("/", 2)[-2]
+        return names or ([part] if part in ONE_JOINT else [])
+
+    def as_dict(self) -> dict[str, Any]:
+        """The record as JSON knows it; what is invalid or not finite is None."""
+        head = {"stamp_ns": self.stamp_ns, "sequence": self.sequence}
+        if self.entry.kind == RECORD:
+            return head | {name: plain(self._fields[name]) for name in self._names}
+        if self.entry.kind == EVENT:
+            return event_as_dict(self.entry.event, self.as_row())
+        return head | {"valid": self.valid} | self._view()
+
+
+    def _view(self) -> dict[str, Any]:
+        kind, valid = self.entry.kind, self.valid
+
+        def value(array: NDArray[Any]) -> Any:
+            return plain(array) if valid else None
+
+        if kind == "js":
+            return {"name": self.labels()} | {part: value(self.part(part)) for part in JS}
+        if kind == "cp":
+            pose = self.part("pose")
+            return {"position": value(pose[:3]), "orientation": value(pose[3:])}
+        if kind == "cv":
+            twist = self.part("twist")
+            return {"linear": value(twist[:3]), "angular": value(twist[3:])}
+        if kind == "cf":
+            wrench = self.part("wrench")
+            return {"force": value(wrench[:3]), "torque": value(wrench[3:])}
+        return {part: value(self.part(part)) for part, _ in self.entry.view.fields} if self.entry.view else {}
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
+    """An event of this name as JSON knows it: what belongs to it, and its stamps; no axis or board is None."""
+    stamps = {key: row[key] for key in STAMPS if key in row}
+    if name in FLAGS and "value" in row:
+        return stamps | {FLAGS[name]: bool(row["value"])}
+    shown = OPERATING_STATE if name == "operating_state" else MESSAGE
+    found = {key: row[key] for key in shown}
+    return stamps | found | {key: None for key in ("axis", "board") if found.get(key) == -1}
+
+
+def open_topic(system: str, topic: str) -> Source:
+    """The topic of this name, open; Problem names the nearest ones when there is none."""
+    return Source(system, find(system, topic))
+
+
+def state_as_event(system: str, instance: str) -> dict[str, Any] | None:
+    """An operating_state from the state record, for an arm that has not emitted any event (any more)."""
+    for entry in catalogue(system):
+        if entry.name == f"{instance}/state" and {f.name for f in entry.fields} >= set(OPERATING_STATE):
+            with Source(system, entry) as source:
+                if source.newest():
+                    record = source.as_dict()
+                    known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
+                    return known | {"event": "operating_state", "severity": 0, "monotonic_ns": 0, "local_ns": 0}
+    return None

@@ -1,0 +1,158 @@
+"""An arm as others see it: its state record and its last words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.system import Arm, System, Tool, from_json
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.ring import RingReader
+from tools.errors import Problem
+from tools.inspect.messages import text_of
+from tools.inspect.topics import writer_gone
+from tools.printing import plain
+from tools.systems import instances_of_kind, is_simulated, unknown
+
+FRESH_S = 0.2  # an older record tells nothing of what is now
+
+
+def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
+    """The arms of a system, or those wanted of them; Problem when one is not there."""
+    known = instances_of_kind(system, "arm")
+    for name in wanted or []:
+        if name not in known:
+            raise unknown("arm", name, known)
+    return list(wanted or known)
+
+
+def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
+    """All that is powered and homed, arms and set-up joints, or those wanted of them."""
+    known = [*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")]
+    for name in wanted or []:
+        if name not in known:
+            raise unknown("arm", name, known)
+    return list(wanted or known)
+
+
+def arm_document(system: str, name: str) -> Arm:
+    """What the configuration says of an arm; Problem when the system's document does not say it."""
+    try:
+        return document_of(system).arm(name)
+    except KeyError as error:
+        raise Problem(f"system {system}: {error.args[0]}") from None
+
+
+def document_of(system: str) -> System:
+    """What the system was configured with; Problem when that is not readable."""
+    try:
+        return from_json(directory.document(system))
+    except ValueError as error:  # what lies there may come from anywhere
+        raise Problem(f"system {system}: {error.args[0]}") from None
+
+
+def tool_on(system: str, watch: Watch) -> Tool | None:
+    """The instrument that is on, as the configuration describes it; None: none is on, or it is not described."""
+    arm, name = arm_document(system, watch.name), watch.text("tool")
+    known = arm.tools + ((arm.tool,) if arm.tool is not None else ())
+    return next((tool for tool in known if name and tool.name == name), None)
+
+
+class Watch:
+    """The newest state of one arm; a context manager. Fields are those of the record last read."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Attach to the state of an arm, or of set-up joints."""
+        self.name = name
+        kind = "suj" if name in instances_of_kind(system, "suj") else "arm"
+        self.reader: RingReader = directory.reader(system, name, "state", kind)
+        self._events: RingReader = directory.reader(system, name, "events", kind)
+        self._since = self._events.head
+        self._simulated = is_simulated(system)
+
+    @property
+    def age_s(self) -> float:
+        """Age of the record last read; 0 where time is simulated, and stamps are."""
+        return age_of(self.reader, self._simulated)
+
+    def look(self) -> bool:
+        """Read the newest record; False when there is none, or none is whole."""
+        return self.reader.newest()
+
+    def trouble(self) -> str:
+        """What is wrong with the arm's record: no process writes it any more, it is old, nobody's writing is in it."""
+        return trouble_of(self.reader, self._simulated)
+
+    def text(self, field: str) -> str:
+        """A text field."""
+        return str(plain(self.reader.field(field).item()))
+
+    def flag(self, field: str) -> bool:
+        """A flag."""
+        return bool(self.reader.field(field)[()])
+
+    def joints(self, field: str) -> NDArray[np.float64]:
+        """A joint field (n,), cut to the joints in use; a new array."""
+        return np.array(self.reader.field(field)[: self.count], dtype=np.float64)
+
+    @property
+    def count(self) -> int:
+        """Joints in use."""
+        return int(self.reader.field("count")[()])
+
+    @property
+    def state(self) -> str:
+        """The published operating state."""
+        return self.text("state")
+
+    @property
+    def busy(self) -> bool:
+        """A move or transition is under way."""
+        return self.flag("is_busy")
+
+    @property
+    def homed(self) -> bool:
+        """Homed, and powered."""
+        return self.flag("is_homed")
+
+    def forget_errors(self) -> None:
+        """`last_error` tells only of what comes from now on."""
+        self._since = self._events.head
+
+    def last_error(self) -> str:
+        """Text of the newest error, else warning, since we attached (or `forget_errors`); empty: there was none."""
+        kept: NDArray[Any] = self._events.last(1024)
+        ours = kept[kept["sequence"] > self._since]
+        for event in (b"error", b"warning"):
+            rows = ours[ours["event"] == event]
+            if len(rows):
+                return text_of({name: plain(rows[-1][name]) for name in rows.dtype.names})
+        return ""
+
+    def close(self) -> None:
+        """Unmap."""
+        self.reader.close()
+        self._events.close()
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+
+def age_of(reader: RingReader, simulated: bool) -> float:
+    """Age of the record last read, s; 0 where time is simulated, and stamps are."""
+    return 0.0 if simulated else (monotonic_ns() - reader.stamp_ns) * 1e-9
+
+
+def trouble_of(reader: RingReader, simulated: bool) -> str:
+    """What is wrong with a record that should be of now, in words; empty when all is well."""
+    age_s = age_of(reader, simulated)
+    old = f"its last record is {age_s:.1f} s old" if age_s > FRESH_S else ""
+    return "; ".join(part for part in (writer_gone(reader.gone) or old, reader.trouble) if part)

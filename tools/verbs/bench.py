@@ -1,0 +1,70 @@
+"""`trocar bench NAME`: measurements, one module each."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tools.errors import Misuse, Problem
+from tools.options import JsonOption
+from tools.printing import emit, table
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """One measurement: its module, and which options of the verb its `run` takes, by their names there."""
+
+    module: str
+    takes: tuple[str, ...] = ()
+
+
+BENCHES = {
+    "ring": Bench("tools.bench.ring"), "io": Bench("tools.bench.io_loop"), "boards": Bench("tools.bench.boards"),
+    "arm": Bench("tools.bench.arm"), "teleop": Bench("tools.bench.teleop", ("seconds", "sets")),
+    "system": Bench("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
+}
+
+
+def bench(
+    name: Annotated[str, typer.Argument(help=f"What to measure: {', '.join(BENCHES)}.")],
+    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; none: ours.")] = None,
+    path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
+    boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
+    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="teleop, system: so long; 0: the usual.")] = 0.0,
+    sets: Annotated[list[str] | None, typer.Option(
+        "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,
+    as_json: JsonOption = False,
+) -> Any:
+    """Measure this machine and this software; figures are ratios or times of one run.
+
+    Example: trocar bench system --seconds 5 --json
+    """
+    if name not in BENCHES:
+        raise Misuse(f"no bench {name}; there are: {', '.join(BENCHES)}")
+    if boards not in ("", "emulated"):
+        raise Misuse(f"--boards {boards}: allowed is emulated")
+    row = BENCHES[name]
+    given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds,
+             "sets": tuple(sets or ())}
+    options = {key: value for key, value in given.items() if value}
+    if left := [key for key in options if key not in row.takes]:
+        raise Misuse(f"bench {name} takes no {' and no '.join(left)}")
+    try:
+        module = importlib.import_module(row.module)
+    except ModuleNotFoundError as error:
+        raise Problem(f"bench {name} cannot run: {error}") from None
+    result: dict[str, Any] = module.run(**options)
+    problems = result.get("problems", [])
+    if as_json:
+        emit(result)
+        return int(bool(problems))
+    for part in ("figures", "conditions"):
+        rows = [(key, f"{x:.6g}" if isinstance(x, float) else str(x)) for key, x in result[part].items()]
+        table(f"bench {name}: {part}", (part, "value"), rows, right=("value",) if part == "figures" else ())
+    if hasattr(module, "show"):
+        module.show(result)
+    return int(bool(problems))

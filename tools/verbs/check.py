@@ -1,0 +1,57 @@
+"""`trocar check FILE…`: validate configuration files without starting anything."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from procs.config import Checked, check_file
+from tools.printing import emit
+
+FINE, WRONG = 0, 1
+
+
+def check(
+    files: Sequence[Path], path: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = ()
+) -> tuple[Checked, ...]:
+    """Every file with its kind and what was found; `path`, `boards`, `sets` as `trocar up` has them."""
+    return tuple(check_file(file, search=path, boards=boards, sets=sets) for file in files)
+
+
+def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str | None = None,
+        sets: Sequence[str] = ()) -> int:
+    """Print what was found in `files` and return the exit code: 1 when there is an error, 0 otherwise."""
+    results = check(files, path, boards, sets)
+    for result in results:
+        if as_json:
+            emit(_row(result))
+            continue
+        for problem in result.problems:
+            print(problem)
+        for note in result.notes:
+            print(f"{result.path}: note: {note}")
+        print(f"{result.path}: {result.kind} file, {_verdict(result)}")
+    return WRONG if any(_count(result, "error") for result in results) else FINE
+
+
+def _count(result: Checked, severity: str) -> int:
+    return sum(problem.severity == severity for problem in result.problems)
+
+
+def _verdict(result: Checked) -> str:
+    errors, warnings = _count(result, "error"), _count(result, "warning")
+    if not errors and not warnings:
+        return "fine"
+    words = [(errors, "error"), (warnings, "warning")]
+    return ", ".join(f"{number} {word}{'s' if number != 1 else ''}" for number, word in words if number)
+
+
+def _row(result: Checked) -> dict[str, object]:
+    return {
+        "file": str(result.path),
+        "kind": result.kind,
+        "ok": not _count(result, "error"),
+        "problems": [dataclasses.asdict(problem) for problem in result.problems],
+        "notes": list(result.notes),
+    }

@@ -1,0 +1,231 @@
+"""`trocar demo`: a surgeon's hand on emulated boards draws an eight on a master, and a PSM follows it.
+
+Its time is paced unless another clock is asked for: a busy machine makes it slower and breaks nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+import typer
+
+from shm.clock import monotonic_ns
+from shm.system_time import WALL, SystemTime, speed_in_words
+from tools.arms import home, power_off, power_on
+from tools.errors import Problem
+from tools.examples.hand import Hand, figure_eight
+from tools.examples.surgeon import Seat, Teleop
+from tools.following import beats
+from tools.inspect.health import Run
+from tools.inspect.processes import lives
+from tools.inspect.tracing import Trace
+from tools.inspect.watch import arm_document
+from tools.options import ClockOption, JsonOption, clock_set
+from tools.printing import emit, note, number, progress, table
+from tools.supervising import Background, Request
+from tools.systems import ROOT
+
+SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
+NAME = "demo"
+SIZE_M = 0.04
+TURN_S = 8.0
+RATE_HZ = 100.0  # poses of the hand
+RAMP_S = 1.0  # the drawing starts slowly
+LINE_EVERY = 50
+SLOWEST, AROUND_S = 5.0, 60.0  # real time: so many times what was asked for, and for all else
+TOLD_S = 5.0  # between two lines where there is no terminal
+# What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
+# Latencies: 4 and 10 periods of the system's loops.
+MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 8.0, "latency_ms_p99": 20.0}
+UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
+
+
+def demo(
+    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Follow so many seconds; 0: until Ctrl-C.")] = 0.0,
+    clock: ClockOption = "",
+    as_json: JsonOption = False,
+    system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
+) -> int:
+    """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
+
+    Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute.
+
+    Example: trocar demo --for 10
+    """
+    sets = clock_set(clock)
+    begin = monotonic_ns()
+    end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
+    summary: dict[str, Any] = {"problems": []}
+    with _robot(system, sets) as background:
+        try:
+            _climb(system, begin, end)
+            summary = _operate(system, begin, seconds, end)
+        except KeyboardInterrupt:
+            note("stopped before the drawing began")
+        except Problem as problem:
+            summary["problems"].append(str(problem))
+        finally:
+            with contextlib.suppress(Problem), progress("power off") as say:
+                power_off(system, say=say)
+    summary["supervisor_exit"] = background.popen.returncode
+    if background.popen.returncode:
+        summary["problems"].append(f"the supervisor ended with {background.popen.returncode}")
+    emit(summary) if as_json else _show(summary)
+    return 1 if summary["problems"] else 0
+
+
+@contextlib.contextmanager
+def _robot(system: str, sets: tuple[str, ...]) -> Iterator[Background]:
+    """The demo system, up; down again on every path."""
+    with progress(f"starting {system}") as say:
+        background = Background(Request(SYSTEM, system, "emulated", sets=sets), tied=True)
+        try:
+            background.wait_until_up(say)
+        except BaseException:
+            background.stop(say)
+            raise
+    try:
+        yield background
+    finally:
+        with progress(f"stopping {system}") as say:
+            background.stop(say)
+
+
+def _climb(system: str, begin: int, end: int | None) -> None:
+    with progress("power on") as say:
+        power_on(system, timeout=_left_s(end), say=say)
+        note(f"powered after {_since(begin):.1f} s")
+        home(system, timeout=_left_s(end), say=say)
+        note(f"homed after {_since(begin):.1f} s")
+
+
+def _left_s(end: int | None) -> float:
+    """Real time that is left; 0: as usual."""
+    return 0.0 if end is None else max(1.0, (end - monotonic_ns()) * 1e-9)
+
+
+def _since(begin: int) -> float:
+    return (monotonic_ns() - begin) * 1e-9
+
+
+def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[str, Any]:
+    """Follow until the time is over or Ctrl-C; returns the summary."""
+    homed_s = _since(begin)
+    with contextlib.ExitStack() as stack:
+        time = stack.enter_context(SystemTime(system))
+        seat = stack.enter_context(Seat(system, "console"))
+        teleop = seat.teleops[0]
+        hand = stack.enter_context(Hand(system, seat, teleop))
+        hand.begin()
+        note(f"following after {_since(begin):.1f} s")
+        hand.take()
+        io = arm_document(system, teleop.slave).io
+        run, trace = Run(system, io), Trace(system, teleop.name, teleop.slave, io)
+        stack.callback(run.close)
+        stack.callback(trace.close)
+        skipped, drawing, drawing_ns = [0], monotonic_ns(), time.now_ns()
+        with _line() as show:
+            try:
+                _draw(hand, teleop, (run, trace), seconds, skipped, time, end, show)
+            except Problem as problem:  # it goes into the summary
+                run.errors.append(str(problem))
+        speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
+        told = "" if teleop.is_following else teleop.told
+        around = {"clock": time.clock, "speed": speed, "homed_after_s": homed_s, "hand_skipped": skipped[0]}
+        return {**around, **_summary(run, trace, told)}
+
+
+def _draw(hand: Hand, teleop: Teleop, watched: tuple[Run, Trace], seconds: float, skipped: list[int],
+          time: SystemTime, end: int | None, show: Callable[[str], None]) -> None:
+    """Draw eights for so long (0: until Ctrl-C), until `end` at most; `skipped[0]` counts poses that came too late."""
+    run, trace = watched
+    count = round(seconds * RATE_HZ) if seconds else None
+    with contextlib.suppress(KeyboardInterrupt):
+        for k in beats(RATE_HZ, count, skipped, time=time):
+            if end is not None and monotonic_ns() >= end:
+                note(f"ended after {k / RATE_HZ:.1f} of {seconds:g} s: this machine is busy ({speed_in_words(time)})")
+                break
+            passed_s = k / RATE_HZ
+            size = SIZE_M * min(1.0, passed_s / RAMP_S)
+            hand.draw(figure_eight(2.0 * math.pi * passed_s / TURN_S, size))
+            run.collect()
+            if k % LINE_EVERY == 0:
+                trace.collect()
+                so_far = f"{passed_s:.0f} s" + (f" of {seconds:g} s" if seconds else "")
+                show(f"{so_far}  {_status(run, teleop, time)}")
+    trace.collect()
+
+
+def _status(run: Run, teleop: Teleop, time: SystemTime) -> str:
+    life = next((life for life in lives(run.system) if life.kind == "io"), None)
+    rate, missed = (life.rate_hz, life.missed) if life is not None else (None, 0)
+    goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
+    where = " ".join(f"{x:+7.2f}" for x in goal)
+    told = "follows" if teleop.is_following else teleop.told
+    speed = f", {time.clock} {time.speed:.2f}" if time.simulated else ""
+    return (f"{teleop.slave} {told} {teleop.masters[0]}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
+            f"{speed}")
+
+
+@contextlib.contextmanager
+def _line() -> Iterator[Callable[[str], None]]:
+    """One line that is written over again and again; where there is no terminal, a line now and then."""
+    if not sys.stderr.isatty():
+        next_ns = [0]
+
+        def now_and_then(text: str) -> None:
+            if monotonic_ns() >= next_ns[0]:
+                next_ns[0] = monotonic_ns() + round(TOLD_S * 1e9)
+                note(text)
+
+        yield now_and_then
+        return
+    try:
+        yield lambda text: print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+    finally:
+        print(file=sys.stderr)
+
+
+def _summary(run: Run, trace: Trace, told: str) -> dict[str, Any]:
+    figures, summary = trace.figures(), run.summary()
+    summary["problems"] += [told] if told else []
+    summary["problems"] += too_much(figures)
+    return {"following": not told, **figures, **summary}
+
+
+def too_much(figures: dict[str, float]) -> list[str]:
+    """Which figures are not good, in words; what was not measured is not."""
+    said = []
+    for name, most in MOST.items():
+        what, unit, which = name.split("_")
+        if not figures[name] <= most:
+            meaning = f"following {what}" if what == "error" else what
+            said.append(f"{meaning} ({which}) {number(figures[name], '.2f')} {UNITS[unit]}, allowed {most:g}")
+    return said
+
+
+def _show(summary: dict[str, Any]) -> None:
+    if "processes" in summary:
+        rows = [("following error mm", number(summary["error_mm_rms"], ".2f"), number(summary["error_mm_max"], ".2f")),
+                ("following error °", number(summary["error_deg_rms"], ".2f"), number(summary["error_deg_max"], ".2f"))]
+        table("PSM1 against the goals of the tele-operation", ("figure", "RMS", "largest"), rows, ("RMS", "largest"))
+        late = ("master → slave ms", *(number(summary[f"latency_ms_{part}"], ".2f") for part in ("p50", "p99")), "–")
+        figures = [late] + [
+            (name, *(number(summary[f"{key}_{part}"]) for part in ("p50", "p99", "max")))
+            for name, key in (("io period µs", "io_period_us"), ("io read → write µs", "read_to_write_us"))
+        ]
+        simulated = "" if summary["clock"] == WALL else (
+            f", simulated: {summary['clock']}, {summary['speed']:.2f} of real time; they are not this machine's")
+        table(f"time{simulated}", ("figure", "p50", "p99", "max"), figures, ("p50", "p99", "max"))
+        processes = [(p["name"], number(p["rate_hz"]), str(p["cycles"]), str(p["missed"]), str(p["overruns"]),
+                      str(p["restarts"])) for p in summary["processes"]]
+        table("processes, while following", ("process", "Hz", "cycles", "missed", "overruns", "restarts"), processes,
+              ("Hz", "cycles", "missed", "overruns", "restarts"))
+    for problem in summary["problems"]:
+        print(f"PROBLEM: {problem}")
+    if "processes" in summary and not summary["problems"]:
+        print("everything stayed healthy")

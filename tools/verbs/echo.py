@@ -1,0 +1,169 @@
+"""`trocar echo TOPIC`: what a topic says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import typer
+
+from shm.clock import monotonic_ns, pause
+from tools.errors import Misuse, Problem
+from tools.inspect.enumerations import in_words
+from tools.inspect.messages import line
+from tools.inspect.topics import RECORD
+from tools.inspect.views import Source, event_as_dict, open_topic, state_as_event
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, note
+from tools.systems import chosen_system
+
+POLL_S = 0.005
+FIRST_S = 2.0  # to wait for the first record, and with --count for each one
+HISTORY = 100  # events shown of those from before
+
+
+def echo(
+    topic: Annotated[str, typer.Argument(help="INSTANCE/NAME, as in trocar list.")],
+    once: Annotated[bool, typer.Option("--once", help="Print the newest and leave.")] = False,
+    count: Annotated[int, typer.Option("-n", "--count", min=0, help="Leave after so many; 0: go on.")] = 0,
+    rate: Annotated[float, typer.Option("--rate", min=0.0, help="At most so many a second; 0: every record.")] = 10.0,
+    timeout: Annotated[float | None, typer.Option(
+        "--timeout", min=0.0, help="Leave when nothing came for so many seconds.")] = None,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Print the values of a topic: a whole record, a CRTK view, or events, with the last ones from before.
+
+    Events are lines with the time of day. Exit code 1: nothing came in time.
+
+    Example: trocar echo PSM1/measured_js --once --json
+
+    Example: trocar echo PSM1/status -n 1
+    """
+    if once and count:
+        raise Misuse("--once and --count say different things")
+    name, most = chosen_system(system), 1 if once else count
+    with open_topic(name, topic) as source:
+        try:
+            if source.entry.ring == "events":
+                return _events(name, source, most, timeout, as_json)
+            rows = _records(source, most, rate, timeout)
+            for shown, row in enumerate(rows, 1):
+                _show(source, row, as_json)
+                if shown == most:
+                    break
+        except KeyboardInterrupt:
+            return 0
+    return 0
+
+
+# events
+
+
+def _events(system: str, source: Source, most: int, timeout: float | None, as_json: bool) -> int:
+    """What is kept, the newest last, then what comes. Without `most` or `timeout` until Ctrl-C."""
+    rows = source.kept(most or HISTORY)
+    if not rows and source.entry.event == "operating_state":
+        found = state_as_event(system, source.entry.instance)
+        rows = [found] if found is not None else []
+    for row in rows:
+        _tell(source, row, as_json)
+    if not rows:
+        trouble = source.trouble()
+        note(f"{source.entry.name}: nothing yet" + (f" ({trouble})" if trouble else ""))
+    told, last = len(rows), int(rows[-1]["sequence"]) if rows else 0
+    limit_s = timeout if timeout is not None else (FIRST_S if most == 1 else math.inf)
+    since_ns = monotonic_ns()
+    while not most or told < most:
+        if source.next():
+            if source.sequence > last:
+                _tell(source, source.as_row(), as_json)
+                told, since_ns = told + 1, monotonic_ns()
+        elif monotonic_ns() - since_ns >= limit_s * 1e9:
+            return 0 if told else 1
+        else:
+            pause(POLL_S)
+    return 0
+
+
+def _tell(source: Source, row: dict[str, Any], as_json: bool) -> None:
+    if not as_json:
+        print(line(row), flush=True)
+    elif source.entry.kind == RECORD:
+        emit(row)
+    else:
+        emit(event_as_dict(source.entry.event, row))
+
+
+# records
+
+
+def _records(source: Source, most: int, rate: float, timeout: float | None) -> Iterator[dict[str, Any]]:
+    limit_s = FIRST_S if timeout is None else timeout
+    yield _first(source, limit_s)
+    if timeout is None and not most:
+        limit_s = math.inf
+    seen, since_ns = source.sequence, monotonic_ns()
+    while True:
+        if source.entry.rate_hz == 0.0 or rate == 0.0:
+            found = source.next() and source.sequence > seen
+            pause(0.0 if found else POLL_S)
+        else:
+            pause(1.0 / rate)
+            found = source.newest() and source.sequence != seen
+        if found:
+            seen, since_ns = source.sequence, monotonic_ns()
+            yield source.as_dict()
+        elif monotonic_ns() - since_ns >= limit_s * 1e9:
+            trouble = _said(source)
+            raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({trouble})" if trouble else ""))
+
+
+def _first(source: Source, timeout: float) -> dict[str, Any]:
+    end = monotonic_ns() + round(timeout * 1e9)
+    while not source.newest():
+        if monotonic_ns() >= end:
+            said = source.trouble()
+            raise Problem(f"{source.entry.name}: {'no record is whole' if source.head else 'nothing yet'}"
+                          + (f" ({said})" if said else ""))
+        pause(POLL_S)
+    return source.as_dict()
+
+
+def _said(source: Source) -> str:
+    """What is wrong with the ring, and what we missed of it."""
+    lost = f"{source.lost} records were overwritten before they were read" if source.lost else ""
+    return "; ".join(part for part in (source.trouble(), lost) if part)
+
+
+def _show(source: Source, row: dict[str, Any], as_json: bool) -> None:
+    trouble = _said(source)
+    if as_json:
+        emit(row | ({"trouble": trouble} if trouble else {}))
+        return
+    fields = {field.name: field for field in source.entry.fields}
+    parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
+    print(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
+    if trouble:
+        print(f"  trouble: {trouble}")
+    for key, value in row.items():
+        if key not in ("stamp_ns", "sequence"):
+            field = fields.get(parts.get(key, key))
+            unit = field.unit if field is not None else ""
+            shown = _text(in_words(field, value) if field is not None else value)
+            print(f"  {key:<22} {shown}" + (f"  {unit}" if unit and value is not None else ""))
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        if value and isinstance(value[0], list):
+            return "\n".join(["", *(" " * 4 + _text(row) for row in value)])
+        return " ".join(_text(item) for item in value)
+    return str(value)

@@ -1,0 +1,131 @@
+"""`trocar list` and `trocar hz`: which topics there are, and how often they really come."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from shm import directory
+from shm.clock import pause
+from shm.ring import RingReader
+from shm.segment import SegmentError
+from tools.inspect.topics import RECORD, Entry, catalogue, find, writer_gone
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, number, table
+from tools.systems import chosen_system
+
+WINDOW_S = 1.0
+
+
+def list_topics(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Every field with its unit and meaning.")] = False,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> None:
+    """List the topics of a running system: records, CRTK views on them, events.
+
+    Example: trocar list --verbose
+    """
+    entries = catalogue(chosen_system(system))
+    if as_json:
+        for entry in entries:
+            emit(_described(entry))
+    elif verbose:
+        for entry in entries:
+            rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
+            rate += f", {entry.simulation}" if entry.simulation else ""
+            print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.trouble}" if entry.trouble else ""))
+            if entry.kind != "event":
+                for f in entry.fields:
+                    print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
+    else:
+        rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.trouble)
+                for e in entries]
+        table("", ("topic", "kind", "Hz", "fields", "trouble"), rows, right=("Hz",))
+
+
+def _names(entry: Entry) -> str:
+    if entry.view is not None:
+        return " ".join(part for part, _ in entry.view.fields)
+    if entry.kind == RECORD:
+        return f"{len(entry.fields)} fields"
+    return ""
+
+
+def _described(entry: Entry) -> dict[str, Any]:
+    fields = [] if entry.kind == "event" else [dataclasses.asdict(f) for f in entry.fields]
+    return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields,
+            "simulation": entry.simulation, "trouble": entry.trouble}
+
+
+def hz(
+    topics: Annotated[list[str] | None, typer.Argument(help="Topics; none: every record.")] = None,
+    window: Annotated[float, typer.Option("--window", min=0.05, help="Seconds to count.")] = WINDOW_S,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Measure the rates of topics by their sequence numbers, and the spacing of their stamps.
+
+    Example: trocar hz PSM1/state IO1/state
+    """
+    name = chosen_system(system)
+    entries = [find(name, t) for t in topics] if topics else [e for e in catalogue(name) if e.kind == RECORD]
+    rows = measured(name, entries, window)
+    if as_json:
+        for row in rows:
+            emit(row)
+    else:
+        figures = ("hz", "nominal_hz", "period_ms", "std_ms", "max_ms")
+        cells = [(row["topic"], *(number(row[key], ".2f") for key in figures), row["trouble"]) for row in rows]
+        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms", "trouble"), cells,
+              right=("Hz", "nominal", "period ms", "std ms", "max ms"))
+    silent = [r for r in rows if r["nominal_hz"] and not r["records"]]
+    return 1 if topics and silent else 0
+
+
+def measured(system: str, entries: list[Entry], window_s: float) -> list[dict[str, Any]]:
+    """Rates of topics over a window; the spacing is that of the stamps, None where fewer than two records came."""
+    watched = [_Rate(system, entry) for entry in entries]
+    try:
+        pause(window_s)
+        return [rate.row(window_s) for rate in watched]
+    finally:
+        for rate in watched:
+            rate.close()
+
+
+class _Rate:
+    """One topic over a window; what cannot be read is a row too, with its trouble."""
+
+    def __init__(self, system: str, entry: Entry) -> None:
+        self._entry, self._before, self._trouble = entry, 0, entry.trouble
+        self._reader: RingReader | None = None
+        try:
+            self._reader = directory.reader(system, entry.instance, entry.ring)
+            self._before = self._reader.head
+        except SegmentError as error:
+            self._trouble = str(error)
+
+    def row(self, window_s: float) -> dict[str, Any]:
+        count, gaps = 0, np.zeros(0)
+        reader = self._reader
+        if reader is not None:
+            count = reader.head - self._before
+            gaps = np.diff(reader.last(count)["stamp_ns"]) * 1e-6 if count > 0 else gaps
+            reader.newest()
+            said = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.trouble]
+            self._trouble = "; ".join(part for part in said if part)
+        some, steady = len(gaps) > 0, len(gaps) > 0 and gaps.mean() > 0
+        return {
+            "topic": self._entry.name, "records": max(0, count), "nominal_hz": self._entry.rate_hz or None,
+            "hz": float(1e3 / gaps.mean()) if steady else max(0, count) / window_s,
+            "period_ms": float(gaps.mean()) if some else None, "std_ms": float(gaps.std()) if some else None,
+            "max_ms": float(gaps.max()) if some else None, "trouble": self._trouble,
+        }
+
+    def close(self) -> None:
+        if self._reader is not None:
+            self._reader.close()

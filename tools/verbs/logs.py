@@ -1,0 +1,104 @@
+"""`trocar logs [NAME]`: what the processes wrote to their output, in the order in which they wrote it."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from procs.config.read.paths import log_folder
+from shm.clock import pause
+from shm.loglines import Line, parsed
+from tools.errors import Problem
+from tools.inspect.asked import in_words, rows_of
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit
+from tools.systems import chosen_system, unknown
+
+POLL_S = 0.1
+
+
+def logs(
+    instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; none: all of them.")] = None,
+    lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest lines of each.")] = 20,
+    commands: Annotated[bool, typer.Option("--commands", help="Instead: what was asked for, by whom, and what became "
+                                           "of it; while the system runs.")] = False,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Print the newest lines the processes wrote; also after the system went down (then with --system).
+
+    Lines of several processes come in the order in which they were written.
+
+    Example: trocar logs PSM1 -n 50
+
+    Example: trocar logs PSM1 --commands
+    """
+    if commands:
+        for row in rows_of(system or chosen_system(), instance, lines):
+            emit(row) if as_json else print(in_words(row))
+        return 0
+    folder = log_folder(os.environ, system or chosen_system())
+    if not _is_folder(folder):
+        chosen_system(system)  # who may not look at it, or misspells it, is told so
+        raise Problem(f"{folder}: there are no logs of this system")
+    found = {path.stem: path for path in sorted(folder.glob("*.log")) if not path.stem.endswith(".previous")}
+    if instance is not None and instance not in found:
+        raise unknown("log", instance, found)
+    chosen = {instance: found[instance]} if instance is not None else found
+    files = {name: path.open(errors="replace") for name, path in chosen.items()}
+    try:
+        for name, line in in_order({name: deque(file, maxlen=lines) for name, file in files.items()}):
+            _print(name, line, len(chosen) > 1, as_json)
+        while follow:
+            for name, line in in_order({name: file.readlines() for name, file in files.items()}):
+                _print(name, line, len(chosen) > 1, as_json)
+            pause(POLL_S)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        for file in files.values():
+            file.close()
+    return 0
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # it may not even be asked about
+        return False
+
+
+def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, Line]]:
+    """Lines of several processes by their stamps; one without goes with the line before it."""
+    found: list[tuple[float, str, Line]] = []
+    for name, each in lines.items():
+        since_s = 0.0
+        for line in map(parsed, each):
+            since_s = line.monotonic_s or since_s
+            found.append((since_s, name, line))
+    found.sort(key=lambda row: row[0])
+    return [(name, line) for _, name, line in found]
+
+
+def _print(name: str, line: Line, several: bool, as_json: bool) -> None:
+    if as_json:
+        emit({"process": name, "local": line.local or None, "monotonic_s": line.monotonic_s or None,
+              "level": line.level or None, "line": line.text})
+    else:
+        when = line.local[11:23]
+        print("  ".join(part for part in (when, name if several else "", line.level, line.text) if part), flush=True)
+
+
+def tail(path: Path, lines: int) -> str:
+    """The newest lines of a file without their stamps, empty when there is none."""
+    if not path.exists():
+        return ""
+    with path.open(errors="replace") as file:
+        newest = map(parsed, deque(file, maxlen=lines))
+        return "\n".join(f"{line.level} {line.text}".lstrip() for line in newest).rstrip()

@@ -1,0 +1,69 @@
+"""`trocar power-on`, `home`, `power-off`: bring arms to a state, and tell which are not there and why."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from tools.arms import DISABLED, ENABLED, HOMED, bring
+from tools.errors import Problem
+from tools.inspect.watch import powered_names
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, note, progress, table
+from tools.systems import chosen_system
+
+Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
+Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: the usual limit.")]
+
+
+def power_on(
+    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
+
+
+) -> int:
+    """Enable the arms: motor power on, joints not yet homed. Faulty arms are disabled first.
+
+    Example: trocar power-on PSM1
+    """
+    return _verb(ENABLED, arms, timeout, as_json, system)
+
+
+def home(
+    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
+
+
+) -> int:
+    """Home the arms, after enabling those that are not. Arms move!
+
+    Example: trocar home
+    """
+    return _verb(HOMED, arms, timeout, as_json, system)
+
+
+def power_off(
+    arms: Arms = None, timeout: Timeout = 0.0, as_json: JsonOption = False, system: SystemOption = None
+
+
+) -> int:
+    """Disable the arms: motor power off. Arms without brakes sink!
+
+    Example: trocar power-off
+    """
+    return _verb(DISABLED, arms, timeout, as_json, system)
+
+
+def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, system: str | None) -> int:
+    name = chosen_system(system)
+    names = powered_names(name, arms)
+    if not names:
+        raise Problem(f"system {name} has no arms")
+    with progress(f"{goal}…") as say:
+        problems = bring(name, names, goal, timeout, say, note)
+    if as_json:
+        for arm, problem in problems.items():
+            emit({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None})
+    else:
+        rows = [(arm, goal if not problem else "NOT " + goal, problem) for arm, problem in problems.items()]
+        table("", ("arm", "result", "why"), rows)
+    return 1 if any(problems.values()) else 0

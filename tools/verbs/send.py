@@ -1,0 +1,99 @@
+"""`trocar send COMPONENT COMMAND [ARGS]`: any command of the command tables."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import typer
+
+from shm.segment import names_of
+from tools.errors import Misuse, Problem
+from tools.inspect.watch import document_of
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, table
+from tools.remote import Remote
+from tools.systems import chosen_system, unknown
+
+
+def send(
+    component: Annotated[str, typer.Argument(help="Instance: PSM1, IO1, boards, supervisor…")],
+    command: Annotated[str, typer.Argument(help="Command; without one, all there are.")] = "",
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Until it is done, not only accepted.")] = False,
+    timeout: Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds to wait for an answer.")] = 0.0,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Send a command and print the answer. Numbers are in rad, m, s, N; text goes to commands that take text.
+
+    Without a command: list what the component can be asked. An effort or a wrench that is sent once lasts 0.1 s
+    (arm.effort_timeout_s); zeros last.
+
+    Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
+    """
+    name = chosen_system(system)
+    owners = [instance for _, instance, what in names_of(name) if what == "mailbox"]
+    if component not in owners:
+        raise unknown("component", component, owners)
+    with Remote(name, component) as remote:
+        if not command:
+            return _listed(component, _of_type(name, component, remote.commands), as_json)
+        known = {str(row["name"]): row for row in remote.commands}
+        if command not in known:
+            raise unknown(f"command of {component}", command, known)
+        values, text = parsed(known[command], arguments or [])
+        limit = timeout or (60.0 if wait else 2.0)
+        reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)
+    good = reply.outcome in ("accepted", "done")
+    if as_json:
+        emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
+    elif good:
+        colon = ", " if reply.text.startswith("clipped") else ": "  # done, clipped: insertion 5.000 → 0.240 m
+        print(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
+    else:
+        raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
+    return 0 if good else 1
+
+
+def _of_type(system: str, component: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those commands that an arm of this type has; of what is no arm, all."""
+    types = {arm.name: arm.type for arm in document_of(system).arms}
+    mine = types.get(component, "")
+    return [row for row in rows if not (mine and row.get("types")) or mine in row["types"]]
+
+
+def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:
+    """Every command of a component with its text, its numbers and what it does."""
+    if as_json:
+        for row in rows:
+            emit({"component": component, **row})
+    else:
+        columns = ("command", "text", "numbers", "")
+        table("", columns, [[str(row.get(key, "")) for key in ("name", "text", "values", "doc")] for row in rows])
+    return 0
+
+
+def parsed(row: dict[str, Any], words: list[str]) -> tuple[list[float], str]:
+    """Numbers and text of a command from the words given, by its row of the table; Misuse says what it takes."""
+    takes_values, takes_text = bool(row.get("values")), bool(row.get("text"))
+    values, texts = [], []
+    for word in words:
+        number = _number(word) if takes_values else None
+        if number is None:
+            texts.append(word)
+        else:
+            values.append(number)
+    takes = " ".join(part for part in (str(row.get("values", "")), str(row.get("text", ""))) if part) or "nothing"
+    if texts and not takes_text:
+        raise Misuse(f"{row['name']} takes {takes}, got {' '.join(texts)!r}")
+    if any(not math.isfinite(value) for value in values):
+        raise Misuse(f"{row['name']}: the numbers must be finite")
+    return values, " ".join(texts)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None

@@ -1,0 +1,63 @@
+"""`trocar up [SYSTEM]`: start a system."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.errors import Misuse
+from tools.options import ClockOption, JsonOption, clock_set
+from tools.printing import emit, note, progress
+from tools.supervising import Background, Request, refuse_taken
+from tools.systems import ROOT, environment, system_file
+from tools.verbs.logs import tail
+
+DEMO = ROOT / "configs" / "systems" / "demo.yaml"
+NAME = "trocar"
+NOTES = 30
+
+
+def up(
+    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; none: the demo's.")] = None,
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are played.")] = "",
+    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    calibration: Annotated[bool, typer.Option(
+        "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
+    clock: ClockOption = "",
+    seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after so many seconds.")] = None,
+    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    detach: Annotated[bool, typer.Option("--detach", help="Return when it is up, leave it running.")] = False,
+    as_json: JsonOption = False,
+    system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
+) -> int:
+    """Start a system; it powers and moves nothing by itself. Ctrl-C or `trocar down` stops it.
+
+    Example: trocar up configs/systems/demo.yaml --boards emulated --detach
+    """
+    if boards not in ("", "emulated"):
+        raise Misuse(f"--boards {boards}: allowed is emulated")
+    if file is None:
+        file, boards = DEMO, boards or "emulated"
+    values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
+    request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
+    if not detach:
+        refuse_taken(system)
+        sys.stdout.flush()
+        os.execve(sys.executable, request.command(), environment())
+    with progress(f"starting {system}") as say:
+        background = Background(request)
+        try:
+            background.wait_until_up(say)
+        except BaseException:
+            background.stop(say)
+            raise
+    note(tail(background.log, NOTES))
+    if as_json:
+        emit({"system": system, "pid": background.popen.pid, "log": str(background.log)})
+    else:
+        print(f"system {system} is up (pid {background.popen.pid}); trocar status shows it, trocar down stops it")
+    return 0
