@@ -12,7 +12,8 @@ from tools import errors_page
 
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
-ELSEWHERE = {"runtime.py": "any", "client": "external", "faults.py": "arm"}  # who tells what is not named in a kind's folder
+# Who tells what is not named in the folder of a kind.
+ELSEWHERE = {"runtime.py": "any", "client": "external", "faults.py": "arm"}
 
 
 def used() -> dict[str, set[str]]:
