@@ -56,7 +56,7 @@ class Keeper:
 @contextlib.contextmanager
 def own_folder(system: str) -> Iterator[Path]:
     """A folder for whoever measures as `system`; it and all shared memory of that name are gone at the end."""
-    folder = Path(tempfile.gettempdir(), f"trocar-{system}-{secrets.token_hex(8)}")
+    folder = Path(tempfile.gettempdir(), f"trocar-{system}-{secrets.token_hex(4)}")  # short: iceoryx2 bounds paths
     with Keeper(system, folder):  # before there is anything to remove
         try:
             folder.mkdir(mode=0o700)

@@ -137,17 +137,13 @@ def left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Left:
     return look
 
 
-# Not here; or a library of somebody else that gave up with SIGABRT, as iceoryx2 does now and then.
-ABSENT = re.compile(r"not installed|gcc is not there|left out: bench ring, iceoryx2\w*: \w+ ended with -6")
-
-
 @pytest.mark.slow
 @pytest.mark.alone
 def test_a_short_bench_gives_every_figure(left: Left) -> None:
     result = bench_ring.run(rounds=1, turn_s=0.01)
     figures, conditions = result["figures"], result["conditions"]
     assert result["bench"] == "ring"
-    there = {name for name in PEERS if not ABSENT.match(conditions[name])}
+    there = {name for name in PEERS if not conditions[name].startswith(("not installed", "gcc is not there"))}
     assert {"pipe", "queue"} <= there
     wanted = set(FIGURES) | {f"{name}_us_p50" for name in there} | {f"ratio_vs_{name}" for name in there}
     assert set(figures) == wanted, {name: conditions[name] for name in there}
