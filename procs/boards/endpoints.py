@@ -24,13 +24,14 @@ from procs.boards.controllers.bus import GROUP
 from procs.boards.frames import FrameSocket
 from procs.boards.mishaps import Mishaps
 from procs.document.system import Bus
-from procs.fpga.wire import MULTICAST, UDP_PORT, Buffer
+from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
 from procs.udp_holders import holders
 from shm.lockstep import wait_for_wakeup
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
+TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half
 ANY: Final = "0.0.0.0"
 RAW: Final = "eth:"  # then a network interface, in place of an address: raw Ethernet
 OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
@@ -171,16 +172,20 @@ class Endpoints:
         door, mishaps = self._doors[number], self._mishaps
         if door.only_from is not None and not _heard(str(sender[0]), door.only_from):
             return
-        if (mishaps.active and not mishaps.arrives(door.bus)) or (door.frames is not None and size == 0):
+        if door.frames is not None and size == 0:
             return
-        reply = self._answer(door.bus, self._views[number][:size], stamp_ns, to)
-        if reply is None:
-            return
-        if not mishaps.active:
+        request, reply = self._views[number][:size], None
+        if not mishaps.active or mishaps.arrives(door.bus):
+            reply = self._answer(door.bus, request, stamp_ns, to)
+        if reply is not None and not mishaps.active:
             self._send(door.replies, reply, sender, source)
             return
-        for leaving, receiver in mishaps.leave(door.bus, reply, (door.replies, sender, source), self._now_ns()):
-            self._send_to(leaving, receiver)
+        way = (door.replies, sender, source)
+        leaving = [] if reply is None else mishaps.leave(door.bus, reply, way, self._now_ns())
+        for data, receiver in leaving:
+            self._send_to(data, receiver)
+        if self._simulated and not leaving and door.frames is None and _is_read(request):
+            self._send(door.replies, b"", sender, source)  # time stands still: the host could wait for ever
 
     def _send_to(self, reply: Buffer, receiver: object) -> None:
         # as `_reply` gave it to the mishaps
@@ -200,6 +205,10 @@ class Endpoints:
         """Close the sockets."""
         for door in self._doors:
             door.sock.close()
+
+
+def _is_read(request: Buffer) -> bool:
+    return len(request) > TCODE_AT and request[TCODE_AT] >> 4 in READS
 
 
 def _heard(sender: str, block: tuple[int, int]) -> bool:

@@ -136,3 +136,22 @@ def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
             endpoints.serve(10 * MS)
         endpoints.close()
     assert stamps == [4711]
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_read_without_a_reply_is_told_in_simulated_time_by_an_empty_datagram(simulated: bool) -> None:
+    heard: list[wire.Buffer] = []
+    endpoints = Endpoints((Bus("a", "127.91.10.16", (Controller(0),)),),
+                          lambda bus, data, at, to: heard.append(bytes(data)), lambda: 4711, simulated=simulated)
+    asked = [wire.quadlet_write(0, 0, 1, 1, 1), wire.quadlet_read(0, 0, 2, 1), wire.block_read(0, 0, 64, 3, 1)]
+    replies = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.setblocking(False)
+        for request in asked:
+            host.sendto(request, ("127.91.10.16", wire.UDP_PORT))
+            while heard[-1:] != [request]:
+                endpoints.serve(10 * MS)
+            with contextlib.suppress(BlockingIOError):
+                replies.append((asked.index(request), host.recv(100)))
+        endpoints.close()
+    assert replies == ([(1, b""), (2, b"")] if simulated else [])

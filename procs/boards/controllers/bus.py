@@ -31,7 +31,6 @@ _HEAD = struct.Struct(">BBIII")
 _QUAD = struct.Struct(">I")
 _REPLY = struct.Struct(">IIIII")
 _DATA_AT = 22  # payload of a block write
-_READS = (wire.QUADLET_READ, wire.BLOCK_READ)
 
 
 class Bus:
@@ -165,7 +164,7 @@ class Bus:
                 return None
             return self._receive(self._hub, data, (flags, generation, q0, address & 0xFFFF), tick)
         head = (flags, generation, q0, address & 0xFFFF)
-        if to == GROUP and q0 >> 16 & 0x3F == wire.BROADCAST and q0 >> 4 & 0xF not in _READS:
+        if to == GROUP and q0 >> 16 & 0x3F == wire.BROADCAST and q0 >> 4 & 0xF not in wire.READS:
             return self._write(self._there, q0 >> 4 & 0xF, data, head, GROUP, tick)
         reply = None
         for row in self._plugged_in(to):
@@ -185,7 +184,7 @@ class Bus:
         """A datagram reaches the board in `row` by Ethernet."""
         flags, generation, q0, _ = head
         node, tcode, stays = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, flags & wire.NO_FORWARD
-        is_read, everyone, late = tcode in _READS, node == wire.BROADCAST, self._revision[row] > 8
+        is_read, everyone, late = tcode in wire.READS, node == wire.BROADCAST, self._revision[row] > 8
         if generation != self.generation and not everyone and not (late and stays):
             return struct.pack(">BBBBHH", *self._trailer(row, flags if late else 0, wire.DROPPED)) if is_read else None
         own = self.ids[row] if late and stays else self._node_of[row]

@@ -18,7 +18,7 @@ from procs.io.bus.transport import MOST_QUEUED, Transport
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
 SETUP_TIMEOUT_MS: Final = 20
-SIMULATED_TIMEOUT_MS: Final = 1000  # simulated time stands still while we wait: only a lost peer may end the wait
+SIMULATED_TIMEOUT_MS: Final = 500  # time stands still while we wait; emulated boards say so when no reply comes
 SETUP_TRIES: Final = 5
 MAX_SEQUENCE: Final = 0xFFFF
 MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come
@@ -186,7 +186,7 @@ class Link:
             try:
                 size = transport.recv_into(rx)
             except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
-                size = 0
+                size = -1
             self.recv_ns = now_ns = self.now_ns()
             if size == wire.TRAILER_BYTES:
                 self.seen_generation = rx[1]
@@ -198,6 +198,8 @@ class Link:
                     break
                 self.seen_generation = rx[size - 7]
                 return size
+            if not size and not self.real_time:  # so emulated boards say that there is no reply
+                break
             self.counters.stray += 1
             self.suspect = True
             # A simulated clock stands still meanwhile; there MOST_QUEUED is the bound.
