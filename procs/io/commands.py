@@ -20,7 +20,7 @@ from procs.io.robots import Robots
 from procs.io.wishes import Wishes
 from procs.requests import Origin
 from procs.wishes import SWITCHING
-from shm.faults import Cell
+from shm.faults import OwnCell
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
@@ -75,7 +75,7 @@ class Commands:
 
     def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
                  safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
-                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[Cell],
+                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[OwnCell],
                  wishes: Wishes) -> None:
         """`faults` of every robot: what was asked of it before the last one is void. `wishes`: what arms want."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
@@ -104,6 +104,8 @@ class Commands:
         self._now_ns = now_ns
         for command in commands:
             robot = self._carry_out(command)
+            if robot >= 0 and command.name == "power_off":
+                self._faults[robot].switched_off(command.origin.id)
             if robot >= 0 and command.name in SWITCHING:
                 self._wishes.void(robot, f"{command.origin.program or 'somebody'} asked for {command.name} meanwhile")
         for wish in self._wishes.due():
@@ -125,9 +127,11 @@ class Commands:
         return place
 
     def _need_person(self, robot: int, command: Command) -> None:
-        if command.origin.generation < self._faults[robot].void and command.needs_person:
-            raise Refused(f"{command.origin.program or 'somebody'} asked for it before the last fault of "
-                          f"{self._robots.names[robot]}; a person has to ask for it again")
+        origin, cell = command.origin, self._faults[robot]
+        counts = origin.id and (origin.generation >= cell.void or origin.id == cell.spared)
+        if command.needs_person and not counts:
+            asked = f"{origin.program or 'somebody'} asked before its last fault or power-off"
+            raise Refused(f"{asked if origin.id else 'nobody asked'}; a person has to ask for it again")
 
     def answer(self) -> None:
         """Answer what has finished."""
@@ -247,8 +251,8 @@ class Commands:
         record = self._record
         if record.biasing[robot]:
             raise Refused("a bias is under way")
-        if not record.valid:
-            raise Refused("there is no good sample of the controllers")
+        if not record.robot_valid[robot]:
+            raise Refused("there is no good sample of its controllers")
 
     def _drive_axis(self, robot: int, command: Command) -> None:
         record = self._record
@@ -304,8 +308,8 @@ class Commands:
                 raise Refused("a bias is under way")
             if record.fault[robot]:
                 raise Refused(self._why(robot, "a fault is latched"))
-            if not record.valid:
-                raise Refused("there is no good sample of the controllers")
+            if not record.robot_valid[robot]:
+                raise Refused("there is no good sample of its controllers")
             self._follow.enable(robot, True, self._now_ns)
         elif not on and record.pid_enabled[robot]:
             self._let_off(robot)

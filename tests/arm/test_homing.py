@@ -203,7 +203,7 @@ def test_fields_that_do_not_lie_evenly_are_refused() -> None:
 def test_one_refusal_of_the_joint_controller_is_asked_again() -> None:
     rig = Rig()
     rig.reach("ENABLED")
-    rig.io.refuses["pid_enable"] = "there is no good sample of the controllers"
+    rig.io.refuses["pid_enable"] = "there is no good sample of its controllers"
     home = rig.state_command("home")
     rig.until(lambda: ("pid_enable", (1.0,)) in rig.io.sent)
     rig.run(0.01)

@@ -46,6 +46,16 @@ def test_the_others_lose_no_sample(stand: Stand) -> None:
     assert record.position[0] == pytest.approx(0.05, abs=1e-3)
 
 
+def test_the_others_are_homed_and_controlled_meanwhile(stand: Stand) -> None:
+    leave(stand, 3, 10)
+    assert stand.ask("pid_enable", 0.0).outcome == "done"
+    bias = stand.ask("bias_encoders", 10.0)
+    stand.run_s(1.0)
+    assert bias.outcome == "done" and stand.ask("pid_enable", 1.0).outcome == "done"
+    assert stand.ask("pid_enable", 1.0, robot="PSM2").outcome == "refused"
+    assert stand.ask("bias_encoders", 10.0, robot="PSM2").outcome == "refused"
+
+
 def test_a_robot_without_its_board_gets_no_power(stand: Stand) -> None:
     leave(stand, 3, 10)
     command = stand.ask("power_on", robot="PSM2")

@@ -12,10 +12,13 @@ class Cell(NoFaults):
     """One robot's."""
 
     def __init__(self) -> None:
-        self.void = 0
+        self.void = self.spared = 0
 
     def fault(self) -> None:
-        self.void += 1
+        self.void, self.spared = self.void + 1, 0
+
+    def switched_off(self, origin: int) -> None:
+        self.void, self.spared = self.void + 1, origin
 
 
 def stand() -> tuple[Stand, Cell]:

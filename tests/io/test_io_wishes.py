@@ -142,6 +142,27 @@ def test_a_persons_command_wins_over_a_wish_of_the_same_cycle() -> None:
     assert not stand.record.power_wanted[0] and stand.record.wish_generation[0] == 3
 
 
+def test_a_wish_that_came_of_an_older_command_than_a_persons_power_off_gives_no_power() -> None:
+    """An arm held up between what it decided and what it published: its wish comes after the power-off."""
+    stand, cell = held(Stand()), Cell()
+    stand.core._commands._faults = stand.core._reactions._cells = [cell]
+    assert stand.ask("power_off").outcome == "done"
+    stand.arms[0].wish(OLD, power=ON)
+    stand.run(10)
+    assert refusal(stand) == "trocar home asked before its last fault or power-off; a person has to ask for it again"
+    assert not stand.record.power_wanted[0]
+    stand.arms[0].wish(Origin(cell.spared, 0, "test"), power=ON)
+    stand.run(10)
+    assert stand.record.power_wanted[0], "the command that the power-off was a part of goes on"
+
+
+def test_a_wish_of_nobody_gives_no_power() -> None:
+    stand = Stand()
+    stand.arms[0].wish(Origin(0, 1 << 60, ""), power=ON, limits=OFF)
+    stand.run(10)
+    assert refusal(stand) == "nobody asked; a person has to ask for it again" and not stand.record.power_wanted[0]
+
+
 def test_other_commands_and_refused_ones_leave_the_wishes() -> None:
     stand = Stand()
     stand.arms[0].wish(power=ON, pid=ON)
