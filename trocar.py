@@ -27,7 +27,7 @@ from typing import TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
 from tools.client.arm import Arm
-from tools.client.impedance import Gains, Impedance
+from tools.client.impedance import Impedance, ImpedanceAxes
 from tools.client.joints import Joints
 from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
@@ -35,15 +35,39 @@ from tools.client.provider import Handler, Provider
 from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
-from tools.errors import Clipped, Problem, Refused
+from tools.errors import ClippedWarning, Problem, Refused
 from tools.inspect.watch import arm_document
 from tools.systems import chosen_system
 from tools.version import VERSION as __version__
 
 __all__ = [
-    "Arm", "Clipped", "Ecm", "Gains", "Gripper", "Handler", "Impedance", "Jaw", "JointState", "Joints", "MoveHandle",
-    "Mtm", "Problem", "Provider", "Psm", "Refused", "SetupArm", "Suj", "System", "__version__", "arm", "ecm", "mtm",
-    "provide", "psm", "suj", "system",
+    "Arm",
+    "ClippedWarning",
+    "Ecm",
+    "Gripper",
+    "Handler",
+    "Impedance",
+    "ImpedanceAxes",
+    "Jaw",
+    "JointState",
+    "Joints",
+    "MoveHandle",
+    "Mtm",
+    "Problem",
+    "Provider",
+    "Psm",
+    "Refused",
+    "SetupArm",
+    "Suj",
+    "System",
+    "__version__",
+    "arm",
+    "ecm",
+    "mtm",
+    "provide",
+    "psm",
+    "suj",
+    "system",
 ]
 
 A = TypeVar("A", bound=Arm)

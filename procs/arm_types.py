@@ -35,7 +35,7 @@ class TrajectoryLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class EffortLimits:
+class EffortModeLimits:
     """What effort mode allows, per joint: rad/s or m/s, rad or m.
 
     `speed`: nothing drives a joint that is as fast, and a faster one is braked. `zone`: so far before a position limit
@@ -80,7 +80,7 @@ class ArmType:
     joints: int
     gains: Mapping[str, str]
     moves: TrajectoryLimits
-    efforts: EffortLimits
+    efforts: EffortModeLimits
     kinematic_home: tuple[float, ...]
     arm_file: str = "procs.config.models.arm_file:ArmFile"
     process: str = "procs.arm.arm:Arm"
@@ -136,8 +136,8 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         ),
         # Yaw, pitch: as in moves. Insertion: a hand on the clutch draws faster than that. Wrist: less than moves may
         # do, which no short zone stops; the tip goes 60 mm/s by it.
-        efforts=EffortLimits((radians(90), radians(90), 0.3, radians(720), *(radians(360),) * 3),
-                             (0.15, 0.15, 0.010, *(0.15,) * 4)),
+        efforts=EffortModeLimits((radians(90), radians(90), 0.3, radians(720), *(radians(360),) * 3),
+                                 (0.15, 0.15, 0.010, *(0.15,) * 4)),
         kinematic_home=(0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0),
         views=("jaw",),
         events=("tool_type", "tool_type_request", "arm_clutch"),
@@ -171,8 +171,8 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         ),
         # A surgeon's hand is to feel neither: 120°/s of the outer joints are 0.8 m/s at the handle, and hands at work
         # go up to 0.5 m/s; wrists turn at up to 300°/s, and fingers roll faster.
-        efforts=EffortLimits((*(radians(120),) * 3, radians(180), radians(360), radians(360), radians(720)),
-                             (*(0.2,) * 3, 0.15, 0.25, 0.2, 1.0)),
+        efforts=EffortModeLimits((*(radians(120),) * 3, radians(180), radians(360), radians(360), radians(720)),
+                                 (*(0.2,) * 3, 0.15, 0.25, 0.2, 1.0)),
         kinematic_home=(0.0,) * 7,
         views=("gripper",),
         events=("gripper/closed", "gripper/pinch", "orientation_locked"),
@@ -205,7 +205,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             acceleration=(radians(90), radians(90), 0.06, radians(90)),
         ),
         # Twice and more that of moves, which are made for a picture that does not blur, not for a hand on the clutch.
-        efforts=EffortLimits((radians(60), radians(60), 0.12, radians(180)), (0.15, 0.15, 0.010, 0.15)),
+        efforts=EffortModeLimits((radians(60), radians(60), 0.12, radians(180)), (0.15, 0.15, 0.010, 0.15)),
         kinematic_home=(0.0, 0.0, 0.12, 0.0),
         events=("endoscope_type", "arm_clutch"),
         has_endoscope=True,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 
 INTERVAL_NS = 1_000_000_000
 SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has not enough time for everybody
@@ -23,7 +23,7 @@ FIGURES = ("avg", "std", "min", "max", "p99")
 class Pacing:
     """One loop's deadlines and figures; all times in ns of the process's clock."""
 
-    def __init__(self, pulse: Pulse, period_ns: int, phase_ns: int) -> None:
+    def __init__(self, pulse: ControlPage, period_ns: int, phase_ns: int) -> None:
         """`phase_ns` is where on the grid of periods cycles lie in lock-step."""
         self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
         pulse.field("period_ns")[...] = period_ns

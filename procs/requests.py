@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from procs.codes import Code
 
 
-class Origin(Protocol):
+class CommandOrigin(Protocol):
     """The person's command that another comes from; see shm/origins.py."""
 
     @property
@@ -31,7 +31,7 @@ class Request(Protocol):
     """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> CommandOrigin:
         """The person's command that it comes from."""
 
     @property
@@ -98,7 +98,7 @@ class Answer(Protocol):
 class Sender(Protocol):
     """The way to somebody's mailbox; see shm/client.py."""
 
-    def on_behalf(self, origin: Origin) -> None:
+    def on_behalf(self, origin: CommandOrigin) -> None:
         """What is sent from now on comes from this command of a person."""
 
     def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:

@@ -23,7 +23,7 @@ from types import FrameType
 from typing import Protocol, TypeVar
 
 from procs import codes
-from procs.document.system import WALL, Process, System, from_json
+from procs.document.system import WALL, Process, SystemConfig, from_json
 from procs.manifest import late_s, proc
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration
@@ -36,8 +36,8 @@ from shm.events import Events
 from shm.faults import Cell, FaultCell, Faults
 from shm.lockstep import LockstepClock
 from shm.mailbox import DIED, Mailbox
-from shm.nap import Nap
-from shm.pulse import Pulse
+from shm.nap import Wakeup
+from shm.pulse import ControlPage
 from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError
 
@@ -58,15 +58,15 @@ class Closing(Protocol):
 Part = TypeVar("Part", bound=Closing)
 
 
-class Me:
+class Node:
     """What a process knows of itself; made by `process`."""
 
     def __init__(self, kind: str, system: str, name: str) -> None:
         """Attach to the running system; SegmentError when there is none."""
         self.kind, self.system, self.name = kind, system, name
-        self.document: System = from_json(directory.document(system))
+        self.document: SystemConfig = from_json(directory.document(system))
         self.row: Process = self.document.process(name)
-        self.pulse = Pulse(system, name, write=True)
+        self.pulse = ControlPage(system, name, write=True)
         self.pulse.segment.claim(name)
         self.pulse.field("pid")[...] = os.getpid()
         self.pulse.show("STARTING")
@@ -82,7 +82,7 @@ class Me:
         self._nap = self.pulse.nap()
         self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
         self._beat = self.pulse.field("heartbeat_ns")
-        self._supervisor = Pulse(system, "supervisor")
+        self._supervisor = ControlPage(system, "supervisor")
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
         self._check_at = 0
         self._stop = ""
@@ -132,9 +132,9 @@ class Me:
         called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
         return self._hold(LoopClient(self.system, instance, called, self._pauses.is_over))
 
-    def rouses(self, instance: str) -> Nap:
+    def rouses(self, instance: str) -> Wakeup:
         """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""
-        return self._hold(Pulse(self.system, instance, write=True)).nap()
+        return self._hold(ControlPage(self.system, instance, write=True)).nap()
 
     def _hold(self, part: Part) -> Part:
         self._held.callback(part.close)
@@ -260,7 +260,7 @@ class Me:
 class Loop(ABC):
     """What a process does: made when it begins, then `wait` and `cycle` by turns, closed at the end on every path."""
 
-    def __init__(self, me: Me) -> None:
+    def __init__(self, me: Node) -> None:
         """Take rings and mailboxes by `me`, which gives them back after `close`."""
         self.me = me
 
@@ -270,13 +270,13 @@ class Loop(ABC):
 
     @abstractmethod
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """Receive, decide, act, publish; `wall_ns` is `Me.wall_ns`."""
+        """Receive, decide, act, publish; `wall_ns` is `Node.wall_ns`."""
 
     def close(self) -> None:  # noqa: B027  # most have nothing
         """Leave things in order, and give back what was not taken by `me`."""
 
 
-def run(kind: str, make: Callable[[Me], Loop]) -> None:
+def run(kind: str, make: Callable[[Node], Loop]) -> None:
     """The life of one process."""
     with process(kind) as me:
         if proc(kind).realtime:
@@ -286,7 +286,7 @@ def run(kind: str, make: Callable[[Me], Loop]) -> None:
         live(me, make)
 
 
-def live(me: Me, make: Callable[[Me], Loop]) -> None:
+def live(me: Node, make: Callable[[Node], Loop]) -> None:
     """Run a loop to the end of the process; after each pause a new one, as if the process had been started again."""
     _run_one(me, make)
     while not me.stop_reason:
@@ -294,7 +294,7 @@ def live(me: Me, make: Callable[[Me], Loop]) -> None:
         _run_one(me, make)
 
 
-def _run_one(me: Me, make: Callable[[Me], Loop]) -> None:
+def _run_one(me: Node, make: Callable[[Node], Loop]) -> None:
     with contextlib.ExitStack() as held:
         held.callback(me.give_back)
         loop = make(me)
@@ -305,7 +305,7 @@ def _run_one(me: Me, make: Callable[[Me], Loop]) -> None:
 
 
 @contextlib.contextmanager
-def process(kind: str) -> Iterator[Me]:
+def process(kind: str) -> Iterator[Node]:
     """The life of one process: arguments, attach, logging, signals, priority; an exit code on every path."""
     arguments = argparse.ArgumentParser(prog=f"procs.{kind}.loop", description=f"One {kind}, started by trocar up.")
     arguments.add_argument("--system", required=True)
@@ -313,7 +313,7 @@ def process(kind: str) -> Iterator[Me]:
     chosen = arguments.parse_args()
     loglines.begin(sys.stderr)
     try:
-        me = Me(kind, chosen.system, chosen.name)
+        me = Node(kind, chosen.system, chosen.name)
     except (SegmentError, KeyError, ValueError) as error:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
@@ -332,13 +332,13 @@ def process(kind: str) -> Iterator[Me]:
     me.close()
 
 
-def _spin_ns(system: System, name: str) -> int:
+def _spin_ns(system: SystemConfig, name: str) -> int:
     """An io may spin, for as long as its bus's entry says, and never on its only core."""
     spin_us = next((io.spin_us for io in system.ios if io.name == name), 0.0)
     return round(min(spin_us, MOST_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
 
 
-def _signals(me: Me) -> None:
+def _signals(me: Node) -> None:
     def asked(number: int, frame: FrameType | None) -> None:
         me.stop("asked to stop")
 

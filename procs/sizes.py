@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from typing import Any
 
-from procs.document.system import Io, System
+from procs.document.system import IoConfig, SystemConfig
 
 Sizes = tuple[dict[str, int], dict[str, Any]]
 """The sizes by name, and what the headers of its rings say besides."""
 
 
-def fixed(system: System, name: str) -> Sizes:
+def fixed(system: SystemConfig, name: str) -> Sizes:
     """Records that are as large in every system."""
     return {}, {}
 
 
-def of_supervisor(system: System, name: str) -> Sizes:
+def of_supervisor(system: SystemConfig, name: str) -> Sizes:
     """A row for every process."""
     return _counted("instances", [row.name for row in system.processes])
 
 
-def of_external(system: System, name: str) -> Sizes:
+def of_external(system: SystemConfig, name: str) -> Sizes:
     """The buttons of somebody else's program."""
     dims, info = _counted("inputs", list(system.external(name).inputs))
     return dims, {**info, "type": system.external(name).type}
 
 
-def of_boards(system: System, name: str) -> Sizes:
+def of_boards(system: SystemConfig, name: str) -> Sizes:
     """Everything on the emulated buses."""
     if system.emulation is None:
         return fixed(system, name)
@@ -35,20 +35,20 @@ def of_boards(system: System, name: str) -> Sizes:
     return {"axes": dims["axes"], "boards": len(boards)}, {"robots": info["robots"], "boards": boards}
 
 
-def of_io(system: System, name: str) -> Sizes:
+def of_io(system: SystemConfig, name: str) -> Sizes:
     """Everything on one bus."""
     io = system.io(name)
     dims, info = _of_ios((io,))
     return dims, info if io.port else {**info, "simulation": "KINEMATIC"}
 
 
-def of_arm(system: System, name: str) -> Sizes:
+def of_arm(system: SystemConfig, name: str) -> Sizes:
     """There is room for every arm."""
     arm = system.arm(name)
     return {}, {"type": arm.type, **({"simulation": arm.simulation} if arm.simulation != "NONE" else {})}
 
 
-def of_cart(system: System, name: str) -> Sizes:
+def of_cart(system: SystemConfig, name: str) -> Sizes:
     """The set-up arms of a patient cart."""
     cart = system.cart(name)
     setups = {arm.name: {"row": row, "count": arm.joints, "carries": arm.carries,
@@ -58,12 +58,12 @@ def of_cart(system: System, name: str) -> Sizes:
     return {"setups": len(cart.arms)}, {"setups": setups, **({"simulation": played} if played else {})}
 
 
-def of_console(system: System, name: str) -> Sizes:
+def of_console(system: SystemConfig, name: str) -> Sizes:
     """The tele-operations of a console."""
     return _counted("teleops", list(system.console(name).teleops))
 
 
-def of_system(system: System, name: str) -> Sizes:
+def of_system(system: SystemConfig, name: str) -> Sizes:
     """All arms, and setup joints."""
     return _counted("arms", [row.name for rows in (system.arms, system.carts) for row in rows])
 
@@ -72,7 +72,7 @@ def _counted(what: str, names: list[str]) -> Sizes:
     return {what: len(names)}, {what: names}
 
 
-def _of_ios(ios: tuple[Io, ...]) -> Sizes:
+def _of_ios(ios: tuple[IoConfig, ...]) -> Sizes:
     robots, first, inputs, outputs, brakes = {}, 0, [], [], 0
     for io in ios:
         names = {pid.robot: [axis.name for axis in pid.axes] for pid in io.pids}

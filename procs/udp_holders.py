@@ -15,7 +15,7 @@ _MAPPED: Final = b"\0" * 10 + b"\xff\xff"  # before an IPv4 address in an IPv6 o
 
 
 @dataclass(frozen=True, slots=True)
-class Holder:
+class SocketHolder:
     """A socket: its address, and whose it is. `pid` 0: a program of another user, of which the kernel says no more."""
 
     address: str
@@ -29,11 +29,11 @@ class Holder:
         return f"{who} has {self.address}:{self.port}"
 
 
-def holders(port: int, address: str = "0.0.0.0") -> tuple[Holder, ...]:
+def holders(port: int, address: str = "0.0.0.0") -> tuple[SocketHolder, ...]:
     """Who is in the way of a socket at this address and port; for 0.0.0.0 all that have the port."""
     found = [row for table in ("udp", "udp6") for row in _sockets(table, port) if _meet(row[0], address)]
     owners = dict(_owners({inode for _, inode, _ in found})) if found else {}
-    return tuple(Holder(at, port, _user(uid), *owners.get(inode, ())) for at, inode, uid in found)
+    return tuple(SocketHolder(at, port, _user(uid), *owners.get(inode, ())) for at, inode, uid in found)
 
 
 def _meet(one: str, other: str) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from procs.codes import Code
-from procs.document.system import Actuator, Brake, Io
+from procs.document.system import Actuator, Brake, IoConfig
 
 
 def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
@@ -18,7 +18,7 @@ def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
     return f"{where}, {numbers}" if where else numbers
 
 
-def axis_titles(io: Io) -> list[list[str]]:
+def axis_titles(io: IoConfig) -> list[list[str]]:
     """Of every robot its axes for people, `axis 2 (insertion)`, then its brakes; numbers are those of commands."""
     named = {pid.robot: [axis.name.replace("_", " ") for axis in pid.axes] for pid in io.pids}
     found = []

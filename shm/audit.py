@@ -13,7 +13,7 @@ from shm.layout import shorten
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from shm.commands import Command
+    from shm.commands import CommandRow
     from shm.origins import Origin
     from shm.ring import RingWriter
 
@@ -22,10 +22,10 @@ NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "progra
 REASON = 400  # bytes
 
 
-class Asked(Protocol):
+class AuditedCommand(Protocol):
     """A command, however it came."""
 
-    command: Command
+    command: CommandRow
     place: int
     id: int
 
@@ -51,7 +51,7 @@ class Audit:
         self._fields = [ring.field(name) for name in NAMES]
         self._stream: tuple[str, int, str, str] | None = None
 
-    def write(self, received: Asked, outcome: str, reason: str) -> None:
+    def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
         if command.streams:

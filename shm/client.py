@@ -32,7 +32,7 @@ KEPT: Final = 1000  # commands of which nobody has heard the end
 STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
 
 
-class Desk:
+class MailboxShare:
     """What the handles of this process at one mailbox share."""
 
     def __init__(self, system: str, instance: str, program: str) -> None:
@@ -132,20 +132,20 @@ class Desks:
     """Those of this process, by the file of the mailbox: one made anew under the same name is another."""
 
     def __init__(self) -> None:
-        self._desks: dict[tuple[int, int], Desk] = {}
+        self._desks: dict[tuple[int, int], MailboxShare] = {}
         self._lock = threading.RLock()
 
-    def open(self, system: str, instance: str, called: str) -> Desk:
+    def open(self, system: str, instance: str, called: str) -> MailboxShare:
         """The desk for one more handle; SegmentError when there is no such mailbox."""
         with self._lock:
             desk = self._desks.get(_file(system, instance))
             if desk is None:
-                desk = Desk(system, instance, called)
+                desk = MailboxShare(system, instance, called)
                 self._desks[desk.file] = desk
             desk.handles += 1
             return desk
 
-    def leave(self, desk: Desk) -> None:
+    def leave(self, desk: MailboxShare) -> None:
         """A handle is closed; with the last one the place is free."""
         with self._lock:
             desk.handles -= 1

@@ -23,7 +23,7 @@ NAMES = ("event", "severity", "code", "component", "axis", "board", "value", "li
 Log = Callable[[int, str], None]
 
 
-class Code(Protocol):
+class EventCode(Protocol):
     """A row of the table of codes; see procs/codes.py."""
 
     @property
@@ -81,7 +81,7 @@ class Events:
         """Something a person may like to know."""
         self.emit("status", text, severity=STATUS, component=component)
 
-    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = math.nan,
+    def report(self, code: EventCode, text: str, component: str = "", axis: int = -1, value: float = math.nan,
                limit: float = math.nan, board: int = -1) -> None:
         """A warning: something a person should know; or an error: something failed, and the robot has reacted."""
         self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,

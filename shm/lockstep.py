@@ -34,9 +34,9 @@ from typing import Any, Final
 from shm.clock import local_ns, monotonic_ns, pause
 from shm.layout import schema_of
 from shm.locks import Places
-from shm.nap import Nap
+from shm.nap import Wakeup
 from shm.order import full_fence
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.ring import attach
 from shm.segment import Make, Segment, SegmentError, create, segment_name
 from shm.topics import Field, Topic
@@ -115,7 +115,7 @@ def clock_page(system: str, *, write: bool = False) -> Segment:
 class Steps:
     """The page as members and supervisor share it: time, whose turn it is, and the step to the next instant."""
 
-    def __init__(self, segment: Segment, naps: Sequence[Nap], wake_server: Callable[[], object]) -> None:
+    def __init__(self, segment: Segment, naps: Sequence[Wakeup], wake_server: Callable[[], object]) -> None:
         """`segment` is the page, attached with write; `naps` those of the members, in the order of their places."""
         self.table = table = Table.of_info(segment.header.info)
         self.segment, self._naps, self._wake_server = segment, naps, wake_server
@@ -214,7 +214,7 @@ class Steps:
 class Member(Steps):
     """One member's end."""
 
-    def __init__(self, segment: Segment, naps: Sequence[Nap], wake_server: Callable[[], object], name: str) -> None:
+    def __init__(self, segment: Segment, naps: Sequence[Wakeup], wake_server: Callable[[], object], name: str) -> None:
         """It is awake, and due."""
         super().__init__(segment, naps, wake_server)
         self._place = place = self.table.members.index(name)
@@ -354,11 +354,11 @@ def wait_for_wakeup(files: Sequence[int], wakeup: socket.socket | None, timeout_
     return ready
 
 
-def _naps(system: str, table: Table, segment: Segment) -> list[Nap]:
+def _naps(system: str, table: Table, segment: Segment) -> list[Wakeup]:
     """Those of all members; closed with the segment."""
     pages = []
     for member in table.members:
-        pages.append(Pulse(system, member, write=True))
+        pages.append(ControlPage(system, member, write=True))
         segment.at_close(pages[-1].close)
     return [page.nap() for page in pages]
 

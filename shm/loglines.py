@@ -57,7 +57,7 @@ def into(logger: logging.Logger) -> Log:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LogLine:
     """One message; `local` is empty and `monotonic_s` 0 where it has no stamps."""
 
     text: str
@@ -66,10 +66,10 @@ class Line:
     monotonic_s: float = 0.0
 
 
-def parsed(line: str) -> Line:
+def parsed(line: str) -> LogLine:
     """A line of a log file."""
     line = line.rstrip("\n")
     found = LINE.fullmatch(line)
     if found is None:
-        return Line(line)
-    return Line(found["text"], found["level"], found["local"], float(found["seconds"]))
+        return LogLine(line)
+    return LogLine(found["text"], found["level"], found["local"], float(found["seconds"]))

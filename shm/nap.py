@@ -67,7 +67,7 @@ class Futex:
         SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0)
 
 
-class Nap:
+class Wakeup:
     """One word of a segment: its one sleeper's end, and that of whoever wakes it."""
 
     def __init__(self, segment: Segment, offset: int) -> None:

@@ -32,7 +32,7 @@ from shm.mailbox_map import (
     MailboxMap,
 )
 from shm.origins import NOBODY, Whose
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.received import OUTCOMES
 
 SEQUENCES = (tuple, list)
@@ -63,9 +63,9 @@ class Place:
         self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
         self._words, self._view = places.words, places.view
         self._locks = Places(places.segment, places.locks, CLIENTS)
-        self._pulse: Pulse | None = None
+        self._pulse: ControlPage | None = None
         try:
-            self._pulse = Pulse(system, instance, write=True) if places.wakes else None
+            self._pulse = ControlPage(system, instance, write=True) if places.wakes else None
         except BaseException:
             places.segment.close()
             raise

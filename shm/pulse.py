@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm.layout import schema_of, shorten
-from shm.nap import Nap
+from shm.nap import Wakeup
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic
@@ -64,7 +64,7 @@ def create_control(system: str, instance: str, make: Make = create) -> int:
     return make(segment_name(system, instance, "control"), "control", SCHEMA, 1, {})
 
 
-class Pulse:
+class ControlPage:
     """A control page, attached read-only (tools) or read-write (the instance, and whoever wakes it)."""
 
     def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
@@ -98,9 +98,9 @@ class Pulse:
         self._record["error"][0] = shorten(error, 399)
         self._record["state"][0] = STATES.index(state)
 
-    def nap(self) -> Nap:
+    def nap(self) -> Wakeup:
         """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""
-        return Nap(self.segment, self.segment.header.first + SCHEMA.offset("nap"))
+        return Wakeup(self.segment, self.segment.header.first + SCHEMA.offset("nap"))
 
     def close(self) -> None:
         """Unmap."""

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.commands import Command
+from shm.commands import CommandRow
 from shm.header import readable
 from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW, Holder
 from shm.origins import Origin
@@ -31,7 +31,7 @@ class Received:
 
     __slots__ = ("_box", "_raw", "command", "id", "place", "values")
 
-    def __init__(self, box: Box, place: int, number: int, command: Command, raw: bytes, values: NDArray[np.float64]
+    def __init__(self, box: Box, place: int, number: int, command: CommandRow, raw: bytes, values: NDArray[np.float64]
                  ) -> None:
         """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
 

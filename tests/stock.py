@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from procs.document.system import Chain, Jaw, Link, Matrix, Tool
+from procs.document.system import Chain, DhLink, JawConfig, Matrix, Tool
 
 TOOLS = (
     "BOWEL_GRASPER_400127",
@@ -57,7 +57,7 @@ def tool(name: str) -> Tool:
     return Tool(
         name=name,
         links=tuple(_link(row) for row in content["DH"].get("joints", content["DH"].get("links"))),
-        jaw=Jaw(jaw["qmin"], jaw["qmax"], jaw["ftmax"]),
+        jaw=JawConfig(jaw["qmin"], jaw["qmax"], jaw["ftmax"]),
         tip=_matrix(content["tooltip_offset"]),
         actuator_to_joint=_matrix(content["coupling"]["ActuatorToJointPosition"]),
         engage_lower=tuple(engage["lower"]),
@@ -69,8 +69,8 @@ def tool(name: str) -> Tool:
     )
 
 
-def _link(row: dict[str, Any]) -> Link:
-    return Link(
+def _link(row: dict[str, Any]) -> DhLink:
+    return DhLink(
         name=row["name"],
         joint_type=row.get("type", "revolute"),
         alpha=row.get("alpha", 0.0),

@@ -14,7 +14,7 @@ from procs.config import PROJECT_CONFIGS, load_system
 from procs.console import loop as console
 from procs.io import loop as io
 from procs.pauses import Pauses, duration
-from procs.runtime import Me
+from procs.runtime import Node
 from procs.suj import loop as suj
 from procs.supervisor.memory import create_all, remove_all
 from procs.system import loop as system
@@ -22,7 +22,7 @@ from procs.teleop import loop as teleop
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from tests.conftest import World
 
 MS = 1_000_000
@@ -95,20 +95,20 @@ def test_a_duration_is_told_in_two_digits_or_tenths(held_up_ms: int, words: str)
 
 
 @pytest.fixture
-def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Iterator[Callable[[str, str], Me]]:
+def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Iterator[Callable[[str, str], Node]]:
     """A maker of processes by system file and name; their pauses are those of `clock`."""
     monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
-    opened: list[Me] = []
+    opened: list[Node] = []
 
-    def make(file: str, name: str) -> Me:
+    def make(file: str, name: str) -> Node:
         if not opened:
             loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name, sets=["clock=wall"])
             assert loaded.system is not None, loaded.errors
             create_all(loaded.system)
-            pulse = Pulse(world.name, "supervisor", write=True)
+            pulse = ControlPage(world.name, "supervisor", write=True)
             pulse.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
             pulse.close()
-            opened.append(Me(loaded.system.process(name).kind, world.name, name))
+            opened.append(Node(loaded.system.process(name).kind, world.name, name))
         return opened[0]
 
     yield make
@@ -122,7 +122,7 @@ class Played(runtime.Loop):
 
     lives = 0
 
-    def __init__(self, me: Me, clock: Clock, client: Client, sent: list[int]) -> None:
+    def __init__(self, me: Node, clock: Clock, client: Client, sent: list[int]) -> None:
         """`client` asks for two moves: one before the jump, one during it; `sent` is what we send to io meanwhile."""
         super().__init__(me)
         Played.lives += 1
@@ -151,7 +151,7 @@ class Played(runtime.Loop):
 
 
 def test_a_held_up_process_drops_everything_and_begins_anew(
-    memory: Callable[[str, str], Me], clock: Clock, world: World
+    memory: Callable[[str, str], Node], clock: Clock, world: World
 ) -> None:
     me = memory("kinematic.yaml", "PSM1")
     Played.lives = 0
@@ -170,10 +170,10 @@ def test_a_held_up_process_drops_everything_and_begins_anew(
 
 
 TELEOP, CART = "kinematic-teleop.yaml", "kinematic-cart.yaml"
-LOOPS: dict[str, tuple[str, Callable[[Me], runtime.Loop]]] = {
-    "PSM1": (TELEOP, arm.Loop), "MTMR": (TELEOP, arm.Loop), "MTMR_PSM1": (TELEOP, teleop.Loop),
-    "console": (TELEOP, console.Loop), "system": (TELEOP, system.Loop), "io": (TELEOP, io.Loop),
-    "SUJ": (CART, suj.Loop),
+LOOPS: dict[str, tuple[str, Callable[[Node], runtime.Loop]]] = {
+    "PSM1": (TELEOP, arm.ArmLoop), "MTMR": (TELEOP, arm.ArmLoop), "MTMR_PSM1": (TELEOP, teleop.TeleopLoop),
+    "console": (TELEOP, console.ConsoleLoop), "system": (TELEOP, system.SystemLoop), "io": (TELEOP, io.IoLoop),
+    "SUJ": (CART, suj.SetupLoop),
 }
 TURNS = 15  # of all seven: a hundred
 
@@ -187,7 +187,7 @@ def belongings() -> tuple[int, int]:
 class OneCycle(runtime.Loop):
     """A loop that is held up after its first cycle."""
 
-    def __init__(self, me: Me, make: Callable[[Me], runtime.Loop], clock: Clock, left: Iterator[int]) -> None:
+    def __init__(self, me: Node, make: Callable[[Node], runtime.Loop], clock: Clock, left: Iterator[int]) -> None:
         super().__init__(me)
         self.loop, self.clock, self.left = make(me), clock, left
 
@@ -206,13 +206,13 @@ class OneCycle(runtime.Loop):
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_pauses_leak_no_file_no_memory_and_no_place_in_a_mailbox(
-    memory: Callable[[str, str], Me], clock: Clock, name: str
+    memory: Callable[[str, str], Node], clock: Clock, name: str
 ) -> None:
     file, loop = LOOPS[name]
     me, found = memory(file, name), list[tuple[int, int]]()
     left = iter(range(TURNS))
 
-    def make(me: Me) -> runtime.Loop:
+    def make(me: Node) -> runtime.Loop:
         found.append(belongings())
         return OneCycle(me, loop, clock, left)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from procs.boards.endpoints import Endpoints
-from procs.document.system import Bus, Controller
+from procs.document.system import BusConfig, Controller
 from procs.udp_holders import holders
 from tools.systems import ROOT
 
@@ -56,7 +56,7 @@ def test_a_socket_of_both_families_counts() -> None:
 def test_emulated_boards_name_who_has_their_address(taken: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procs.boards.endpoints.UDP_PORT", taken)
     with pytest.raises(OSError, match=rf"emulated bus on 127.91.8.16, port {taken}: .*pid {os.getpid()}"):
-        Endpoints((Bus("IO1", "127.91.8.16", (Controller(0),)),), lambda *_: None, lambda: 0, simulated=True)
+        Endpoints((BusConfig("IO1", "127.91.8.16", (Controller(0),)),), lambda *_: None, lambda: 0, simulated=True)
 
 
 def test_a_system_that_gets_no_address_ends_with_one_line(taken: int, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def silent(text: str, fraction: float | None) -> None:
 
 
 @dataclass(slots=True)
-class Climb:
+class ArmBringUp:
     """One arm on its way to a goal; `step` until `over`."""
 
     watch: Watch
@@ -150,8 +150,8 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
     slow, whole = SIMULATED_SLOWER if is_simulated(system) else 1.0, begin(system)
     with contextlib.ExitStack() as stack:
         climbs = [
-            Climb(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
-                  stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
+            ArmBringUp(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
+                       stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
             for name in names
         ]
         for climb in climbs:

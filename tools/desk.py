@@ -17,7 +17,7 @@ FAREWELL_S: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Board:
+class FoundBoard:
     """One controller of a bus."""
 
     board: int
@@ -34,13 +34,13 @@ class Board:
         return f"board {self.board} ({self.hardware}, firmware Rev {self.firmware}, FPGA V{self.fpga})"
 
 
-def shared_id(boards: Sequence[Board]) -> str:
+def shared_id(boards: Sequence[FoundBoard]) -> str:
     """What is to be said of boards with one id: nobody can tell which of them would answer."""
     nodes = " and ".join(str(info.node) for info in boards)
     return f"{len(boards)} boards have id {boards[0].board} (nodes {nodes}); set every rotary switch differently"
 
 
-class Desk:
+class BusClient:
     """A bus, its boards found; a context manager. Problem says what is wrong with it."""
 
     def __init__(self, port: str) -> None:
@@ -52,12 +52,12 @@ class Desk:
                                        start_new_session=True)
         try:
             self._heard()
-            self.boards = tuple(Board(**row) for row in self._asked("discover")["boards"])
+            self.boards = tuple(FoundBoard(**row) for row in self._asked("discover")["boards"])
         except BaseException:
             self.close()
             raise
 
-    def board(self, number: int) -> Board:
+    def board(self, number: int) -> FoundBoard:
         """A board of the bus; Problem names those there are, and boards that share an id."""
         found = [info for info in self.boards if info.board == number]
         if len(found) > 1:

@@ -8,7 +8,7 @@ from shm.segment import SegmentError, held, names_of, path_of, segment_name
 from tools.errors import Problem
 from tools.printing import Say
 from tools.remote import Remote
-from tools.running import CONTINUE, KILL, SUPERVISOR, TERMINATE, Running, running
+from tools.running import CONTINUE, KILL, SUPERVISOR, TERMINATE, RunningProcess, running
 from tools.systems import clear, instances_of_kind, supervisor_of
 
 POLL_S = 0.05
@@ -41,7 +41,7 @@ class _Ending:
         self._first = supervisor.pid if supervisor is not None else 0
         self._signal_at_ns = monotonic_ns() + ANSWER_NS if supervisor is not None and self._ask() else 0
         self._kill_at_ns = 0
-        self._sent: set[tuple[Running, int]] = set()
+        self._sent: set[tuple[RunningProcess, int]] = set()
 
     def _ask(self) -> bool:
         try:
@@ -67,7 +67,7 @@ class _Ending:
         self.cleared += clear(self.system)
         return self._left([])
 
-    def _send(self, processes: list[Running], number: int) -> None:
+    def _send(self, processes: list[RunningProcess], number: int) -> None:
         """Send a signal, once to each; who is stopped is woken."""
         for process in processes:
             if (process, number) not in self._sent:
@@ -82,7 +82,7 @@ class _Ending:
                  and parts[1] not in others]
         return [f"whoever holds {path_of(page)} (fuser -v)" for page in pages if held(page)]
 
-    def _left(self, processes: list[Running]) -> str:
+    def _left(self, processes: list[RunningProcess]) -> str:
         segments = len(names_of(self.system))
         parts = [*map(str, processes), *([] if processes else self._holders())]
         return ", ".join(parts + ([f"{segments} segments in shared memory"] if segments else []))

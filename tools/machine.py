@@ -16,7 +16,7 @@ import psutil
 
 from procs.realtime import is_urgent
 from procs.rights import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, limits_lines, user
-from procs.udp_holders import Holder, holders
+from procs.udp_holders import SocketHolder, holders
 from shm.segment import FOLDER
 from tools.running import running
 from tools.systems import ROOT, environment, left_over
@@ -40,7 +40,7 @@ print(realtime(Process("doctor", "io", 0.001, priority=90), "wall", locked=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class MachineFinding:
     """One thing looked at: `state` is ok, note (fine to try things) or bad (a robot does not run well)."""
 
     check: str
@@ -49,7 +49,7 @@ class Finding:
     mend: str = ""  # a command; empty: nothing to mend
 
 
-def findings() -> Iterator[Finding]:
+def findings() -> Iterator[MachineFinding]:
     """All of them; takes a good second, in which the processors are watched."""
     yield kernel()
     yield rights(obtained())
@@ -62,13 +62,13 @@ def findings() -> Iterator[Finding]:
     yield from load()
 
 
-def kernel(root: Path = Path("/")) -> Finding:
+def kernel(root: Path = Path("/")) -> MachineFinding:
     """Which it is, and whether it is a real-time one."""
     release = platform.release()
     if _text(root / "sys/kernel/realtime") == "1":
-        return Finding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
+        return MachineFinding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
     mend = "sudo apt-get install linux-image-rt-amd64    # Ubuntu: sudo pro enable realtime-kernel"
-    return Finding("kernel", NOTE, f"{release}, no real-time kernel: now and then milliseconds late", mend)
+    return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: now and then milliseconds late", mend)
 
 
 def obtained() -> str:
@@ -78,67 +78,68 @@ def obtained() -> str:
     return done.stdout.strip() or f"{NO_FIFO}, {NOT_LOCKED}"
 
 
-def rights(words: str) -> Finding:
+def rights(words: str) -> MachineFinding:
     """Real-time priority and locked memory."""
     lacking = [text for mark, text in ((NO_FIFO, "no real-time priority"), (NOT_LOCKED, "memory cannot be locked"))
                if mark in words]
     if not lacking:
-        return Finding("rights", OK, words)
+        return MachineFinding("rights", OK, words)
     lines = " ".join(f"'{line}'" for line in limits_lines(user()))
     mend = f"printf '%s\\n' {lines} | sudo tee {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
-    return Finding("rights", BAD, f"{' and '.join(lacking)} for {user()}", mend)
+    return MachineFinding("rights", BAD, f"{' and '.join(lacking)} for {user()}", mend)
 
 
-def cores(count: int) -> Finding:
+def cores(count: int) -> MachineFinding:
     """How many we may use."""
     found = f"{count} to use"
     if count >= GOOD_CORES:
-        return Finding("cores", OK, found)
+        return MachineFinding("cores", OK, found)
     mend = "trocar up SYSTEM --set io.period_s=0.001 --set arm.period_s=0.002"
     state = BAD if count < 2 else NOTE
-    return Finding("cores", state, f"{found}: enough for longer periods only; {GOOD_CORES} are good", mend)
+    return MachineFinding("cores", state, f"{found}: enough for longer periods only; {GOOD_CORES} are good", mend)
 
 
-def governor(root: Path = Path("/")) -> Finding:
+def governor(root: Path = Path("/")) -> MachineFinding:
     """Whether the cores slow down when they have little to do, which makes them late when they are needed."""
     files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     names = sorted({_text(file) for file in files})
     if not names:
-        return Finding("governor", OK, "none (a virtual machine, or a fixed frequency)")
+        return MachineFinding("governor", OK, "none (a virtual machine, or a fixed frequency)")
     if names == ["performance"]:
-        return Finding("governor", OK, "performance")
+        return MachineFinding("governor", OK, "performance")
     mend = "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
-    return Finding("governor", NOTE, f"{', '.join(names)}: cores sleep, and wake late", mend)
+    return MachineFinding("governor", NOTE, f"{', '.join(names)}: cores sleep, and wake late", mend)
 
 
-def shared_memory(folder: Path = FOLDER) -> Finding:
+def shared_memory(folder: Path = FOLDER) -> MachineFinding:
     """Whether there is room, and whether dead systems have left something in it."""
     try:
         free_mb = os.statvfs(folder).f_bavail * os.statvfs(folder).f_frsize / MEGABYTE
     except OSError as error:
-        return Finding("shared memory", BAD, f"{folder}: {error.strerror}", f"sudo mount -t tmpfs tmpfs {folder}")
+        return MachineFinding("shared memory", BAD, f"{folder}: {error.strerror}",
+                              f"sudo mount -t tmpfs tmpfs {folder}")
     found = f"{free_mb:.0f} MB free in {folder}"
     if free_mb < ENOUGH_MB:
         mend = f"sudo mount -o remount,size=1G {folder}    # docker run --shm-size=1g"
-        return Finding("shared memory", BAD if free_mb < LEAST_MB else NOTE, found, mend)
+        return MachineFinding("shared memory", BAD if free_mb < LEAST_MB else NOTE, found, mend)
     left = left_over()
     if left:
-        return Finding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
-                       "trocar down")
-    return Finding("shared memory", OK, found)
+        return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
+                              "trocar down")
+    return MachineFinding("shared memory", OK, found)
 
 
-def ports(found: Iterable[Holder]) -> Finding:
+def ports(found: Iterable[SocketHolder]) -> MachineFinding:
     """Whether somebody has the boards' port at all addresses: no emulated boards can start then."""
     others = [holder for holder in found if ipaddress.ip_address(holder.address).is_unspecified]
     if not others:
-        return Finding("ports", OK, f"UDP {BOARDS_PORT} is free for emulated boards")
+        return MachineFinding("ports", OK, f"UDP {BOARDS_PORT} is free for emulated boards")
     known = next((holder for holder in others if holder.pid), None)
     mend = f"kill {known.pid}" if known is not None else f"sudo fuser -k {BOARDS_PORT}/udp"
-    return Finding("ports", BAD, "; ".join(map(str, others)), mend)
+    return MachineFinding("ports", BAD, "; ".join(map(str, others)), mend)
 
 
-def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> Finding:
+def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> MachineFinding:
     """Ethernet interfaces, and whether one has an address among those of real boards."""
     cards = [folder for folder in sorted((root / "sys/class/net").glob("*")) if _text(folder / "type") == ETHERNET]
     told, reaches = [], False
@@ -147,27 +148,27 @@ def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> F
         reaches |= any(ipaddress.ip_address(address) in BOARDS_NET for address in own)
         told.append(" ".join((card.name, _text(card / "operstate") or "?", *own)))
     if not cards:
-        return Finding("network", NOTE, "no Ethernet interface: real boards need one, or FireWire",
-                       "lspci | grep -i ethernet")
+        return MachineFinding("network", NOTE, "no Ethernet interface: real boards need one, or FireWire",
+                              "lspci | grep -i ethernet")
     if reaches:
-        return Finding("network", OK, "; ".join(told))
+        return MachineFinding("network", OK, "; ".join(told))
     free = next((card.name for card in cards if not addresses.get(card.name)), cards[0].name)
-    return Finding("network", NOTE, f"{'; '.join(told)}: none in {BOARDS_NET}, where boards on UDP are",
-                   f"sudo ip address add 169.254.0.1/16 dev {free}")
+    return MachineFinding("network", NOTE, f"{'; '.join(told)}: none in {BOARDS_NET}, where boards on UDP are",
+                          f"sudo ip address add 169.254.0.1/16 dev {free}")
 
 
-def firewire(root: Path = Path("/")) -> Iterator[Finding]:
+def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
     """Cards that we may not use; nothing where there is none."""
     devices = sorted((root / "dev").glob("fw[0-9]*"))
     closed = [device for device in devices if not os.access(device, os.R_OK | os.W_OK)]
     if closed:
-        yield Finding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
-                      f"sudo setfacl -m u:{user()}:rw {' '.join(map(str, closed))}")
+        yield MachineFinding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
+                             f"sudo setfacl -m u:{user()}:rw {' '.join(map(str, closed))}")
     elif devices:
-        yield Finding("FireWire", OK, ", ".join(map(str, devices)))
+        yield MachineFinding("FireWire", OK, ", ".join(map(str, devices)))
 
 
-def load() -> Iterator[Finding]:
+def load() -> Iterator[MachineFinding]:
     """How much of the cores others leave, who takes the most, and who else has real-time priority."""
     processes = list(psutil.process_iter(["name"]))
     for process in processes:
@@ -195,27 +196,27 @@ class Busy:
         return f"{self.name}{f' of system {self.system}' if self.system else ''} (pid {self.pid}) {self.percent:.0f} %"
 
 
-def free_cpu(free: float, busy: Iterable[Busy]) -> Finding:
+def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
     """`free` cores, and who is busy, the busiest first."""
     found = f"{free:.1f} cores"
     if free >= FREE_CORES:
-        return Finding("free CPU", OK, found)
+        return MachineFinding("free CPU", OK, found)
     most = [row for row in busy if row.percent >= BUSY_PERCENT][:NAMED]
     others = [str(row.pid) for row in most if not row.system]  # our own systems are not to be made slower
     own = next((f"trocar down --system {row.system}" for row in most if row.system), "top")
     names = ", ".join(map(str, most)) or "nobody for long"
     mend = f"sudo renice 19 -p {' '.join(others)}" if others else own
-    return Finding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
+    return MachineFinding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
 
 
-def urgent(others: Iterable[tuple[int, str]]) -> Finding:
+def urgent(others: Iterable[tuple[int, str]]) -> MachineFinding:
     """Programs with real-time priority that are none of ours: they come before everything else."""
     rows = list(others)
     if not rows:
-        return Finding("other real time", OK, "none")
+        return MachineFinding("other real time", OK, "none")
     names = ", ".join(f"{name} (pid {pid})" for pid, name in rows[:NAMED])
-    return Finding("other real time", NOTE, f"{names}{', …' if len(rows) > NAMED else ''}",
-                   f"sudo chrt -o -p 0 {rows[0][0]}")
+    return MachineFinding("other real time", NOTE, f"{names}{', …' if len(rows) > NAMED else ''}",
+                          f"sudo chrt -o -p 0 {rows[0][0]}")
 
 
 def _is_realtime(pid: int) -> bool:

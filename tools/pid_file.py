@@ -12,7 +12,7 @@ from typing import Any
 
 from procs.config.build import convert
 from procs.config.models.pid_file import PidFile
-from procs.config.read.source import Source, read_source
+from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document.gains import GAINS, value_of
 from tools.converters import to_json
@@ -21,7 +21,7 @@ from tools.inspect.gains import Present
 
 
 @dataclass(slots=True)
-class Saved:
+class SavedPidFile:
     """What was written: so many values are not those of the file of origin; where an overwritten file went."""
 
     changed: int
@@ -29,14 +29,14 @@ class Saved:
     notes: list[str] = field(default_factory=list)
 
 
-def save_as(gains: Present, file: Path, *, force: bool) -> Saved:
+def save_as(gains: Present, file: Path, *, force: bool) -> SavedPidFile:
     """Write `gains` to `file`, whole or not at all; Problem when that cannot be done or would overwrite something."""
     if file.suffix != ".json":
         raise Misuse(f"{file}: a PID file is called NAME.json")
     if file.exists() and not force:
         raise Problem(f"{file} is there already; --force overwrites it and keeps what it held")
     data, notes = _origin(gains)
-    saved = Saved(_put(gains, data), notes=notes)
+    saved = SavedPidFile(_put(gains, data), notes=notes)
     fresh = file.with_name(f".{file.name}.{os.getpid()}.json")
     try:
         with fresh.open("x", encoding="utf-8") as out:
@@ -75,7 +75,7 @@ def _origin(gains: Present) -> tuple[dict[str, Any], list[str]]:
     return copy.deepcopy(source.data), notes
 
 
-def _loses_comments(source: Source) -> bool:
+def _loses_comments(source: SourceFile) -> bool:
     text = source.path.read_text(encoding="utf-8-sig")
     if source.path.suffix != ".json":
         return "#" in text
@@ -88,7 +88,7 @@ def _loses_comments(source: Source) -> bool:
 
 def _put(gains: Present, data: dict[str, Any]) -> int:
     """Write what differs into the rows of `data`; returns how many values those are."""
-    content, _ = validate(PidFile, Source(Path(gains.file), data, {}))
+    content, _ = validate(PidFile, SourceFile(Path(gains.file), data, {}))
     assert content is not None
     count = 0
     for axis, row in enumerate(convert.pid(content, gains.robot, gains.arm, "").axes):

@@ -16,7 +16,7 @@ DOOR = re.compile(r"procs\.(\w+)\.loop")
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
+class RunningProcess:
     """One process; with its start (ticks since boot) the pid names it for good."""
 
     system: str
@@ -38,7 +38,7 @@ class Running:
         return f"{self.instance} (pid {self.pid})"
 
 
-def running(system: str | None = None) -> list[Running]:
+def running(system: str | None = None) -> list[RunningProcess]:
     """All processes of a system, or of all, whose users we trust; the supervisor first."""
     trusted = owners.accepted()
     found = [_parsed(folder, trusted) for folder in Path("/proc").iterdir() if folder.name.isdigit()]
@@ -46,7 +46,7 @@ def running(system: str | None = None) -> list[Running]:
     return sorted(rows, key=lambda row: (row.instance != SUPERVISOR, row.start, row.pid))
 
 
-def _parsed(folder: Path, trusted: frozenset[int]) -> Running | None:
+def _parsed(folder: Path, trusted: frozenset[int]) -> RunningProcess | None:
     """One of ours, or None; a process that has ended and was not waited for has no command line."""
     try:
         words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
@@ -59,7 +59,7 @@ def _parsed(folder: Path, trusted: frozenset[int]) -> Running | None:
     if door is None or not system or uid not in trusted or not start:
         return None
     instance = SUPERVISOR if door.group(1) == SUPERVISOR else _after(words, "--name")
-    return Running(system, instance, pid, start)
+    return RunningProcess(system, instance, pid, start)
 
 
 def _after(words: list[str], option: str) -> str:

@@ -27,7 +27,7 @@ class Setpoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Clipped:
+class ClippedRows:
     """What was cut to a range: rows touched, and by how much at most (rad or m)."""
 
     rows: int
@@ -87,8 +87,8 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def clipped(values: Array, lower: float, upper: float) -> tuple[Array, Clipped]:
+def clipped(values: Array, lower: float, upper: float) -> tuple[Array, ClippedRows]:
     """Values brought into [lower, upper], and what that took."""
     inside = np.clip(values, lower, upper)
     off = np.abs(values - inside)
-    return inside, Clipped(int(np.count_nonzero(off)), float(off.max(initial=0.0)))
+    return inside, ClippedRows(int(np.count_nonzero(off)), float(off.max(initial=0.0)))

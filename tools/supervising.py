@@ -11,7 +11,7 @@ from pathlib import Path
 
 from procs.config.read.paths import log_folder
 from shm.clock import monotonic_ns, pause
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import SegmentError
 from tools.cleanup import Keeper
 from tools.ending import POLL_S, STOP_S, stop_system
@@ -27,7 +27,7 @@ START_S = 90.0
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class StartRequest:
     """What a system is started with."""
 
     file: Path
@@ -65,7 +65,7 @@ def _end_with_parent() -> None:
 class Background:
     """A supervisor in a session of its own, its output in its log file."""
 
-    def __init__(self, request: Request, *, tied: bool = False) -> None:
+    def __init__(self, request: StartRequest, *, tied: bool = False) -> None:
         """Start it; returns at once. `tied`: when we die, however that happens, it ends and nothing of it is left."""
         refuse_taken(request.system)
         self.system = request.system
@@ -92,7 +92,7 @@ class Background:
     def state(self) -> str:
         """The state our supervisor shows; empty before it has shared memory."""
         try:
-            pulse = Pulse(self.system, "supervisor")
+            pulse = ControlPage(self.system, "supervisor")
         except SegmentError:
             return ""
         try:

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
-from procs.arm.commands import Commands, Row, Table
+from procs.arm.commands import ArmCommandRow, ArmCommands, Table
 from procs.arm.control import SAID_NS, Control
-from procs.arm.duties import Duties
+from procs.arm.duties import IoRequests
 from procs.arm.joint_commands import JointCommands
-from procs.arm.joints import Joints, joints, kinematic_home
-from procs.arm.machine import Machine
+from procs.arm.joints import JointSpace, joints, kinematic_home
+from procs.arm.machine import ArmStates
 from procs.arm.motion import Mode, Space
-from procs.arm.psm.detection import Reading
-from procs.arm.readings import Fields, Readings
+from procs.arm.psm.detection import ToolReading
+from procs.arm.readings import ArmReadings, Fields
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.settings import Settings
 from procs.arm.setup_base import SetupBase
@@ -32,9 +32,9 @@ from procs.arm.stages.homed import Homed, Manual
 from procs.arm.stages.homing import Biased, Calibrating, Homing
 from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from procs.arm.stages.stage import Stage
-from procs.arm.states import AT_HOME, PUBLISHED, Event, State
+from procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
 from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
-from procs.arm.takeover import Predecessor, beginning, predecessor
+from procs.arm.takeover import PreviousState, beginning, predecessor
 from procs.arm_types import ARM_TYPES
 from procs.document import system as document
 from procs.faults import FaultReport
@@ -63,26 +63,26 @@ class Surroundings:
     power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the set-up joints that carry it
-    reading: Callable[[], Reading] = Reading  # what io has last read from the memory of its instruments
+    reading: Callable[[], ToolReading] = ToolReading  # what io has last read from the memory of its instruments
     motors: Sequence[float] = ()  # the largest efforts of its actuators, none: not known
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
 
 
-class Arm:
+class ArmLogic:
     """One arm. `step` each cycle, then publish both records."""
 
     checks_tracking = True
 
-    def __init__(self, arm: document.Arm, around: Surroundings) -> None:
+    def __init__(self, arm: document.ArmConfig, around: Surroundings) -> None:
         self._around = around
         self._predecessor = predecessor(around.state)
         first = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
-        self.io = Readings(around.field, around.robot, around.first_axis, first)
+        self.io = ArmReadings(around.field, around.robot, around.first_axis, first)
         cartesian = Cartesian(around.state, self.io)
         record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
-        self.machine = machine = Machine(arm.name, around.reports, self._enter, self._is_home)
-        duties = Duties(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
-                        has_brakes=around.has_brakes)
+        self.machine = machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
+        duties = IoRequests(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
+                            has_brakes=around.has_brakes)
         self.control = control = Control(
             arm, first, self.io, duties, machine, around.reports, cartesian, record,
             SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators), around.fault_report, around.motors)
@@ -100,27 +100,28 @@ class Arm:
         self._epoch = self._switched_off_by = 0
         self.prepare(self._predecessor)
         own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control, arm.base_from).table)
-        self._commands = Commands(control, (*own, {"state_command": Row(self._state_command)}, *self.tables()))
-        self._stages: dict[State, Stage] = {
-            State.DISABLED: Disabled(control),
-            State.POWERING: Powering(control),
-            State.ENABLED: Enabled(control),
-            State.CALIBRATING: Calibrating(control),
-            State.BIASED: Biased(control),
-            State.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
-            State.HOMED: Homed(control, self.look_after, self.checks_tracking, self.misses),
-            State.MANUAL: Manual(control, self.is_clutched),
-            State.PAUSED: Paused(control, self.checks_tracking),
-            State.FAULT: Fault(control),
+        self._commands = ArmCommands(control,
+                                     (*own, {"state_command": ArmCommandRow(self._state_command)}, *self.tables()))
+        self._stages: dict[ArmState, Stage] = {
+            ArmState.DISABLED: Disabled(control),
+            ArmState.POWERING: Powering(control),
+            ArmState.ENABLED: Enabled(control),
+            ArmState.CALIBRATING: Calibrating(control),
+            ArmState.BIASED: Biased(control),
+            ArmState.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
+            ArmState.HOMED: Homed(control, self.look_after, self.checks_tracking, self.misses),
+            ArmState.MANUAL: Manual(control, self.is_clutched),
+            ArmState.PAUSED: Paused(control, self.checks_tracking),
+            ArmState.FAULT: Fault(control),
             **self.stages(),
         }
 
     # what an arm may have of its own
 
-    def prepare(self, before: Predecessor | None) -> None:
+    def prepare(self, before: PreviousState | None) -> None:
         """Set up what is the arm's own; `before` is what a predecessor left."""
 
-    def stages(self) -> Mapping[State, Stage]:
+    def stages(self) -> Mapping[ArmState, Stage]:
         """States that only this arm has, or does in its own way."""
         return {}
 
@@ -185,12 +186,12 @@ class Arm:
     # the cycle
 
     @property
-    def state(self) -> State:
+    def state(self) -> ArmState:
         """The internal state."""
         return self.machine.state
 
     @property
-    def joints(self) -> Joints:
+    def joints(self) -> JointSpace:
         """The joint space in use."""
         return self.control.joints
 
@@ -242,7 +243,7 @@ class Arm:
 
     def _reason(self) -> str:
         """In FAULT why, else what is waited for."""
-        return self.machine.fault_text if self.state is State.FAULT else self._stages[self.state].waits
+        return self.machine.fault_text if self.state is ArmState.FAULT else self._stages[self.state].waits
 
     def _start(self) -> None:
         """The first fresh record of io: take over what a predecessor left, or begin anew."""
@@ -252,12 +253,12 @@ class Arm:
         begin = beginning(self._predecessor, io)
         machine.reason = machine.fault_text = begin.reason
         control.motion.hold(io.setpoint, Mode.NONE)
-        control.held = begin.state is State.ENABLED
-        if State.HOMED in (begin.state, begin.paused):
+        control.held = begin.state is ArmState.ENABLED
+        if ArmState.HOMED in (begin.state, begin.paused):
             control.homed_generation = int(io.bias_generation.item())
             control.must_bias = False
             control.driving = Generations.now(io)
-        if begin.state is State.DISABLED:
+        if begin.state is ArmState.DISABLED:
             machine.publish()
         else:
             machine.place(begin.state, begin.paused)
@@ -290,8 +291,8 @@ class Arm:
             return
         self._clutched = pressed
         self.control.reports.emit("arm_clutch", "pressed" if pressed else "released", value=float(pressed))
-        if pressed and self.state is State.HOMED:
-            self.machine.fire(Event.PRESSED)
+        if pressed and self.state is ArmState.HOMED:
+            self.machine.fire(ArmEvent.PRESSED)
         elif pressed:
             self.control.report(codes.NOT_READY, "arm not ready yet, manipulator clutch ignored", SAID_NS)
 
@@ -301,24 +302,24 @@ class Arm:
         if not control.motion.resume(self.io.setpoint, control.now_ns):
             control.move_ended(False, "io held, and it cannot go on from there")
 
-    def _enter(self, left: State) -> None:
+    def _enter(self, left: ArmState) -> None:
         """A state was entered."""
         control, state = self.control, self.machine.state
-        if state is State.FAULT:
+        if state is ArmState.FAULT:
             self._around.faults.fault()
-        elif state is State.DISABLED and left is not State.FAULT:
+        elif state is ArmState.DISABLED and left is not ArmState.FAULT:
             self._around.faults.switched_off(self._switched_off_by)
         control.duties.forget_bias()
         control.duties.want_no_fault(False)
-        if PUBLISHED[state] != "ENABLED" or state is State.ENABLED:
-            mode = Mode.POSITION if state is State.PAUSED else Mode.NONE
-            reason = f": {self.machine.reason}" if state is State.FAULT else ""
+        if PUBLISHED[state] != "ENABLED" or state is ArmState.ENABLED:
+            mode = Mode.POSITION if state is ArmState.PAUSED else Mode.NONE
+            reason = f": {self.machine.reason}" if state is ArmState.FAULT else ""
             control.stop(control.here, mode, f"the arm went {state}{reason}")
         self._stages[state].enter()
 
     def _is_home(self) -> bool:
         machine = self.machine
-        homed = machine.state in AT_HOME or (machine.state is State.PAUSED and machine.paused in AT_HOME)
+        homed = machine.state in AT_HOME or (machine.state is ArmState.PAUSED and machine.paused in AT_HOME)
         return bool(homed and self.control.homed_generation and self.io.valid and self.is_ready())
 
     def _is_off(self) -> bool:
@@ -328,7 +329,7 @@ class Arm:
         self.control.report(codes.IO_REFUSED, text)
 
     def _state_command(self, request: Request) -> None:
-        if request.text.strip() == Event.UNHOME:
+        if request.text.strip() == ArmEvent.UNHOME:
             self.control.homed_generation = 0
             self.control.must_bias = True
             self.unhome()

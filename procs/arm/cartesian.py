@@ -6,8 +6,8 @@ import eigenpy
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
-from procs.arm.readings import Fields, Readings
+from procs.arm.joints import JointSpace
+from procs.arm.readings import ArmReadings, Fields
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import inverse, pose_from_matrix
 
@@ -24,7 +24,7 @@ class Cartesian:
     the base's origin. They hold while `valid`, and are this cycle's.
     """
 
-    def __init__(self, field: Fields, io: Readings) -> None:
+    def __init__(self, field: Fields, io: ArmReadings) -> None:
         """`field` gives the arrays of the arm's own record."""
         self._io = io
         self._measured, self._setpoint = field("measured_cp"), field("setpoint_cp")
@@ -57,8 +57,8 @@ class Cartesian:
         self._shown_absolute = False
         self._is_squared = self._is_short = False
 
-    def use(self, joints: Joints) -> None:
-        """Another joint space; `Readings` must have it already."""
+    def use(self, joints: JointSpace) -> None:
+        """Another joint space; `ArmReadings` must have it already."""
         n, io, kinematics = joints.count, self._io, joints.kinematics
         self._kinematics = kinematics
         self._jacobian[...] = self._spatial[...] = 0.0

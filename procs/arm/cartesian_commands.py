@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.commands import Ready, Row, Table
+from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import matrix_from_pose, unit_quaternion
 from procs.requests import Request
 
@@ -42,16 +42,16 @@ class CartesianCommands:
         self._reach = Reach(control, guard)
         tip = Ready.CARTESIAN
         self.table: Table = {
-            "servo_cp": Row(self._servo_cp, tip, (POSE, POSE + TWIST), streams=True),
-            "servo_cr": Row(self._servo_cr, tip, (POSE,), streams=True),
-            "servo_cs": Row(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
-            "move_cp": Row(self._move_cp, tip, (POSE,), moves=True),
-            "move_cr": Row(self._move_cr, tip, (POSE,), moves=True),
-            "servo_cf": Row(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
-            "body/servo_cf": Row(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
-            "spatial/servo_cf": Row(self._spatial_servo_cf, tip, (TWIST,), streams=True),
-            "servo_ci": Row(self._servo_ci, tip, (IMPEDANCE,), streams=True),
-            "body/set_cf_orientation_absolute": Row(self._set_absolute, sizes=(1,)),
+            "servo_cp": ArmCommandRow(self._servo_cp, tip, (POSE, POSE + TWIST), streams=True),
+            "servo_cr": ArmCommandRow(self._servo_cr, tip, (POSE,), streams=True),
+            "servo_cs": ArmCommandRow(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
+            "move_cp": ArmCommandRow(self._move_cp, tip, (POSE,), moves=True),
+            "move_cr": ArmCommandRow(self._move_cr, tip, (POSE,), moves=True),
+            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
+            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
+            "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip, (TWIST,), streams=True),
+            "servo_ci": ArmCommandRow(self._servo_ci, tip, (IMPEDANCE,), streams=True),
+            "body/set_cf_orientation_absolute": ArmCommandRow(self._set_absolute, sizes=(1,)),
         }
 
     def enter(self, name: str) -> None:
@@ -92,7 +92,7 @@ class CartesianCommands:
         pose[:3, :3] = change[:3, :3] @ pose[:3, :3]
         return cartesian.to_local(pose)
 
-    def _inverse(self, name: str) -> Inverse:
+    def _inverse(self, name: str) -> InverseSolver:
         inverse = self._control.joints.inverse
         if inverse is None:
             raise Refused(f"{name}: {self._control.joints.lacks_inverse}")

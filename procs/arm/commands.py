@@ -16,7 +16,7 @@ from typing import Final
 from procs import codes
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode
-from procs.arm.states import State
+from procs.arm.states import ArmState
 from procs.kinematics.poses import PoseError
 from procs.requests import Request
 
@@ -38,7 +38,7 @@ N: Final = -1
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ArmCommandRow:
     """One command: what carries it out, what it needs, how many values it may have (none given: any)."""
 
     do: Handler
@@ -48,15 +48,15 @@ class Row:
     streams: bool = False  # it is one of a stream, which `client_timeout_s` watches
 
 
-Table = Mapping[str, Row]
+Table = Mapping[str, ArmCommandRow]
 
 
-class Commands:
+class ArmCommands:
     """Carries out the commands of one arm."""
 
     def __init__(self, control: Control, tables: Iterable[Table]) -> None:
         self._control = control
-        self._rows: dict[str, Row] = {}
+        self._rows: dict[str, ArmCommandRow] = {}
         for table in tables:
             self._rows.update(table)
         self._timeout_ns = round(control.arm.client_timeout_s * 1e9)
@@ -88,12 +88,12 @@ class Commands:
         if text is not None:
             request.done(text)
 
-    def _need(self, request: Request, row: Row) -> None:
+    def _need(self, request: Request, row: ArmCommandRow) -> None:
         """Refused unless the arm is ready for it and the number of values is right."""
         control, state = self._control, self._control.machine.state
         if row.ready is not Ready.ALWAYS:
-            if state is not State.HOMED:
-                reason = f"{request.name}: arm not ready, it is in {state} and must be in {State.HOMED}"
+            if state is not ArmState.HOMED:
+                reason = f"{request.name}: arm not ready, it is in {state} and must be in {ArmState.HOMED}"
                 control.report(codes.NOT_READY, reason, SAID_NS)
                 raise Refused(reason)
             if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
@@ -111,10 +111,10 @@ class Commands:
         """A stream that stopped although its client may not: hold."""
         control = self._control
         silent_ns = control.now_ns - self._streamed_ns
-        if control.machine.state is State.HOMED and silent_ns <= self._timeout_ns:
+        if control.machine.state is ArmState.HOMED and silent_ns <= self._timeout_ns:
             return
         self._streamed_ns = 0
-        if control.machine.state is not State.HOMED:
+        if control.machine.state is not ArmState.HOMED:
             return  # it was stopped already
         control.stop(control.here, Mode.POSITION, "its client is silent")
         control.report(codes.CLIENT_TIMEOUT, f"no servo command for {silent_ns * 1e-9:.3f} s; holding")

@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.cartesian import Cartesian
-from procs.arm.duties import Duties
+from procs.arm.duties import IoRequests
 from procs.arm.effort_guard import EffortGuard
 from procs.arm.effort_limits import EffortLimits
 from procs.arm.efforts import Efforts
 from procs.arm.gravity import Weight
-from procs.arm.joints import Joints
-from procs.arm.machine import Machine
+from procs.arm.joints import JointSpace
+from procs.arm.machine import ArmStates
 from procs.arm.motion import Mode, Motion, Space
-from procs.arm.readings import Readings
+from procs.arm.readings import ArmReadings
 from procs.arm.record import ArmRecord, SetpointRecord
 from procs.arm.streams import Stream
 from procs.arm.supervision import Generations
 from procs.codes import Code
-from procs.document.system import Arm
+from procs.document.system import ArmConfig
 from procs.faults import FaultReport
 from procs.requests import Reports, Request
 
@@ -61,7 +61,8 @@ class Clipping:
 class Control:
     """The parts of one arm and the verbs that change its motion; `now_ns` is this cycle's time."""
 
-    def __init__(self, arm: Arm, joints: Joints, io: Readings, duties: Duties, machine: Machine, reports: Reports,
+    def __init__(self, arm: ArmConfig, joints: JointSpace, io: ArmReadings, duties: IoRequests, machine: ArmStates,
+                 reports: Reports,
                  cartesian: Cartesian, record: ArmRecord, setpoint: SetpointRecord,
                  fault_report: Callable[[int], FaultReport], motors: Sequence[float] = ()) -> None:
         """`motors`: see `EffortLimits`."""
@@ -90,7 +91,7 @@ class Control:
         self._episodes_ns: dict[Code, int] = {}
         self.use(joints)
 
-    def use(self, joints: Joints) -> None:
+    def use(self, joints: JointSpace) -> None:
         """Another joint space, at rest where the actuators are kept."""
         kept = self.joints.to_actuator @ self.here if self.driving is not None else None
         self.mistrust_poses()

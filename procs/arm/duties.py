@@ -11,8 +11,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from procs.arm.readings import Fields, Readings
-from procs.requests import Answer, Origin, Sender
+from procs.arm.readings import ArmReadings, Fields
+from procs.requests import Answer, CommandOrigin, Sender
 from procs.wishes import NONE, OFF, ON, WISHES
 
 REFUSED_NS = 1_000_000_000
@@ -49,10 +49,10 @@ class Switch:
         return NONE if self.wanted is None or self._flag is None else ON if self.wanted else OFF
 
 
-class Duties:
+class IoRequests:
     """All switches of one robot, and the encoder bias, which is an order and not a level."""
 
-    def __init__(self, io: Readings, setpoint: Fields, sender: Sender, robot: str, warn: Callable[[str], None], *,
+    def __init__(self, io: ArmReadings, setpoint: Fields, sender: Sender, robot: str, warn: Callable[[str], None], *,
                  has_brakes: bool) -> None:
         """`setpoint` gives the fields that the wishes go out in; `warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
@@ -77,7 +77,7 @@ class Duties:
         self._bias_before = 0
         self.bias_refusal = ""
 
-    def on_behalf(self, origin: Origin) -> None:
+    def on_behalf(self, origin: CommandOrigin) -> None:
         """What io is asked for from now on comes from this command of a person: all wishes count anew."""
         self._sender.on_behalf(origin)
         for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.arm import Arm
-from procs.arm.commands import Row, Table
+from procs.arm.arm import ArmLogic
+from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import Refused
 from procs.arm.gravity import Weight
 from procs.arm.joints import joints
 from procs.arm.motion import Mode
-from procs.arm.states import State
-from procs.arm.takeover import Predecessor
+from procs.arm.states import ArmState
+from procs.arm.takeover import PreviousState
 from procs.kinematics.endoscopes import NAMES
 from procs.requests import Request
 
@@ -28,31 +28,31 @@ LEAST_INSERTION: Final = 0.04  # m; a goal of the tip never takes the endoscope 
 CARTESIAN_INSERTION: Final = 0.05  # m, above which Cartesian control may begin
 
 
-class Ecm(Arm):
-    """See Arm."""
+class EcmLogic(ArmLogic):
+    """See ArmLogic."""
 
-    def prepare(self, before: Predecessor | None) -> None:
+    def prepare(self, before: PreviousState | None) -> None:
         """Go on with the endoscope that a predecessor had."""
         if before is not None and before.tool in NAMES:
             self._carry(before.tool)
 
     def tables(self) -> Iterable[Table]:
-        """See Arm."""
-        return ({"set_endoscope_type": Row(self._set_endoscope_type)},)
+        """See ArmLogic."""
+        return ({"set_endoscope_type": ArmCommandRow(self._set_endoscope_type)},)
 
     def safe(self, at: Array) -> str:
-        """See Arm."""
+        """See ArmLogic."""
         if at[INSERTION] > CARTESIAN_INSERTION:
             return ""
         return f"the endoscope needs to be inserted past the cannula, to {CARTESIAN_INSERTION} m, for Cartesian control"
 
     def guard(self, found: Array, seed: Array) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         found[INSERTION] = max(found[INSERTION], LEAST_INSERTION)
 
     def _set_endoscope_type(self, request: Request) -> str:
         control, name = self.control, request.text.strip()
-        if self.machine.moving or self.state is State.HOMING or control.motion.mode is Mode.EFFORT:
+        if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
             raise Refused("set_endoscope_type: the arm is moving or in effort mode")
         if name not in NAMES:
             control.reports.emit("endoscope_type", "ERROR")

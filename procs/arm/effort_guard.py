@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.arm.motion import Motion
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class EffortGuard:
         self._has_speed, self._has_zone = bool(speed_ratio), bool(zone_ratio)
         self._speed_ratio, self._zone_ratio = speed_ratio or 1.0, zone_ratio
 
-    def use(self, joints: Joints, most: Array) -> None:
+    def use(self, joints: JointSpace, most: Array) -> None:
         """Another joint space; `most` (size,) are the largest efforts, inf where that is not known: not guarded."""
         n, known = joints.size, np.isfinite(most)
         self._unknown = None if known.all() else ~known

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.document.system import Robot
 
 Array = NDArray[np.float64]
@@ -30,12 +30,12 @@ def motor_efforts(robot: Robot) -> tuple[float, ...]:
 class EffortLimits:
     """Clips joint efforts (size,). `most`: what each joint can have at most, by all motors together; inf: not known."""
 
-    def __init__(self, motors: Sequence[float], joints: Joints) -> None:
+    def __init__(self, motors: Sequence[float], joints: JointSpace) -> None:
         """`motors`: the largest effort of every actuator; none: not known, the kinematic files count alone."""
         self._motors = np.maximum(motors, NO_MOTOR) if len(motors) else np.full(joints.axes, np.inf)
         self.use(joints)
 
-    def use(self, joints: Joints) -> None:
+    def use(self, joints: JointSpace) -> None:
         """Another joint space."""
         n = joints.size
         self._none, self._rated, self._map = joints.none, joints.rated, joints.to_joint

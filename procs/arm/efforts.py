@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from procs.arm.cartesian import Cartesian
 from procs.arm.effort_limits import EffortLimits
-from procs.arm.impedance import Impedance
+from procs.arm.impedance import ImpedanceGains
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Efforts:
         self._absolute = False
         self.wrench = np.zeros(6)
         self._turned = np.zeros(6)
-        self._impedance: Impedance | None = None
+        self._impedance: ImpedanceGains | None = None
         self.use(size)
 
     def use(self, size: int) -> None:
@@ -76,7 +76,7 @@ class Efforts:
         self._ask(Law.SPATIAL, self.timeout_at(now_ns, wrench))
         self.wrench[...] = wrench
 
-    def impede(self, impedance: Impedance, now_ns: int) -> None:
+    def impede(self, impedance: ImpedanceGains, now_ns: int) -> None:
         """Push as a spring and damper do."""
         self._ask(Law.IMPEDANCE, self.timeout_at(now_ns, impedance.gains))
         self._absolute, self._impedance = True, impedance

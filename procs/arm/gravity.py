@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm_types import ARM_TYPES
-from procs.document.system import Arm
+from procs.document.system import ArmConfig
 from procs.kinematics.endoscopes import NONE, endoscope
 from procs.kinematics.gravity import Gravity, up_of
 from procs.kinematics.master_gravity import MasterGravity
@@ -22,7 +22,7 @@ Model = Callable[[Array, Array], Array]
 class Weight:
     """`used`: the compensation is on (it is where there is a model); `effort` (size,) is that of this cycle."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: ArmConfig) -> None:
         """Of the joints of the arm itself."""
         joints = ARM_TYPES[arm.type].joints
         self._model = _model(arm, joints)
@@ -50,7 +50,7 @@ class Weight:
             self.effort[:n] = 0.0
 
 
-def _model(arm: Arm, joints: int) -> Model | None:
+def _model(arm: ArmConfig, joints: int) -> Model | None:
     if arm.skip_gravity_compensation:
         return None
     if arm.master_gravity is not None:

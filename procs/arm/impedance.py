@@ -22,7 +22,7 @@ COUNT: Final = 3 + 4 + 4 + 2 * KINDS * 6
 """Numbers of a servo_ci command, see `impedance_of`."""
 
 
-class Impedance:
+class ImpedanceGains:
     """One set of gains; all poses, twists and wrenches are those of the reference frame."""
 
     def __init__(self, place: Array, force_axes: Array, orientation: Array, gains: Array) -> None:
@@ -47,7 +47,7 @@ class Impedance:
         return self._wrench
 
 
-def impedance_of(values: Array) -> Impedance:
+def impedance_of(values: Array) -> ImpedanceGains:
     """From the numbers of a command; PoseError where they are too few or a quaternion is none.
 
     Place (3), quaternion of the forces' axes (4), orientation (4), then for positive errors P x y z rx ry rz, D, bias,
@@ -55,8 +55,8 @@ def impedance_of(values: Array) -> Impedance:
     """
     if len(values) != COUNT:
         raise PoseError(f"servo_ci takes {COUNT} values, {len(values)} were given")
-    return Impedance(values[:3].copy(), _rotation(values[3:7]), _rotation(values[7:11]),
-                     values[11:].reshape(2, KINDS, 6).copy())
+    return ImpedanceGains(values[:3].copy(), _rotation(values[3:7]), _rotation(values[7:11]),
+                          values[11:].reshape(2, KINDS, 6).copy())
 
 
 def _rotation(quaternion: Array) -> Array:

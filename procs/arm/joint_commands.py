@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.arm.commands import N, Ready, Row, Table
+from procs.arm.commands import ArmCommandRow, N, Ready, Table
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
 from procs.requests import Request
@@ -15,14 +15,14 @@ class JointCommands:
         self._control = control
         joint, one = Ready.JOINT, (N,)
         self.table: Table = {
-            "servo_jp": Row(self._servo_jp, joint, (N, 2 * N), streams=True),
-            "servo_jr": Row(self._servo_jr, joint, one, streams=True),
-            "servo_jv": Row(self._servo_jv, joint, one, streams=True),
-            "servo_jf": Row(self._servo_jf, joint, one, streams=True),
-            "move_jp": Row(self._move_jp, joint, one, moves=True),
-            "move_jr": Row(self._move_jr, joint, one, moves=True),
-            "hold": Row(self._hold, joint),
-            "free": Row(self._free, joint),
+            "servo_jp": ArmCommandRow(self._servo_jp, joint, (N, 2 * N), streams=True),
+            "servo_jr": ArmCommandRow(self._servo_jr, joint, one, streams=True),
+            "servo_jv": ArmCommandRow(self._servo_jv, joint, one, streams=True),
+            "servo_jf": ArmCommandRow(self._servo_jf, joint, one, streams=True),
+            "move_jp": ArmCommandRow(self._move_jp, joint, one, moves=True),
+            "move_jr": ArmCommandRow(self._move_jr, joint, one, moves=True),
+            "hold": ArmCommandRow(self._hold, joint),
+            "free": ArmCommandRow(self._free, joint),
         }
 
     def _servo_jp(self, request: Request) -> str:

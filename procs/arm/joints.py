@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm_types import ARM_TYPES
-from procs.document.system import Arm, Tool
+from procs.document.system import ArmConfig, Tool
 from procs.kinematics.coupling import coupling
 from procs.kinematics.endoscopes import NONE, endoscope
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.inverse.arms import BENDS, inverse_of
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each be
 
 
 @dataclass(frozen=True, slots=True)
-class Joints:
+class JointSpace:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
     `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed` and
@@ -58,7 +58,7 @@ class Joints:
     to_joint: Array
     to_actuator: Array
     kinematics: Kinematics | None
-    inverse: Inverse | None
+    inverse: InverseSolver | None
     one_to_one: int
     """So many joints are actuators themselves; the others are coupled."""
     none: NDArray[np.bool_]
@@ -125,7 +125,7 @@ class Joints:
                          for i in which.nonzero()[0].tolist())
 
 
-def joints(arm: Arm, tool: Tool | None = None) -> Joints:
+def joints(arm: ArmConfig, tool: Tool | None = None) -> JointSpace:
     """The joint space of `arm` with an instrument, or without; ValueError when it cannot be driven."""
     row = ARM_TYPES[arm.type]
     axes = row.actuators
@@ -136,10 +136,10 @@ def joints(arm: Arm, tool: Tool | None = None) -> Joints:
     if kinematics.n != axes:
         raise ValueError(f"{arm.name}: {arm.chain.source} has {kinematics.n} joints; an {arm.type} has {axes}")
     map_ = coupling(axes, arm.chain)
-    return Joints(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, *_rates(arm.type),
-                  _rated(kinematics.effort_max), map_.actuator_to_joint, map_.joint_to_actuator,
-                  kinematics, inverse_of(arm.type, arm.chain, tip=tip) if row.inverse else None,
-                  axes if map_.is_identity else 0, np.zeros(axes, np.bool_))
+    return JointSpace(arm.endoscope, kinematics.names, axes, kinematics.lower, kinematics.upper, *_rates(arm.type),
+                      _rated(kinematics.effort_max), map_.actuator_to_joint, map_.joint_to_actuator,
+                      kinematics, inverse_of(arm.type, arm.chain, tip=tip) if row.inverse else None,
+                      axes if map_.is_identity else 0, np.zeros(axes, np.bool_))
 
 
 def _rates(arm_type: str) -> tuple[Array, Array, Array, Array]:
@@ -153,7 +153,7 @@ def _rated(efforts: Iterable[float]) -> Array:
     return np.where(values > 0.0, values, np.inf)
 
 
-def _bare(arm: Arm) -> Joints:
+def _bare(arm: ArmConfig) -> JointSpace:
     own, axes = ARM_TYPES[arm.type].joints, ARM_TYPES[arm.type].actuators
     links = arm.chain.links
     if len(links) < own:
@@ -161,11 +161,11 @@ def _bare(arm: Arm) -> Joints:
     lower = np.array([link.lower for link in links[:own]] + [-DISC_RANGE] * (axes - own))
     upper = np.array([link.upper for link in links[:own]] + [DISC_RANGE] * (axes - own))
     rated = _rated((*(link.effort_max for link in links[:own]), *(DISC_EFFORT,) * (axes - own)))
-    return Joints("", BARE_NAMES, axes, lower, upper, *_rates(arm.type), rated, np.eye(axes), np.eye(axes), None, None,
-                  axes, np.zeros(axes, np.bool_))
+    return JointSpace("", BARE_NAMES, axes, lower, upper, *_rates(arm.type), rated, np.eye(axes), np.eye(axes), None,
+                      None, axes, np.zeros(axes, np.bool_))
 
 
-def _with_tool(arm: Arm, tool: Tool) -> Joints:
+def _with_tool(arm: ArmConfig, tool: Tool) -> JointSpace:
     kinematics = Kinematics(arm.chain, tool)
     n, axes = kinematics.n, ARM_TYPES[arm.type].actuators
     expected = SNAKE_JOINTS if tool.snake else axes - 1
@@ -181,12 +181,12 @@ def _with_tool(arm: Arm, tool: Tool) -> Joints:
         v_max, a_max, speed, zone = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in rates)
         rates = (v_max, a_max, speed, zone)
     rated = _rated((*kinematics.effort_max, tool.jaw.effort_max))
-    return Joints(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
-                  np.append(kinematics.upper, tool.jaw.upper), *rates, rated,
-                  np.matmul(spread, map_.actuator_to_joint),
-                  np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
-                  inverse_of(arm.type, arm.chain, tool), ARM_TYPES[arm.type].joints, np.zeros(n + 1, np.bool_),
-                  free, paired)
+    return JointSpace(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
+                      np.append(kinematics.upper, tool.jaw.upper), *rates, rated,
+                      np.matmul(spread, map_.actuator_to_joint),
+                      np.matmul(map_.joint_to_actuator, gather).astype(np.float64), kinematics,
+                      inverse_of(arm.type, arm.chain, tool), ARM_TYPES[arm.type].joints, np.zeros(n + 1, np.bool_),
+                      free, paired)
 
 
 def _snake(axes: int) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ def _snake(axes: int) -> tuple[Array, Array]:
     return spread, gather
 
 
-def kinematic_home(arm: Arm, joints: Joints) -> Array:
+def kinematic_home(arm: ArmConfig, joints: JointSpace) -> Array:
     """Where a KINEMATIC arm homes to (size,): inserted, so that it can move its tip from there on."""
     row, goal = ARM_TYPES[arm.type], np.zeros(joints.size)
     goal[: row.joints] = row.kinematic_home[: row.joints]

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes, runtime
-from procs.arm.arm import Arm as AnyArm
+from procs.arm.arm import ArmLogic as AnyArm
 from procs.arm.arm import Surroundings
 from procs.arm.effort_limits import motor_efforts
-from procs.arm.psm.detection import Reading
+from procs.arm.psm.detection import ToolReading
 from procs.arm.setup_base import SetupBase, place_of
 from procs.arm.supervision import power_lost
 from procs.arm_types import ARM_TYPES, class_of
 from procs.codes import AMPLIFIER
-from procs.document.system import Actuator, Arm, Brake, Io
+from procs.document.system import Actuator, ArmConfig, Brake, IoConfig
 from procs.faults import FaultReport, reported
 from procs.manifest import proc
 from procs.wording import axis_titles, boards_of, place, sentence
@@ -59,19 +59,19 @@ class LastGood:
             self.stamp_ns = self._ring.stamp_ns
 
 
-def readings(ring: RingReader, io: Io, reader: str) -> Callable[[], Reading]:
+def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolReading]:
     """What `io` has last read from the instruments that its `reader` reads; its ring tells of every reading."""
     names = [row.name for row in io.instrument_readers]
     if reader not in names:
-        return Reading
+        return ToolReading
     place = names.index(reader)
     status, tool, since = ring.field("status"), ring.field("tool"), ring.field("since_ns")
-    last = Reading()
+    last = ToolReading()
 
-    def newest() -> Reading:
+    def newest() -> ToolReading:
         nonlocal last
         if ring.newest():
-            last = Reading(status[place].decode(), tool[place].decode(), int(since[place]))
+            last = ToolReading(status[place].decode(), tool[place].decode(), int(since[place]))
         return last
 
     return newest
@@ -94,7 +94,7 @@ def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int
     return report
 
 
-def power_reports(io: LastGood, document: Io, number: int) -> Callable[[], FaultReport]:
+def power_reports(io: LastGood, document: IoConfig, number: int) -> Callable[[], FaultReport]:
     """What io's record shows of amplifiers of a robot when power was lost: one alone that is off is named."""
     robot, titles = document.robots[number], axis_titles(document)[number]
     brakes = sum(len(each.actuators) for each in document.robots)
@@ -117,7 +117,7 @@ def power_reports(io: LastGood, document: Io, number: int) -> Callable[[], Fault
     return report
 
 
-def place_in(io: Io, arm: Arm) -> tuple[int, int]:
+def place_in(io: IoConfig, arm: ArmConfig) -> tuple[int, int]:
     """The arm's robot among io's: (its number, its first axis)."""
     first = 0
     for number, robot in enumerate(io.robots):
@@ -130,7 +130,7 @@ def place_in(io: Io, arm: Arm) -> tuple[int, int]:
     raise ValueError(f"{arm.name}: {io.name} has no robot {arm.robot}")
 
 
-def gripper_in(io: Io, arm: Arm) -> int:
+def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
     """The axis of a master's gripper in io's record, -1: it has none."""
     first = 0
     for robot in io.robots:
@@ -140,7 +140,7 @@ def gripper_in(io: Io, arm: Arm) -> int:
     return -1
 
 
-def setup_base(me: runtime.Me, arm: Arm) -> SetupBase | None:
+def setup_base(me: runtime.Node, arm: ArmConfig) -> SetupBase | None:
     """What the set-up joints that carry the arm say of its base; None: it stands by itself."""
     if not arm.base_from:
         return None
@@ -153,10 +153,10 @@ def most_periods(period_s: float) -> int:
     return max(1, int(0.5 * proc("arm").late_s / period_s))
 
 
-class Loop(runtime.Loop):
+class ArmLoop(runtime.Loop):
     """One arm with its rings and mailbox; `cycle` is all it does once a period."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         arm = me.document.arm(me.name)
         if arm.type not in ARM_TYPES:
@@ -217,7 +217,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run one arm until asked to stop; its robot is then held by io."""
-    runtime.run("arm", Loop)
+    runtime.run("arm", ArmLoop)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from procs.arm.states import (
     PUBLISHED,
     RESUMES,
     UP,
-    Event,
-    State,
+    ArmEvent,
+    ArmState,
     follow,
     refusal,
 )
@@ -22,22 +22,22 @@ from procs.faults import FaultReport
 from procs.requests import Reports, Request
 
 
-class Machine:
+class ArmStates:
     """Current state and the state asked for; `enter` is told of each change with the state that was left."""
 
     def __init__(
-        self, name: str, reports: Reports, enter: Callable[[State], None], is_homed: Callable[[], bool]
+        self, name: str, reports: Reports, enter: Callable[[ArmState], None], is_homed: Callable[[], bool]
     ) -> None:
         """`is_homed` is asked at each publication."""
         self.name, self.reports = name, reports
         self._enter, self._is_homed = enter, is_homed
-        self.state = State.DISABLED
-        self.desired = State.DISABLED
-        self.paused = State.ENABLED
+        self.state = ArmState.DISABLED
+        self.desired = ArmState.DISABLED
+        self.paused = ArmState.ENABLED
         self.reason = self.fault_text = ""
         self.moving = False
-        self._desired_before = State.ENABLED
-        self._pending: tuple[Request, Event] | None = None
+        self._desired_before = ArmState.ENABLED
+        self._pending: tuple[Request, ArmEvent] | None = None
 
     @property
     def is_busy(self) -> bool:
@@ -60,10 +60,10 @@ class Machine:
             self.reports.goal_reached(False)
         self.publish()
 
-    def fire(self, event: Event) -> None:
+    def fire(self, event: ArmEvent) -> None:
         """Something has come true."""
         target = follow(self.state, event)
-        if self.state is State.PAUSED and event is Event.RESUME:
+        if self.state is ArmState.PAUSED and event is ArmEvent.RESUME:
             target = RESUMES[self.paused]
         if target is not self.state:
             self._set(target)
@@ -73,19 +73,19 @@ class Machine:
         self.reason, self.fault_text = found.words, found.text
         if found.code is not None:
             self.reports.report(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board)
-        self.fire(Event.PROBLEM)
+        self.fire(ArmEvent.PROBLEM)
 
-    def place(self, state: State, paused: State = State.ENABLED) -> None:
+    def place(self, state: ArmState, paused: ArmState = ArmState.ENABLED) -> None:
         """Begin in `state`, after a restart."""
         self.paused = paused
-        self.desired = State.ENABLED if state is State.POWERING else state
+        self.desired = ArmState.ENABLED if state is ArmState.POWERING else state
         self._desired_before = paused
         self._set(state)
 
     def forget_wish(self, reason: str) -> None:
         """Whatever was asked for of an arm without power is not to be done any more."""
-        if self.state is State.DISABLED and self.desired is not State.DISABLED:
-            self.desired = State.DISABLED
+        if self.state is ArmState.DISABLED and self.desired is not ArmState.DISABLED:
+            self.desired = ArmState.DISABLED
             self._answer_pending(reason)
             self.publish()
 
@@ -93,7 +93,7 @@ class Machine:
         """A state_command; `objection` is why it cannot be done although the table allows it. Returns whether it is."""
         word = request.text.strip()
         reason = refusal(self.state, word)
-        if not reason and word in (Event.ENABLE, Event.HOME):
+        if not reason and word in (ArmEvent.ENABLE, ArmEvent.HOME):
             reason = objection
         if reason:
             self.reports.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
@@ -118,19 +118,19 @@ class Machine:
         if self._is_done(event, is_power_off):
             self._pending = None
             request.done(self.state)
-        elif self.state is State.FAULT:
+        elif self.state is ArmState.FAULT:
             self._answer_pending(self.reason)
 
-    def _is_done(self, event: Event, is_power_off: bool) -> bool:
+    def _is_done(self, event: ArmEvent, is_power_off: bool) -> bool:
         match event:
-            case Event.ENABLE:
+            case ArmEvent.ENABLE:
                 return self.state in UP
-            case Event.HOME:
-                return self.state is State.HOMED
-            case Event.DISABLE:
-                return self.state is State.DISABLED and is_power_off
-            case Event.PAUSE:
-                return self.state is State.PAUSED
+            case ArmEvent.HOME:
+                return self.state is ArmState.HOMED
+            case ArmEvent.DISABLE:
+                return self.state is ArmState.DISABLED and is_power_off
+            case ArmEvent.PAUSE:
+                return self.state is ArmState.PAUSED
             case _:
                 return True
 
@@ -139,25 +139,25 @@ class Machine:
             self._pending[0].fail(reason)
             self._pending = None
 
-    def _desire(self, event: Event) -> None:
+    def _desire(self, event: ArmEvent) -> None:
         published = PUBLISHED[self.state]
-        if event is Event.RESUME:
+        if event is ArmEvent.RESUME:
             self.desired = self._desired_before
-        elif event is Event.UNHOME and published != "ENABLED":
-            if self.state is State.PAUSED:
-                self.paused = self._desired_before = State.ENABLED
-        elif event is Event.PAUSE:
-            if self.state is not State.PAUSED:
-                self._desired_before, self.desired = self.desired, State.PAUSED
+        elif event is ArmEvent.UNHOME and published != "ENABLED":
+            if self.state is ArmState.PAUSED:
+                self.paused = self._desired_before = ArmState.ENABLED
+        elif event is ArmEvent.PAUSE:
+            if self.state is not ArmState.PAUSED:
+                self._desired_before, self.desired = self.desired, ArmState.PAUSED
         else:
             self.desired = DESIRES[event]
 
-    def _set(self, target: State) -> None:
+    def _set(self, target: ArmState) -> None:
         left, self.state = self.state, target
-        if target is State.PAUSED and left is not State.DISABLED:
+        if target is ArmState.PAUSED and left is not ArmState.DISABLED:
             self.paused = left
-        if target is State.FAULT:
-            self.desired = State.FAULT
+        if target is ArmState.FAULT:
+            self.desired = ArmState.FAULT
         self._enter(left)
         self.reports.status(f"{self.name}: {target}", self.name)
         self.publish()

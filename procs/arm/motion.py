@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.kinematics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Space(IntEnum):
 class Motion:
     """The set-point generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
 
-    def __init__(self, joints: Joints, jerk_time_s: float = 0.0) -> None:
+    def __init__(self, joints: JointSpace, jerk_time_s: float = 0.0) -> None:
         """`jerk_time_s`: see `Trajectory`."""
         self._jerk_time_s = jerk_time_s
         self.ratio_v = self.ratio_a = 1.0
@@ -54,7 +54,7 @@ class Motion:
         self._stepped_ns = 0
         self.use(joints)
 
-    def use(self, joints: Joints) -> None:
+    def use(self, joints: JointSpace) -> None:
         """Another joint space, from the next `hold` on: other arrays, nothing is under way."""
         n = joints.size
         self._v_max, self._a_max = joints.v_max, joints.a_max

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.control import Control, Refused
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Reach:
         self._is_limited = False
         self._kept: Array = np.zeros(0)  # where that left the joints
 
-    def find(self, inverse: Inverse, goal: Array, at: Array) -> tuple[Array, str]:
+    def find(self, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
         """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or ""."""
         passed_ns = self._control.now_ns - self._served_ns
         begins = passed_ns >= BREAK_NS and not (passed_ns < HELD_UP_NS and self._is_left_at(at))
@@ -71,7 +71,7 @@ class Reach:
         """How far each joint may go in that time."""
         return np.minimum(self._control.joints.v_max[:count], QUICKEST) * (max(passed_ns, SHORTEST_NS) * 1e-9)
 
-    def _unreachable(self, inverse: Inverse, goal: Array, at: Array) -> str:
+    def _unreachable(self, inverse: InverseSolver, goal: Array, at: Array) -> str:
         """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""
         if not inverse.solve(goal, at):
             return inverse.reason

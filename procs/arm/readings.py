@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.arm.stack import stacked
 from procs.codes import ARM_LOST, ERROR, FAULTS
 
@@ -20,15 +20,15 @@ HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if 
 SILENT_NS = 30_000_000  # io writes 1500 records a second; none for this long means that it is gone
 
 
-class Readings:
-    """Views on one robot in io's record, resolved once; `update` converts to joint space, see `Joints`.
+class ArmReadings:
+    """Views on one robot in io's record, resolved once; `update` converts to joint space, see `JointSpace`.
 
     `fresh`: io is alive; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`: joint
     values mean something (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0: none;
     that io missed this very process is none once we are back. `rows` (6, size): all joint values in the order of ROWS.
     """
 
-    def __init__(self, field: Fields, robot: int, first_axis: int, joints: Joints) -> None:
+    def __init__(self, field: Fields, robot: int, first_axis: int, joints: JointSpace) -> None:
         """`field` gives the record's arrays, `robot` is the place among io's robots, `first_axis` its first axis."""
         axes = slice(first_axis, first_axis + joints.axes)
 
@@ -63,7 +63,7 @@ class Readings:
         self.problem = 0
         self.use(joints)
 
-    def use(self, joints: Joints) -> None:
+    def use(self, joints: JointSpace) -> None:
         """Another joint space: other arrays from now on, filled with what was read last."""
         self.rows = np.zeros((6, joints.size))
         self.position, self.velocity, self.effort = self.rows[:3]

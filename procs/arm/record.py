@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.arm.motion import Mode, Motion, Space
-from procs.arm.readings import ROWS, Fields, Readings
+from procs.arm.readings import ROWS, ArmReadings, Fields
 from procs.arm.stack import stacked
-from procs.arm.states import PUBLISHED, State
+from procs.arm.states import PUBLISHED, ArmState
 from procs.arm.supervision import Generations
 from shm.layout import shorten
 
 Array = NDArray[np.float64]
 
 JAW_ROWS = ("jaw_position", "jaw_velocity", "jaw_effort", "jaw_setpoint_position", "jaw_setpoint_effort")
-Shown = tuple[State, State, bool, bool, int, Mode, Space]
+Shown = tuple[ArmState, ArmState, bool, bool, int, Mode, Space]
 
 
 class ArmRecord:
     """Fills the `state` record but for its Cartesian part; arrays are resolved once."""
 
-    def __init__(self, field: Fields, io: Readings, *, simulated: bool) -> None:
+    def __init__(self, field: Fields, io: ArmReadings, *, simulated: bool) -> None:
         """`field` gives the arrays of the arm's record, `io` what they are filled from."""
         self._io = io
         self._valid, self._count, self._names = field("valid"), field("count"), field("names")
@@ -43,8 +43,8 @@ class ArmRecord:
         self._jaw = False
         self._joints = 0
 
-    def use(self, joints: Joints) -> None:
-        """Another joint space; `Readings` must have it already."""
+    def use(self, joints: JointSpace) -> None:
+        """Another joint space; `ArmReadings` must have it already."""
         n, rows = joints.count, self._io.rows
         self._joints = n
         self._count[...] = n
@@ -128,7 +128,7 @@ class SetpointRecord:
         self._done = self._fed = b""
         self._pushed = False
 
-    def use(self, joints: Joints) -> None:
+    def use(self, joints: JointSpace) -> None:
         """Another joint space."""
         self._to_actuator, self._effort_map = joints.to_actuator.T, joints.to_joint
         self._moved_by = joints.to_actuator != 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from procs import codes
 from procs.arm.cartesian_commands import switch
-from procs.arm.commands import Row, Table
+from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import Control, Refused
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
 from procs.requests import Request
@@ -27,16 +27,16 @@ class Settings:
         """`base_from`: the set-up joints that give the base frame, "" where commands do."""
         self._control, self._base_from = control, base_from
         self.table: Table = {
-            "trajectory_j/set_ratio": Row(self._set_ratio),
-            "trajectory_j/set_ratio_v": Row(self._set_ratio_v),
-            "trajectory_j/set_ratio_a": Row(self._set_ratio_a),
-            "set_base_frame": Row(self._set_base_frame, sizes=(0, POSE)),
-            "use_gravity_compensation": Row(self._use_gravity_compensation, sizes=(1,)),
-            "forward_kinematics": Row(self._forward),
-            "local/forward_kinematics": Row(self._local_forward),
-            "inverse_kinematics": Row(self._inverse),
-            "actuator_to_joint_position": Row(self._actuator_to_joint),
-            "crtk_version": Row(lambda _: CRTK_VERSION),
+            "trajectory_j/set_ratio": ArmCommandRow(self._set_ratio),
+            "trajectory_j/set_ratio_v": ArmCommandRow(self._set_ratio_v),
+            "trajectory_j/set_ratio_a": ArmCommandRow(self._set_ratio_a),
+            "set_base_frame": ArmCommandRow(self._set_base_frame, sizes=(0, POSE)),
+            "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation, sizes=(1,)),
+            "forward_kinematics": ArmCommandRow(self._forward),
+            "local/forward_kinematics": ArmCommandRow(self._local_forward),
+            "inverse_kinematics": ArmCommandRow(self._inverse),
+            "actuator_to_joint_position": ArmCommandRow(self._actuator_to_joint),
+            "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
         }
 
     def _ratio(self, request: Request) -> float:

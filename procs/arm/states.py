@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class State(StrEnum):
+class ArmState(StrEnum):
     """Internal states; the names are published as sub-state."""
 
     DISABLED = "DISABLED"
@@ -29,7 +29,7 @@ class State(StrEnum):
     SETTING_ROLL = "RESETTING_ROLL_ENCODER"  # MTM: its encoder is set there
 
 
-class Event(StrEnum):
+class ArmEvent(StrEnum):
     """What moves an arm between its states: the words of `state_command`, then conditions."""
 
     ENABLE = "enable"
@@ -53,95 +53,98 @@ class Event(StrEnum):
     PROBLEM = "problem"  # time-out, lost power, fault of the joint controller, silent or restarted io
 
 
-COMMANDS = (Event.ENABLE, Event.DISABLE, Event.HOME, Event.UNHOME, Event.PAUSE, Event.RESUME)
+COMMANDS = (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.HOME, ArmEvent.UNHOME, ArmEvent.PAUSE, ArmEvent.RESUME)
 
 # States with power on, in the order an arm goes through them.
-UP = (State.ENABLED, State.CALIBRATING, State.BIASED, State.FINDING_ROLL, State.SETTING_ROLL, State.HOMING, State.HOMED,
-      State.ENGAGING_ADAPTER, State.ENGAGING_TOOL, State.MANUAL)
+UP = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.FINDING_ROLL, ArmState.SETTING_ROLL,
+      ArmState.HOMING, ArmState.HOMED,
+      ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL)
 
-TRANSITIONS: dict[tuple[State, Event], State] = {
-    **{(state, Event.DISABLE): State.DISABLED for state in (State.POWERING, *UP, State.PAUSED, State.FAULT)},
-    (State.FAULT, Event.ENABLE): State.DISABLED,
-    **{(state, Event.UNHOME): State.ENABLED for state in UP if state is not State.ENABLED},
-    **{(state, Event.PAUSE): State.PAUSED for state in UP},
-    (State.PAUSED, Event.RESUME): State.ENABLED,  # or where RESUMES says, of the state that was paused
+TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
+    **{(state, ArmEvent.DISABLE): ArmState.DISABLED for state in (ArmState.POWERING, *UP, ArmState.PAUSED,
+                                                                  ArmState.FAULT)},
+    (ArmState.FAULT, ArmEvent.ENABLE): ArmState.DISABLED,
+    **{(state, ArmEvent.UNHOME): ArmState.ENABLED for state in UP if state is not ArmState.ENABLED},
+    **{(state, ArmEvent.PAUSE): ArmState.PAUSED for state in UP},
+    (ArmState.PAUSED, ArmEvent.RESUME): ArmState.ENABLED,  # or where RESUMES says, of the state that was paused
 
-    (State.DISABLED, Event.ONWARD): State.POWERING,
-    (State.POWERING, Event.POWERED): State.ENABLED,
-    (State.ENABLED, Event.ONWARD): State.CALIBRATING,
-    (State.CALIBRATING, Event.BIASED): State.BIASED,
-    (State.BIASED, Event.ONWARD): State.HOMING,
-    (State.HOMING, Event.ARRIVED): State.HOMED,
-    **{(state, Event.PROBLEM): State.FAULT for state in (State.DISABLED, State.POWERING, *UP, State.PAUSED)},
+    (ArmState.DISABLED, ArmEvent.ONWARD): ArmState.POWERING,
+    (ArmState.POWERING, ArmEvent.POWERED): ArmState.ENABLED,
+    (ArmState.ENABLED, ArmEvent.ONWARD): ArmState.CALIBRATING,
+    (ArmState.CALIBRATING, ArmEvent.BIASED): ArmState.BIASED,
+    (ArmState.BIASED, ArmEvent.ONWARD): ArmState.HOMING,
+    (ArmState.HOMING, ArmEvent.ARRIVED): ArmState.HOMED,
+    **{(state, ArmEvent.PROBLEM): ArmState.FAULT for state in (ArmState.DISABLED, ArmState.POWERING, *UP,
+                                                               ArmState.PAUSED)},
 
-    (State.HOMED, Event.PRESSED): State.MANUAL,
-    (State.MANUAL, Event.RELEASED): State.HOMED,
-    (State.HOMED, Event.ADAPTER): State.ENGAGING_ADAPTER,
-    (State.ENGAGING_ADAPTER, Event.ENGAGED): State.HOMED,
-    (State.HOMED, Event.TOOL): State.ENGAGING_TOOL,
-    (State.ENGAGING_TOOL, Event.ENGAGED): State.HOMED,
-    (State.BIASED, Event.ROLL): State.FINDING_ROLL,
-    (State.FINDING_ROLL, Event.STOPPED): State.SETTING_ROLL,
-    (State.SETTING_ROLL, Event.SET): State.HOMING,
+    (ArmState.HOMED, ArmEvent.PRESSED): ArmState.MANUAL,
+    (ArmState.MANUAL, ArmEvent.RELEASED): ArmState.HOMED,
+    (ArmState.HOMED, ArmEvent.ADAPTER): ArmState.ENGAGING_ADAPTER,
+    (ArmState.ENGAGING_ADAPTER, ArmEvent.ENGAGED): ArmState.HOMED,
+    (ArmState.HOMED, ArmEvent.TOOL): ArmState.ENGAGING_TOOL,
+    (ArmState.ENGAGING_TOOL, ArmEvent.ENGAGED): ArmState.HOMED,
+    (ArmState.BIASED, ArmEvent.ROLL): ArmState.FINDING_ROLL,
+    (ArmState.FINDING_ROLL, ArmEvent.STOPPED): ArmState.SETTING_ROLL,
+    (ArmState.SETTING_ROLL, ArmEvent.SET): ArmState.HOMING,
 }
 
 # Half-done work is begun again after a pause, not taken up in the middle.
-RESUMES: dict[State, State] = {
-    State.ENABLED: State.ENABLED,
-    State.CALIBRATING: State.ENABLED,
-    State.BIASED: State.BIASED,
-    State.FINDING_ROLL: State.BIASED,
-    State.SETTING_ROLL: State.BIASED,
-    State.HOMING: State.BIASED,
-    State.HOMED: State.HOMED,
-    State.ENGAGING_ADAPTER: State.HOMED,
-    State.ENGAGING_TOOL: State.HOMED,
-    State.MANUAL: State.HOMED,
+RESUMES: dict[ArmState, ArmState] = {
+    ArmState.ENABLED: ArmState.ENABLED,
+    ArmState.CALIBRATING: ArmState.ENABLED,
+    ArmState.BIASED: ArmState.BIASED,
+    ArmState.FINDING_ROLL: ArmState.BIASED,
+    ArmState.SETTING_ROLL: ArmState.BIASED,
+    ArmState.HOMING: ArmState.BIASED,
+    ArmState.HOMED: ArmState.HOMED,
+    ArmState.ENGAGING_ADAPTER: ArmState.HOMED,
+    ArmState.ENGAGING_TOOL: ArmState.HOMED,
+    ArmState.MANUAL: ArmState.HOMED,
 }
 
-PUBLISHED: dict[State, str] = {
-    State.DISABLED: "DISABLED",
-    State.POWERING: "DISABLED",
+PUBLISHED: dict[ArmState, str] = {
+    ArmState.DISABLED: "DISABLED",
+    ArmState.POWERING: "DISABLED",
     **dict.fromkeys(UP, "ENABLED"),
-    State.PAUSED: "PAUSED",
-    State.FAULT: "FAULT",
+    ArmState.PAUSED: "PAUSED",
+    ArmState.FAULT: "FAULT",
 }
 
-BUSY = frozenset((State.POWERING, *UP)) - {State.ENABLED, State.BIASED, State.HOMED}
+BUSY = frozenset((ArmState.POWERING, *UP)) - {ArmState.ENABLED, ArmState.BIASED, ArmState.HOMED}
 
 # States in which homing is valid: what happens in them does not end it.
-AT_HOME = frozenset((State.HOMED, State.ENGAGING_ADAPTER, State.ENGAGING_TOOL, State.MANUAL))
+AT_HOME = frozenset((ArmState.HOMED, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL))
 
-ACCEPTED: dict[str, tuple[Event, ...]] = {
-    "DISABLED": (Event.ENABLE, Event.DISABLE, Event.UNHOME),
-    "ENABLED": (Event.ENABLE, Event.DISABLE, Event.PAUSE, Event.HOME, Event.UNHOME),
-    "PAUSED": (Event.DISABLE, Event.PAUSE, Event.RESUME, Event.UNHOME),
-    "FAULT": (Event.ENABLE, Event.DISABLE, Event.UNHOME),
+ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {
+    "DISABLED": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.UNHOME),
+    "ENABLED": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.PAUSE, ArmEvent.HOME, ArmEvent.UNHOME),
+    "PAUSED": (ArmEvent.DISABLE, ArmEvent.PAUSE, ArmEvent.RESUME, ArmEvent.UNHOME),
+    "FAULT": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.UNHOME),
 }
 
 # The state asked for by each command; resume goes back to what was asked for before the pause.
-DESIRES: dict[Event, State] = {
-    Event.ENABLE: State.ENABLED,
-    Event.DISABLE: State.DISABLED,
-    Event.HOME: State.HOMED,
-    Event.UNHOME: State.ENABLED,
-    Event.PAUSE: State.PAUSED,
+DESIRES: dict[ArmEvent, ArmState] = {
+    ArmEvent.ENABLE: ArmState.ENABLED,
+    ArmEvent.DISABLE: ArmState.DISABLED,
+    ArmEvent.HOME: ArmState.HOMED,
+    ArmEvent.UNHOME: ArmState.ENABLED,
+    ArmEvent.PAUSE: ArmState.PAUSED,
 }
 
 # States in which the next one is taken as soon as the state asked for lies beyond.
-BEYOND: dict[State, frozenset[State]] = {
-    State.DISABLED: frozenset((State.ENABLED, State.HOMED)),
-    State.ENABLED: frozenset((State.HOMED,)),
-    State.BIASED: frozenset((State.HOMED,)),
+BEYOND: dict[ArmState, frozenset[ArmState]] = {
+    ArmState.DISABLED: frozenset((ArmState.ENABLED, ArmState.HOMED)),
+    ArmState.ENABLED: frozenset((ArmState.HOMED,)),
+    ArmState.BIASED: frozenset((ArmState.HOMED,)),
 }
 
 
-def follow(state: State, event: Event) -> State:
+def follow(state: ArmState, event: ArmEvent) -> ArmState:
     """The state after `event`; the same one when the pair is not in the table."""
     return TRANSITIONS.get((state, event), state)
 
 
-def refusal(state: State, word: str) -> str:
+def refusal(state: ArmState, word: str) -> str:
     """Why a state_command is not taken now; empty: it is."""
     if word not in COMMANDS:
         known = ", ".join(COMMANDS)

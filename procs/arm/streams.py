@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.arm.motion import STREAM_NS
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Stream:
     def __init__(self) -> None:
         self._asked_ns = -STREAM_NS
 
-    def objection(self, joints: Joints, goal: Array, here: Array, now_ns: int, *, is_streamed: bool) -> str:
+    def objection(self, joints: JointSpace, goal: Array, here: Array, now_ns: int, *, is_streamed: bool) -> str:
         """Why a goal (size,) is not followed from `here` (size,), "": it may be; `is_streamed`: see `Motion`."""
         passed_ns = min(max(now_ns - self._asked_ns, SHORTEST_NS), STREAM_NS)
         self._asked_ns = now_ns

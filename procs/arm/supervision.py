@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from procs import codes
-from procs.arm.readings import Readings
-from procs.arm.states import UP, State
+from procs.arm.readings import ArmReadings
+from procs.arm.states import UP, ArmState
 from procs.codes import AMPLIFIER, POWER_TIMEOUT
 from procs.faults import NO_FAULT, FaultReport
 
-UNWATCHED = frozenset((State.DISABLED, State.FAULT))
+UNWATCHED = frozenset((ArmState.DISABLED, ArmState.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try
-MUST_HAVE_POWER = frozenset((*UP, State.PAUSED))
+MUST_HAVE_POWER = frozenset((*UP, ArmState.PAUSED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Generations:
     pid: int
 
     @classmethod
-    def now(cls, io: Readings) -> Generations:
+    def now(cls, io: ArmReadings) -> Generations:
         """Those in force."""
         return cls(int(io.bias_generation.item()), int(io.pid_generation.item()))
 
@@ -35,7 +35,8 @@ def power_lost() -> FaultReport:
 
 
 def trouble(
-    state: State, io: Readings, epoch: int, driving: Generations | None, fault_report: Callable[[int], FaultReport],
+    state: ArmState, io: ArmReadings, epoch: int, driving: Generations | None,
+            fault_report: Callable[[int], FaultReport],
     power_report: Callable[[], FaultReport],
 ) -> FaultReport:
     """What is wrong; NO_FAULT when nothing is.
@@ -48,7 +49,7 @@ def trouble(
         return FaultReport(codes.IO_TIMEOUT, "io does not answer")
     if io.epoch != epoch:
         return FaultReport(codes.IO_RESTARTED, "io was restarted")
-    if io.problem and not (state is State.POWERING and io.problem in POWER_PROBLEMS):
+    if io.problem and not (state is ArmState.POWERING and io.problem in POWER_PROBLEMS):
         return fault_report(io.problem)
     if state in MUST_HAVE_POWER and not io.has_power:
         return power_report()
@@ -58,6 +59,6 @@ def trouble(
         return FaultReport(codes.PID_OFF, "the joint controller was switched off")
     if io.pid_generation.item() != driving.pid:
         return FaultReport(codes.PID_OFF, "the joint controller was switched off and on again")
-    if io.bias_generation.item() != driving.bias and state is not State.SETTING_ROLL:
+    if io.bias_generation.item() != driving.bias and state is not ArmState.SETTING_ROLL:
         return FaultReport(codes.BIAS_CHANGED, "the encoders were set anew while the joint controller was on")
     return NO_FAULT

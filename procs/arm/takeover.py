@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.readings import Fields, Readings
-from procs.arm.states import State
+from procs.arm.readings import ArmReadings, Fields
+from procs.arm.states import ArmState
 from procs.kinematics.poses import matrix_from_pose, normalised
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Predecessor:
+class PreviousState:
     """What the last record of this arm says; `base` is None when its base frame was not known."""
 
     sub_state: str
@@ -32,7 +32,7 @@ class Predecessor:
     bore_weight: bool
 
 
-def predecessor(field: Fields) -> Predecessor | None:
+def predecessor(field: Fields) -> PreviousState | None:
     """Read the record before anything is written to it; None when no arm has written it yet."""
     sub_state = _text(field("sub_state"))
     if not sub_state:
@@ -42,7 +42,7 @@ def predecessor(field: Fields) -> Predecessor | None:
         base = matrix_from_pose(normalised(field("base_frame"))) if is_base_known else None
     except ValueError:
         base = np.eye(4)
-    return Predecessor(
+    return PreviousState(
         sub_state,
         int(field("bias_generation").item()),
         _text(field("tool")),
@@ -66,29 +66,29 @@ def _ratio(value: float) -> float:
 class Beginning:
     """The state to begin in; `paused` is what a PAUSED arm goes back to, `reason` why it is FAULT."""
 
-    state: State
-    paused: State = State.ENABLED
+    state: ArmState
+    paused: ArmState = ArmState.ENABLED
     reason: str = ""
 
 
-def beginning(before: Predecessor | None, io: Readings) -> Beginning:
+def beginning(before: PreviousState | None, io: ArmReadings) -> Beginning:
     """Where to begin, from the last record of a predecessor and the first fresh one of io."""
     if io.has_power and not io.problem:
         if before is None or not _is_still_homed(before, io):
-            return Beginning(State.ENABLED)  # powered, but nothing is known: the joint controller goes on as it is
-        if before.sub_state == State.PAUSED:
-            return Beginning(State.PAUSED, State.HOMED)
-        return Beginning(State.HOMED)
-    if before is None or before.sub_state == State.DISABLED:
-        return Beginning(State.DISABLED)
-    if before.sub_state == State.POWERING and not io.problem:
-        return Beginning(State.POWERING if io.power_wanted.item() else State.DISABLED)
-    if before.sub_state == State.FAULT:
-        return Beginning(State.FAULT, reason="there was a fault before the arm process was restarted")
-    return Beginning(State.FAULT, reason="power was lost while the arm process was away")
+            return Beginning(ArmState.ENABLED)  # powered, but nothing is known: the joint controller goes on as it is
+        if before.sub_state == ArmState.PAUSED:
+            return Beginning(ArmState.PAUSED, ArmState.HOMED)
+        return Beginning(ArmState.HOMED)
+    if before is None or before.sub_state == ArmState.DISABLED:
+        return Beginning(ArmState.DISABLED)
+    if before.sub_state == ArmState.POWERING and not io.problem:
+        return Beginning(ArmState.POWERING if io.power_wanted.item() else ArmState.DISABLED)
+    if before.sub_state == ArmState.FAULT:
+        return Beginning(ArmState.FAULT, reason="there was a fault before the arm process was restarted")
+    return Beginning(ArmState.FAULT, reason="power was lost while the arm process was away")
 
 
-def _is_still_homed(before: Predecessor, io: Readings) -> bool:
+def _is_still_homed(before: PreviousState, io: ArmReadings) -> bool:
     generation = int(io.bias_generation.item())
     same = generation > 0 and before.bias_generation == generation  # 0 unless it was homed
     return bool(same and io.biased.item() and io.pid_enabled.item())

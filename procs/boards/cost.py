@@ -30,7 +30,7 @@ from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.loop import Publisher
 from procs.boards.robots.plant import Plant
-from procs.document.system import System, from_json
+from procs.document.system import SystemConfig, from_json
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 from shm import directory
@@ -54,7 +54,7 @@ _AMPS_ON = 0xF << reg.STATUS_AMP_ON_SHIFT
 class Host:
     """The other side of the first bus, which is not timed: it holds the robots by their gains on a path."""
 
-    def __init__(self, document: System, world: Emulation) -> None:
+    def __init__(self, document: SystemConfig, world: Emulation) -> None:
         """Everything that does not change from cycle to cycle."""
         if document.emulation is None:
             raise ValueError(f"{document.name}: no emulated boards in this system")
@@ -77,7 +77,7 @@ class Host:
         self._groups[:, 1 : 1 + reg.AXES] = self._enable | reg.CURRENT_ZERO
         self._sequence = 0
 
-    def _know_robots(self, document: System) -> None:
+    def _know_robots(self, document: SystemConfig) -> None:
         io = document.ios[0]
         actuators = [a for robot in io.robots for a in robot.actuators]
         gains = [axis for robot in io.robots for pid in io.pids if pid.robot == robot.name for axis in pid.axes]
@@ -117,7 +117,7 @@ class Host:
     def check(self, reply: wire.Buffer, at_ns: int) -> None:
         """ValueError unless this is the newest cycle's hub read, all amplifiers are on and arms on their path."""
         response = wire.decode_response(reply)
-        if not isinstance(response, wire.Response) or len(reply) != self.reply_bytes:
+        if not isinstance(response, wire.WireResponse) or len(reply) != self.reply_bytes:
             raise ValueError(f"hub read: {len(reply)} bytes; wanted: {self.reply_bytes}")
         quads = np.frombuffer(response.data, _BIG_QUAD)[:-1].reshape(len(self.ids), -1)
         heads, header = quads[:, 0] & self._layout.check_mask, self._layout.header(self._sequence)
@@ -131,10 +131,10 @@ class Host:
             raise ValueError(f"an actuator is {off:.3f} off its path")
 
 
-class Bench:
+class BoardsBench:
     """Boards, robots, host and sockets of one system; measures in turns."""
 
-    def __init__(self, system: str, document: System) -> None:
+    def __init__(self, system: str, document: SystemConfig) -> None:
         """Switched on and swinging; `close` it."""
         self.world = world = Emulation(document, Plant(document), 0)
         self.host = Host(document, world)
@@ -244,7 +244,7 @@ def main() -> None:
     if len(sys.argv) != 3:
         sys.exit("started by: trocar bench boards")
     system, file = sys.argv[1:]
-    with contextlib.closing(Bench(system, from_json(Path(file).read_bytes()))) as bench:
+    with contextlib.closing(BoardsBench(system, from_json(Path(file).read_bytes()))) as bench:
         gc.collect()
         gc.freeze()
         gc.disable()

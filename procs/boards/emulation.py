@@ -13,13 +13,13 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.boards.controllers.currents import CURRENT_EXCESS
 from procs.boards.controllers.lines import Lines
-from procs.boards.mishaps import Mishaps
+from procs.boards.mishaps import PacketFaults
 from procs.boards.setup_joints import fit
 from procs.boards.wiring import Wiring
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
 
@@ -82,25 +82,25 @@ def _nothing() -> None:
 class Emulation:
     """The controllers of every bus of `system` and their robots."""
 
-    def __init__(self, system: System, world: World, now_ns: int) -> None:
+    def __init__(self, system: SystemConfig, world: World, now_ns: int) -> None:
         """Boards powered up at `now_ns`; the first step begins at once."""
         if system.emulation is None:
             raise ValueError(f"{system.name}: no emulated boards in this system")
         self.wiring = wiring = Wiring(system, system.emulation)
         self.lines = Lines.of(len(wiring.rows), wiring.width)
         self.lines.inputs[:] = wiring.released()
-        self.buses: list[Bus] = []
+        self.buses: list[EmulatedBus] = []
         self._firsts: list[int] = []  # first row of each bus
         for described in system.emulation.buses:
             self._firsts.append(sum(made.count for made in self.buses))
             part = self.lines.part(self._firsts[-1], len(described.controllers))
-            self.buses.append(Bus(described.controllers, part, network=described.network,
-                                  testboard=described.testboard))
+            self.buses.append(EmulatedBus(described.controllers, part, network=described.network,
+                                          testboard=described.testboard))
         self.setup_joints = fit(system, wiring, self.buses)
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.sensor_errors: SensorErrors | None = None  # None: they tell the truth
-        self.mishaps = Mishaps(len(self.buses), system.emulation.seed)
+        self.mishaps = PacketFaults(len(self.buses), system.emulation.seed)
         self._world = world
         self.on_step: Callable[[], None] = _nothing  # called when a step has begun
         self._span = round(system.emulation.period_s * reg.CLOCK_HZ)
@@ -179,7 +179,7 @@ class Emulation:
         np.multiply(now, self._counts[0], now)
         np.add(now, self._counts[1], now)
 
-    def _cuts(self) -> list[tuple[Bus, slice]]:
+    def _cuts(self) -> list[tuple[EmulatedBus, slice]]:
         width = self.wiring.width
         return [(bus, slice(width * first, width * (first + bus.count)))
                 for bus, first in zip(self.buses, self._firsts, strict=True)]

@@ -22,8 +22,8 @@ from typing import Final, cast
 
 from procs.boards.controllers.bus import GROUP
 from procs.boards.frames import FrameSocket
-from procs.boards.mishaps import Mishaps
-from procs.document.system import Bus
+from procs.boards.mishaps import PacketFaults
+from procs.document.system import BusConfig
 from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
 from procs.udp_holders import holders
 from shm.lockstep import wait_for_wakeup
@@ -67,8 +67,8 @@ class Door:
 class Endpoints:
     """All sockets of the buses."""
 
-    def __init__(self, buses: tuple[Bus, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
-                 mishaps: Mishaps | None = None, addressee: Addressee = lambda bus, address: None,
+    def __init__(self, buses: tuple[BusConfig, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
+                 mishaps: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
                  wakeup: socket.socket | None = None) -> None:
         """OSError when an address is taken. Receive times are the kernel's; in simulated time they are `now_ns()`.
 
@@ -77,7 +77,7 @@ class Endpoints:
         `addressee` tells which board of a bus at 0.0.0.0 has an address (four bytes); None: none.
         """
         self._answer, self._now_ns, self._simulated = answer, now_ns, simulated
-        self._mishaps, self._addressee = mishaps or Mishaps(len(buses)), addressee
+        self._mishaps, self._addressee = mishaps or PacketFaults(len(buses)), addressee
         self._wakeup = wakeup
         self._doors: list[Door] = []
         try:
@@ -92,7 +92,7 @@ class Endpoints:
         self._views = [memoryview(buffer) for buffer in self._buffers]
         self._offset, self._offset_until = 0, 0
 
-    def _open(self, number: int, bus: Bus) -> None:
+    def _open(self, number: int, bus: BusConfig) -> None:
         if bus.address.startswith(RAW):
             frames = _frames(bus)
             self._doors.append(Door(frames, number, GROUP, frames, frames=frames))
@@ -215,7 +215,7 @@ def _heard(sender: str, block: tuple[int, int]) -> bool:
     return block[0] <= int(IPv4Address(sender)) < block[1]
 
 
-def _frames(bus: Bus) -> FrameSocket:
+def _frames(bus: BusConfig) -> FrameSocket:
     interface, ids = bus.address.removeprefix(RAW), [controller.board_id for controller in bus.controllers]
     try:
         frames = FrameSocket(interface, ids, ids[0], by_board=bus.network == "ethernet")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.boards.emulation import Emulation, SensorErrors
 from procs.boards.robots.plant import Plant
 
@@ -15,7 +15,7 @@ MOST_POSITION = 10.0  # rad or m
 HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
 
-class Incidents:
+class BoardFaults:
     """Done at once, between two datagrams; KeyError and ValueError say what there is and what is allowed."""
 
     def __init__(self, world: Emulation, plant: Plant) -> None:
@@ -155,7 +155,7 @@ class Incidents:
         number = self._names.index(name)
         return range(number, number + 1)
 
-    def board(self, row: int) -> tuple[Bus, int]:
+    def board(self, row: int) -> tuple[EmulatedBus, int]:
         """The bus of a row, and its row there."""
         return self._bus_of_row[row]
 
@@ -187,7 +187,7 @@ class Incidents:
     def _slot(self, robot: str, axis: int) -> int:
         return int(self._wiring.slots[self._axis(robot, axis)])
 
-    def _place(self, robot: str, axis: int) -> tuple[Bus, int, int]:
+    def _place(self, robot: str, axis: int) -> tuple[EmulatedBus, int, int]:
         """Where an actuator hangs: bus, row and axis there."""
         row, place = divmod(self._slot(robot, axis), self._wiring.width)
         return *self._bus_of_row[row], place

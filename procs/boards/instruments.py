@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.boards.robots.plant import Plant
 from procs.document.catalogue import CANDIDATES, find, taken_apart
-from procs.document.system import Arm, System, Tool
+from procs.document.system import ArmConfig, SystemConfig, Tool
 from procs.fpga.instrument import NAME_AT, NAME_END
 
 VERSION = 1  # where neither the name nor the index says one
 
 
-class Instruments:
+class EmulatedInstruments:
     """Puts instruments on and takes them off."""
 
-    def __init__(self, system: System, world: Emulation, incidents: Incidents, plant: Plant) -> None:
+    def __init__(self, system: SystemConfig, world: Emulation, incidents: BoardFaults, plant: Plant) -> None:
         """The instruments that `plant` holds already are seen at once."""
         self._system, self._world, self._incidents, self._plant = system, world, incidents, plant
         for arm in system.arms:
@@ -39,7 +39,7 @@ class Instruments:
             memory.remove(now)
         self._switch(arm.inputs.tool, False)
 
-    def _show(self, arm: Arm, tool: Tool, asked: str) -> None:
+    def _show(self, arm: ArmConfig, tool: Tool, asked: str) -> None:
         for reader, now in self._readers(arm):
             reader.insert(_memory(tool, asked), now)
         for switch in (arm.inputs.adapter, arm.inputs.tool):
@@ -49,7 +49,7 @@ class Instruments:
         if name in self._world.wiring.inputs:
             self._incidents.press(name, closed)
 
-    def _readers(self, arm: Arm) -> list[tuple[Dallas, int]]:
+    def _readers(self, arm: ArmConfig) -> list[tuple[Dallas, int]]:
         """What reads an arm's instrument, and the ticks there: the readers of its name, else those on its boards."""
         wiring, prefix = self._world.wiring, f"{arm.name.lower()}_"
         readers = [(reader.name.lower().startswith(prefix), wiring.rows[io.name, reader.board_id])
@@ -60,11 +60,11 @@ class Instruments:
         return [(bus.boards[local].dallas, bus.now) for bus, local in found]
 
 
-def _tools(arm: Arm) -> tuple[Tool, ...]:
+def _tools(arm: ArmConfig) -> tuple[Tool, ...]:
     return arm.tools or ((arm.tool,) if arm.tool is not None else ())
 
 
-def _known(arm: Arm, name: str) -> Tool:
+def _known(arm: ArmConfig, name: str) -> Tool:
     tools = _tools(arm)
     found = find(name, tools)
     if found.entry is None:

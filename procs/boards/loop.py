@@ -8,7 +8,7 @@ import numpy.typing as npt
 from procs import codes, runtime
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
-from procs.boards.orders import Orders
+from procs.boards.orders import BoardCommands
 from procs.boards.robots.plant import Plant
 from shm.ring import RingWriter
 
@@ -59,10 +59,10 @@ class Publisher:
         np.subtract(epoch, ns, field)
 
 
-class Loop(runtime.Loop):
+class BoardsLoop(runtime.Loop):
     """All emulated boards with their robots."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         system, emulation = me.document.emulated(), me.document.emulation
         if emulation is None:
@@ -71,7 +71,7 @@ class Loop(runtime.Loop):
         self._world = world = Emulation(system, plant, me.clock.now_ns())
         publisher = Publisher(me.writes("state"), world)
         world.on_step = publisher.publish
-        self._orders, self._mailbox = Orders.of(system, world, plant), me.mailbox()
+        self._orders, self._mailbox = BoardCommands.of(system, world, plant), me.mailbox()
         self._endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
                                     world.board_at, me.clock.wakeup)
         self._skipped = 0
@@ -100,7 +100,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Serve until told to stop."""
-    runtime.run("boards", Loop)
+    runtime.run("boards", BoardsLoop)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ Leaving = list[tuple[Buffer, object]]
 
 
 @dataclass(slots=True)
-class Mishap:
+class PacketFault:
     """One kind on one bus: the next `count` replies, and from then on each with probability `rate`."""
 
     count: int = 0
@@ -38,14 +38,14 @@ class Mishap:
         return self.rate > 0.0 and chance() < self.rate
 
 
-class Mishaps:
+class PacketFaults:
     """Of all buses. While `active` is False nothing needs to be asked."""
 
     def __init__(self, buses: int, seed: int = 1) -> None:
         """All goes well."""
         self.active = False
         self.next_ns = NEVER  # when a late reply is due
-        self._kinds = [{kind: Mishap() for kind in KINDS} for _ in range(buses)]
+        self._kinds = [{kind: PacketFault() for kind in KINDS} for _ in range(buses)]
         self._loss = [0.0] * buses  # of datagrams, either way
         self._chance = [random.Random(f"{seed}/{bus}").random for bus in range(buses)]
         self._kept: list[tuple[int, int, int, bytes, object]] = []  # due, order, bus, reply, sender

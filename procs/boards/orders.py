@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import Incidents
-from procs.boards.instruments import Instruments
-from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, Mishaps
+from procs.boards.incidents import BoardFaults
+from procs.boards.instruments import EmulatedInstruments
+from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, PacketFaults
 from procs.boards.robots.hand import Grip, Hands
 from procs.boards.robots.plant import Plant
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.kinematics.poses import POSE
 from shm.commands import COMMANDS
 from shm.received import Received
@@ -26,7 +26,7 @@ BOARDS = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class CommandValues:
     """The numbers and the text of a command; ValueError says what is wrong with them."""
 
     values: npt.NDArray[np.float64]
@@ -64,13 +64,14 @@ class Words:
         return self.whole(at, 0, MOST_TIMES)
 
 
-Order = Callable[[Words], None]
+Order = Callable[[CommandValues], None]
 
 
-class Orders:
+class BoardCommands:
     """Carries out commands at once."""
 
-    def __init__(self, incidents: Incidents, instruments: Instruments, hands: Hands, mishaps: Mishaps) -> None:
+    def __init__(self, incidents: BoardFaults, instruments: EmulatedInstruments, hands: Hands,
+                 mishaps: PacketFaults) -> None:
         """All of one world."""
         self._incidents, self._instruments, self._hands, self._mishaps = incidents, instruments, hands, mishaps
         self._rows = {row.name: row for row in COMMANDS["boards"]}
@@ -79,11 +80,11 @@ class Orders:
             **self._for_people(), **self._for_robots(), **self._for_boards(), **self._for_replies()}
 
     @classmethod
-    def of(cls, system: System, world: Emulation, plant: Plant) -> Orders:
+    def of(cls, system: SystemConfig, world: Emulation, plant: Plant) -> BoardCommands:
         """For the boards and robots of a system; `plant` is the world's own."""
-        incidents = Incidents(world, plant)
+        incidents = BoardFaults(world, plant)
         hands = Hands(plant, tuple(arm.robot for arm in system.arms if arm.robot in world.wiring.robots))
-        return cls(incidents, Instruments(system, world, incidents, plant), hands, world.mishaps)
+        return cls(incidents, EmulatedInstruments(system, world, incidents, plant), hands, world.mishaps)
 
     def carry_out(self, command: Received) -> None:
         """Do it and answer; a wrong argument refuses it with the reason."""
@@ -96,7 +97,7 @@ class Orders:
                 allowed = " or ".join(map(str, counts))
                 takes = self._rows[command.name].values or "none"
                 raise ValueError(f"{len(command.values)} numbers; allowed: {allowed} ({takes})")
-            order(Words(command.values, command.text))
+            order(CommandValues(command.values, command.text))
         except (KeyError, ValueError) as error:
             command.refuse(str(error.args[0] if error.args else error))
             return
@@ -163,11 +164,11 @@ class Orders:
             "no_mishaps": ((0,), lambda w: mishaps.end()),
         }
 
-    def _hold(self, words: Words) -> None:
+    def _hold(self, words: CommandValues) -> None:
         grip = Grip.of(*words.values[POSE:].tolist()) if len(words.values) > POSE else None
         self._hands.hold(words.text, words.values[:POSE], grip)
 
-    def _set_rate(self, words: Words) -> None:
+    def _set_rate(self, words: CommandValues) -> None:
         kind, _, bus = words.text.partition(" ")
         if kind not in KINDS:
             raise KeyError(f"{kind or 'no kind'}: no such fault of replies; there are {', '.join(KINDS)}")
@@ -177,7 +178,7 @@ class Orders:
         self._mishaps.strike_often(kind, words.number(0, 0.0, 1.0), self._incidents.buses(bus.strip()), delay_ns)
 
 
-def _delay_ns(words: Words, at: int) -> int:
+def _delay_ns(words: CommandValues, at: int) -> int:
     return round(words.number(at, 0.0, LONGEST_DELAY_S) * 1e9)
 
 

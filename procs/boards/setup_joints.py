@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import Bus
-from procs.boards.controllers.interface_board import CHANNELS, InterfaceBoard
+from procs.boards.controllers.bus import EmulatedBus
+from procs.boards.controllers.interface_board import CHANNELS, EmulatedInterfaceBoard
 from procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
-from procs.document.emulated import Linear, SetupArm
-from procs.document.emulated import SetupJoints as Described
-from procs.document.system import System
+from procs.document.emulated import EmulatedSetupArm, Linear
+from procs.document.emulated import EmulatedSetupJoints as Described
+from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
 
 JOINTS: Final = 6
@@ -33,10 +33,10 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 
-class SetupJoints:
+class SetupJointsPlant:
     """The arms of one patient cart."""
 
-    def __init__(self, described: Described, board: InterfaceBoard, slots: npt.NDArray[np.intp],
+    def __init__(self, described: Described, board: EmulatedInterfaceBoard, slots: npt.NDArray[np.intp],
                  status: npt.NDArray[np.uint32]) -> None:
         """At the positions of the document; `slots` are those of plugs 1 to 4 in currents and voltages.
 
@@ -84,7 +84,7 @@ class SetupJoints:
             raise ValueError(f"{arm}: its brakes hold; a current has to let them go")
         self._settle(arm, positions)
 
-    def _arm(self, name: str) -> SetupArm:
+    def _arm(self, name: str) -> EmulatedSetupArm:
         if name not in self._arms:
             raise KeyError(f"{name or 'no name'}: no such set-up arm; there are {', '.join(self._arms)}")
         return self._arms[name]
@@ -122,7 +122,7 @@ class SetupJoints:
             self._settle(arm.name, (min(max(first + way, lower), upper), *others))
 
 
-def _reach(arm: SetupArm, joint: int) -> tuple[float, float]:
+def _reach(arm: EmulatedSetupArm, joint: int) -> tuple[float, float]:
     """Between which positions both potentiometers of a joint show where it is."""
     ranges = [_range(pots[joint]) for pots in (arm.primary, arm.secondary)]
     return max(low for low, _ in ranges), min(high for _, high in ranges)
@@ -133,13 +133,13 @@ def _range(pot: Linear) -> tuple[float, float]:
     return min(offset, offset + scale * POT_V), max(offset, offset + scale * POT_V)
 
 
-def _middle(arm: SetupArm) -> list[float]:
+def _middle(arm: EmulatedSetupArm) -> list[float]:
     return [sum(_reach(arm, joint)) / 2.0 for joint in range(JOINTS)]
 
 
-def fit(system: System, wiring: Wiring, buses: Sequence[Bus]) -> dict[str, SetupJoints]:
+def fit(system: SystemConfig, wiring: Wiring, buses: Sequence[EmulatedBus]) -> dict[str, SetupJointsPlant]:
     """Hang the set-up joints of a system on their boards; by the name of their robot."""
-    fitted: dict[str, SetupJoints] = {}
+    fitted: dict[str, SetupJointsPlant] = {}
     if system.emulation is None:
         return fitted
     number = {described.io: index for index, described in enumerate(system.emulation.buses)}
@@ -151,13 +151,14 @@ def fit(system: System, wiring: Wiring, buses: Sequence[Bus]) -> dict[str, Setup
             continue  # the test board is there instead
         slots = np.array([wiring.width * row + axis for axis in described.axes], dtype=np.intp)
         status = bus.power.status[local : local + 1]
-        fitted[described.name] = SetupJoints(described, board, slots, status)
+        fitted[described.name] = SetupJointsPlant(described, board, slots, status)
         for arm in described.arms:
             _plug_in(described, arm, row, wiring, bus, local)
     return fitted
 
 
-def _plug_in(described: Described, arm: SetupArm, row: int, wiring: Wiring, bus: Bus, local: int) -> None:
+def _plug_in(described: Described, arm: EmulatedSetupArm, row: int, wiring: Wiring, bus: EmulatedBus,
+             local: int) -> None:
     """A plug pulls the negative limit of its axis low, unless the files have another use for that input."""
     far, axis = divmod(described.axes[arm.plug - 1], reg.AXES)  # a DQLA's second QLA has its inputs 16 bits up
     bit = reg.INPUT_NEGATIVE_LIMIT_SHIFT + axis + 16 * far

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.models import HARDWARE, models_of, width_of
-from procs.document.system import Actuator, Brake, Emulation, Linear, System
+from procs.document.system import Actuator, Brake, EmulationConfig, Linear, SystemConfig
 from procs.fpga import lookup
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
@@ -31,14 +31,14 @@ class Input:
 
 
 @dataclass(frozen=True, slots=True)
-class Inverse:
+class InverseScale:
     """x = scale · y + offset, the way back through a Linear; scale 0 where the file has none."""
 
     scale: Floats
     offset: Floats
 
     @classmethod
-    def of(cls, forward: list[Linear]) -> Inverse:
+    def of(cls, forward: list[Linear]) -> InverseScale:
         """The way back through each; axes without a conversion stay 0."""
         scale = np.array([1.0 / f.scale if f.scale else 0.0 for f in forward])
         return cls(scale, np.array([-f.offset / f.scale if f.scale else 0.0 for f in forward]))
@@ -51,18 +51,18 @@ class Inverse:
 
 
 @dataclass(frozen=True, slots=True)
-class Brakes:
+class BrakeWiring:
     """Brakes of all robots, each on a motor channel; brake k of a robot holds its actuator k."""
 
     robots: tuple[tuple[str, Ints], ...]  # a robot and which of the brakes are its own
     slots: Ints
-    amps: Inverse
-    measured: Inverse
+    amps: InverseScale
+    measured: InverseScale
     lets_go: Floats  # A from which on a brake lets go, either sign
     holds_off: Floats  # A above which it then stays so
 
 
-def rows_of(emulation: Emulation) -> dict[tuple[str, int], int]:
+def rows_of(emulation: EmulationConfig) -> dict[tuple[str, int], int]:
     """Row of (io, board id)."""
     rows: dict[tuple[str, int], int] = {}
     for bus in emulation.buses:
@@ -74,7 +74,7 @@ def rows_of(emulation: Emulation) -> dict[tuple[str, int], int]:
 class Wiring:
     """Arrays over all actuators, document order: every io, every robot, every actuator."""
 
-    def __init__(self, system: System, emulation: Emulation) -> None:
+    def __init__(self, system: SystemConfig, emulation: EmulationConfig) -> None:
         """ValueError when a robot or an input names a board that its bus does not have."""
         self.rows = rows_of(emulation)
         self.width = width = max(width_of(models_of(bus.controllers)) for bus in emulation.buses)
@@ -93,14 +93,14 @@ class Wiring:
                 if a.potentiometer else (none, none) for a, digital in zip(actuators, has_table, strict=True)]
         tables = [lookup.unpack(robot.lookup, len(robot.actuators))
                   for io in system.ios for robot in io.robots if robot.lookup]
-        self.tables = lookup.Inverse(np.concatenate(tables) if tables else np.zeros((0, lookup.ENTRIES)))
+        self.tables = lookup.InverseLookup(np.concatenate(tables) if tables else np.zeros((0, lookup.ENTRIES)))
         self.table_slots: Ints = self.slots[np.array(has_table, dtype=np.bool_)]
         """Slots whose potentiometers are digital: `tables` makes readings of their positions."""
-        self.counts = Inverse.of([a.encoder.bits_to_position if a.encoder else none for a in actuators])
-        self.pot_volts = Inverse.of([position for _, position in pots])
-        self.pot_bits = Inverse.of([volts for volts, _ in pots])
-        self.amps = Inverse.of([a.current_to_bits for a in actuators])
-        self.measured = Inverse.of([a.bits_to_current for a in actuators])
+        self.counts = InverseScale.of([a.encoder.bits_to_position if a.encoder else none for a in actuators])
+        self.pot_volts = InverseScale.of([position for _, position in pots])
+        self.pot_bits = InverseScale.of([volts for volts, _ in pots])
+        self.amps = InverseScale.of([a.current_to_bits for a in actuators])
+        self.measured = InverseScale.of([a.bits_to_current for a in actuators])
         self.brakes = self._brakes(system)
         self.inputs = {i.name: Input(self._row(io.name, i.board_id, i.name), i.bit_id, not i.pressed_value)
                        for io in system.ios for i in io.digital_inputs}
@@ -110,7 +110,7 @@ class Wiring:
         self.topic_rows = np.array([self.rows[bus.io, c.board_id] for bus in emulation.buses for c in bus.controllers],
                                    dtype=np.intp)
 
-    def _brakes(self, system: System) -> Brakes:
+    def _brakes(self, system: SystemConfig) -> BrakeWiring:
         robots: list[tuple[str, Ints]] = []
         brakes: list[Brake] = []
         slots: list[int] = []
@@ -123,10 +123,10 @@ class Wiring:
                               for b in robot.brakes]
         # Some files have an offset below 0, which comes out right in the 16 bits of a command.
         commands = [Linear(b.current_to_bits.scale, b.current_to_bits.offset % 65536) for b in brakes]
-        return Brakes(tuple(robots), np.array(slots, dtype=np.intp), Inverse.of(commands),
-                      Inverse.of([b.bits_to_current for b in brakes]),
-                      np.array([BRAKE_LETS_GO * min(abs(b.release_current), b.maximum_current) for b in brakes]),
-                      np.array([BRAKE_HOLDS_OFF * abs(b.released_current) for b in brakes]))
+        return BrakeWiring(tuple(robots), np.array(slots, dtype=np.intp), InverseScale.of(commands),
+                           InverseScale.of([b.bits_to_current for b in brakes]),
+                           np.array([BRAKE_LETS_GO * min(abs(b.release_current), b.maximum_current) for b in brakes]),
+                           np.array([BRAKE_HOLDS_OFF * abs(b.released_current) for b in brakes]))
 
     def _row(self, io: str, board: int, who: str) -> int:
         row = self.rows.get((io, board))

@@ -3,6 +3,6 @@
 from procs.config.build.kinds import Checked, check_file
 from procs.config.build.load import Loaded, load_system
 from procs.config.read.paths import PROJECT_CONFIGS
-from procs.config.read.problem import Problem
+from procs.config.read.problem import FileProblem
 
-__all__ = ["PROJECT_CONFIGS", "Checked", "Loaded", "Problem", "check_file", "load_system"]
+__all__ = ["PROJECT_CONFIGS", "Checked", "FileProblem", "Loaded", "check_file", "load_system"]

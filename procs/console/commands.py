@@ -17,7 +17,7 @@ class Refused(Exception):
     """A command that cannot be done; the text says why."""
 
 
-class Commands:
+class ConsoleCommands:
     """One method per row of the `console` command table."""
 
     def __init__(self, logic: Logic) -> None:

@@ -8,10 +8,10 @@ from typing import Final
 from procs import codes
 from procs.codes import Code
 from procs.console.logic import Logic
-from procs.console.selection import Member
+from procs.console.selection import Selectable
 from procs.debounce import NAMES
-from procs.requests import Origin
-from procs.runtime import Me
+from procs.requests import CommandOrigin
+from procs.runtime import Node
 from shm.client import LoopClient
 from shm.origins import NOBODY
 from shm.ring import RingReader
@@ -22,7 +22,7 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, 
 class Mailboxes:
     """The desk of `procs.console.logic` on shared memory."""
 
-    def __init__(self, me: Me, members: Sequence[Member]) -> None:
+    def __init__(self, me: Node, members: Sequence[Selectable]) -> None:
         """Takes a place in every mailbox that is needed; `members` are the tele-operations of all consoles."""
         running = {row.name for row in me.document.processes}
         self._me = me
@@ -42,7 +42,7 @@ class Mailboxes:
     # -- what the logic asks for ---------------------------------------------------------------------------------------
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
+            origin: CommandOrigin = NOBODY) -> bool:
         """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
         client = self._teleops.get(teleop)
         if client is not None:

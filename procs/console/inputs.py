@@ -7,13 +7,13 @@ from typing import Any, Final, Protocol
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.document.system import Console, System, WiredInput
+from procs.document.system import Console, SystemConfig, WiredInput
 
 STALE_NS: Final = 30_000_000  # design: an operator whom nobody sees is absent
 BUTTON, CLICK = b"button", b"clicked"
 
 
-class Reader(Protocol):
+class RecordReader(Protocol):
     """One ring."""
 
     @property
@@ -45,12 +45,12 @@ class HeadSensor(Protocol):
         """Whether somebody looks into the console; false as well when the sensor is not there."""
 
 
-class Line:
+class InputLine:
     """One digital input of an io, or button of somebody else's program."""
 
     __slots__ = ("_age", "_index", "_input", "_ring", "name")
 
-    def __init__(self, ring: Reader, index: int, name: str) -> None:
+    def __init__(self, ring: RecordReader, index: int, name: str) -> None:
         """`index` is its place in the record."""
         self._ring, self._index, self.name = ring, index, name.encode()
         self._input, self._age = ring.field("input"), ring.field("age_ns")
@@ -65,22 +65,23 @@ class Line:
 class Inputs:
     """All inputs of a console. What a console that began anew finds pressed must be seen released first."""
 
-    def __init__(self, row: Console, system: System, reads: Callable[[str, str], Reader], head: HeadSensor | None,
+    def __init__(self, row: Console, system: SystemConfig, reads: Callable[[str, str], RecordReader],
+                 head: HeadSensor | None,
                  *, began_anew: bool) -> None:
         """`reads(instance, topic)` attaches to a ring, `head` is the Goovis's."""
         self._levels: dict[str, bool] = dict.fromkeys((OPERATOR, CLUTCH, CAMERA), False)
         self._unproved = {OPERATOR, CAMERA} if began_anew else set[str]()
         self._head, self._needed = head, row.present_count
         self.valid, self.seen = True, 0
-        states: dict[str, Reader] = {}
-        self._clicks: list[tuple[Reader, dict[bytes, str]]] = []
+        states: dict[str, RecordReader] = {}
+        self._clicks: list[tuple[RecordReader, dict[bytes, str]]] = []
 
-        def line(wired: WiredInput | None) -> Line | None:
+        def line(wired: WiredInput | None) -> InputLine | None:
             if wired is None:
                 return None
             if wired.io not in states:
                 states[wired.io] = reads(wired.io, "state")
-            return Line(states[wired.io], system.inputs(wired.io).index(wired.name), wired.name)
+            return InputLine(states[wired.io], system.inputs(wired.io).index(wired.name), wired.name)
 
         self._lines = {CLUTCH: line(row.clutch), CAMERA: line(row.camera)}
         self._present = [found for wired in row.operator_present if (found := line(wired)) is not None]

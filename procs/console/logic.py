@@ -13,9 +13,9 @@ from typing import Final, Protocol
 
 from procs import codes
 from procs.codes import Code
-from procs.console.selection import ECM, Member, at_load, conflicts, shared_arm, tapped
+from procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.requests import Origin
+from procs.requests import CommandOrigin
 from shm.origins import NOBODY
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
@@ -30,11 +30,11 @@ BEEPS: Final = {  # s, Hz, how often
 REFUSED_NS: Final = 500_000_000  # until what was refused is asked for again
 
 
-class Desk(Protocol):
+class ConsoleOutbox(Protocol):
     """Whom the console talks to."""
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
+            origin: CommandOrigin = NOBODY) -> bool:
         """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
 
     def free(self, teleop: str) -> None:
@@ -59,7 +59,7 @@ class Desk(Protocol):
 class Logic:
     """One console; `members` are the tele-operations of all consoles, in the order of the document."""
 
-    def __init__(self, name: str, members: Sequence[Member], desk: Desk, scale: float) -> None:
+    def __init__(self, name: str, members: Sequence[Selectable], desk: ConsoleOutbox, scale: float) -> None:
         """Nobody there, no pedal pressed, tele-operation not wanted, selected what can be side by side."""
         self.name, self.scale, self.is_scaled = name, scale, False
         self.mine = tuple(member for member in members if member.console == name)
@@ -71,7 +71,7 @@ class Logic:
         self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
         self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
-        self.origin: Origin = NOBODY
+        self.origin: CommandOrigin = NOBODY
         """The person's command by which tele-operation is wanted."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._untold: dict[str, float] = {}  # what has become of the clutch, for who could not be told
@@ -116,7 +116,7 @@ class Logic:
             self._desk.report(codes.TELEOP_DISABLED, f"{self.name}: {codes.TELEOP_DISABLED.cause}")
             self.enable(False)
 
-    def enable(self, on: bool, origin: Origin = NOBODY) -> None:
+    def enable(self, on: bool, origin: CommandOrigin = NOBODY) -> None:
         """Tele-operation is wanted, by whom, or not; being asked for is a sign of presence, too."""
         self.wanted, self.origin = on, origin
         if on:
@@ -198,7 +198,7 @@ class Logic:
 
     # -- what follows --------------------------------------------------------------------------------------------------
 
-    def word(self, member: Member) -> str:
+    def word(self, member: Selectable) -> str:
         """What a tele-operation is to be asked for now."""
         turn = self.camera if member.kind == ECM else not self.camera
         if not (turn and self.wanted and member.name in self.selected):

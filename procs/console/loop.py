@@ -6,27 +6,27 @@ from functools import partial
 
 from procs import runtime
 from procs.codes import HEAD_SENSOR
-from procs.console.commands import Commands
+from procs.console.commands import ConsoleCommands
 from procs.console.desk import Mailboxes
 from procs.console.goovis import Goovis
 from procs.console.inputs import Inputs
 from procs.console.logic import Logic
-from procs.console.record import Record, go_on
+from procs.console.record import ConsoleRecord, go_on
 from procs.console.selection import members_of
-from procs.document.system import System, TeleopPsm
+from procs.document.system import SystemConfig, TeleopPsmConfig
 from shm.faults import Watched
 
 
-def first_scale(system: System, console: str) -> float:
+def first_scale(system: SystemConfig, console: str) -> float:
     """The scale its tele-operations begin with: that of its first PSM one."""
     rows = [system.teleop(name) for name in system.console(console).teleops]
-    return next((row.scale for row in sorted(rows, key=lambda row: not isinstance(row, TeleopPsm))), 0.2)
+    return next((row.scale for row in sorted(rows, key=lambda row: not isinstance(row, TeleopPsmConfig))), 0.2)
 
 
-class Loop(runtime.Loop):
+class ConsoleLoop(runtime.Loop):
     """One console with its rings and mailboxes."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         row, members = me.document.console(me.name), members_of(me.document)
         self._state = me.writes("state")
@@ -38,7 +38,7 @@ class Loop(runtime.Loop):
         self._inputs = Inputs(row, me.document, me.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:
             me.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
-        self._record, self._commands = Record(self._state.field, row, logic), Commands(logic)
+        self._record, self._commands = ConsoleRecord(self._state.field, row, logic), ConsoleCommands(logic)
         self._faults = Watched(me.faults(), [arm for member in logic.mine for arm in member.arms])
         self._mailbox = me.mailbox(self._faults)
 
@@ -71,7 +71,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run one console until asked to stop; its tele-operations then stop following by themselves."""
-    runtime.run("console", Loop)
+    runtime.run("console", ConsoleLoop)
 
 
 if __name__ == "__main__":

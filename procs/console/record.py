@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from procs.console.inputs import Inputs, Reader
+from procs.console.inputs import Inputs, RecordReader
 from procs.console.logic import Logic
 from procs.document.system import Console
 from shm.origins import Origin
 
 
-class Record:
+class ConsoleRecord:
     """Views on the fields of our own record."""
 
     def __init__(self, field: Callable[[str], Any], row: Console, logic: Logic) -> None:
@@ -39,7 +39,7 @@ class Record:
             fields["asked"][place] = logic.asked[name].encode()
 
 
-def go_on(last: Reader, logic: Logic) -> bool:
+def go_on(last: RecordReader, logic: Logic) -> bool:
     """Take over what an earlier console of this name was asked for; false: there was none.
 
     Nobody is there and no pedal is pressed until that is seen anew.

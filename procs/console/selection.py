@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.document.system import System
+from procs.document.system import SystemConfig
 
 ECM: Final = "ECM"
 PSM: Final = "PSM"
@@ -15,7 +15,7 @@ PAIR: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class Selectable:
     """A tele-operation: the masters stand first among its arms."""
 
     name: str
@@ -24,36 +24,37 @@ class Member:
     arms: tuple[str, ...]
 
 
-def members_of(system: System) -> tuple[Member, ...]:
+def members_of(system: SystemConfig) -> tuple[Selectable, ...]:
     """All of them, console by console, those of the endoscope first."""
-    rows = {row.name: Member(row.name, row.console, ECM, (row.mtml, row.mtmr, row.ecm)) for row in system.teleop_ecms}
-    rows |= {row.name: Member(row.name, row.console, PSM, (row.mtm, row.psm)) for row in system.teleop_psms}
+    rows = {row.name: Selectable(row.name, row.console, ECM,
+                                 (row.mtml, row.mtmr, row.ecm)) for row in system.teleop_ecms}
+    rows |= {row.name: Selectable(row.name, row.console, PSM, (row.mtm, row.psm)) for row in system.teleop_psms}
     return tuple(rows[name] for console in system.consoles for name in console.teleops)
 
 
-def conflicts(member: Member, members: Sequence[Member]) -> list[Member]:
+def conflicts(member: Selectable, members: Sequence[Selectable]) -> list[Selectable]:
     """Those that cannot be selected together with `member`."""
     return [other for other in members
             if other.name != member.name and other.kind == member.kind and set(other.arms) & set(member.arms)]
 
 
-def shared_arm(member: Member, other: Member) -> str:
+def shared_arm(member: Selectable, other: Selectable) -> str:
     """The first arm that both need."""
     return next(arm for arm in member.arms if arm in other.arms)
 
 
-def at_load(members: Sequence[Member]) -> set[str]:
+def at_load(members: Sequence[Selectable]) -> set[str]:
     """What is selected at first: each that shares no arm with one before it."""
-    chosen: list[Member] = []
+    chosen: list[Selectable] = []
     for member in members:
         if not conflicts(member, chosen):
             chosen.append(member)
     return {member.name for member in chosen}
 
 
-def tapped(members: Sequence[Member], selected: Collection[str]) -> str:
+def tapped(members: Sequence[Selectable], selected: Collection[str]) -> str:
     """What a quick tap selects: of the first MTM by name with exactly two PSM tele-operations the other one, or ""."""
-    by_master: dict[str, list[Member]] = defaultdict(list)
+    by_master: dict[str, list[Selectable]] = defaultdict(list)
     for member in members:
         if member.kind == PSM:
             by_master[member.arms[0]].append(member)

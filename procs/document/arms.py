@@ -10,7 +10,7 @@ Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class DhLink:
     """One Denavit-Hartenberg row with limits and, where the file has them, inertial values."""
 
     name: str
@@ -34,14 +34,14 @@ class Chain:
     """A kinematic file: convention "standard" or "modified", rows from base to tip."""
 
     convention: str
-    links: tuple[Link, ...]
+    links: tuple[DhLink, ...]
     base: Matrix | None = None  # base-offset, 4×4
     actuator_to_joint: Matrix | None = None
     source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Jaw:
+class JawConfig:
     """Range and effort limit of an instrument's jaw."""
 
     lower: float
@@ -54,8 +54,8 @@ class Tool:
     """An instrument: rows appended to the arm's chain, its tip transform and the 4×4 actuator coupling."""
 
     name: str
-    links: tuple[Link, ...]
-    jaw: Jaw
+    links: tuple[DhLink, ...]
+    jaw: JawConfig
     tip: Matrix
     actuator_to_joint: Matrix
     engage_lower: tuple[float, ...]
@@ -82,7 +82,7 @@ class ArmInputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class ArmConfig:
     """One `arms[]` entry with the files it names."""
 
     name: str

@@ -14,7 +14,7 @@ CLASSIC, SI, FIXED = "Classic", "Si", "Fixed"
 
 
 @dataclass(frozen=True, slots=True)
-class SetupArm:
+class CartArm:
     """One set-up arm; the first joint is prismatic (m), the others turn (rad)."""
 
     name: str
@@ -44,7 +44,7 @@ class Cart:
     kind: str  # Classic, Si or Fixed
     simulation: str  # NONE or KINEMATIC
     period_s: float
-    arms: tuple[SetupArm, ...]
+    arms: tuple[CartArm, ...]
     reference: str = "ECM"  # set-up arm whose arm's tip the others' base frames are given in
     io: str = ""  # Classic: instance of the io process of its interface board
     robot: str = ""  # its robot there: an analog input and a current for every plug

@@ -19,7 +19,7 @@ _UNDERSCORE = re.compile(r"(?P<name>.+)_(?P<model>\d{5,})(?P<rest>(?:_|:|\[).*)?
 _RANGE = re.compile(r"(?P<low>\d{1,9})?(?P<dots>\.\.)?(?P<high>\d{1,9})?")
 
 
-class Entry(Protocol):
+class CatalogueEntry(Protocol):
     """What an instrument is known by; versions are inclusive, None where there is no limit."""
 
     @property
@@ -39,11 +39,11 @@ class Entry(Protocol):
         """The last one."""
 
 
-E = TypeVar("E", bound=Entry)
+E = TypeVar("E", bound=CatalogueEntry)
 
 
 @dataclass(frozen=True, slots=True)
-class Found(Generic[E]):
+class CatalogueMatch(Generic[E]):
     """`entry`, or None with the `reason`; `candidates` are what may have been meant, `note` how it was understood."""
 
     entry: E | None
@@ -53,7 +53,7 @@ class Found(Generic[E]):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ParsedName:
     """A name taken apart; without a version both are None."""
 
     name: str
@@ -70,7 +70,7 @@ class Asked:
         return f"[{_ends(self.low, self.high) if self.low != self.high else self.low}]"
 
 
-def full_name(entry: Entry) -> str:
+def full_name(entry: CatalogueEntry) -> str:
     """NAME:MODEL, with the versions an entry is limited to: LARGE_NEEDLE_DRIVER:420006[12..]."""
     limited = entry.version_min is not None or entry.version_max is not None
     versions = f"[{_ends(entry.version_min, entry.version_max)}]" if limited else ""
@@ -81,7 +81,7 @@ def _ends(low: int | None, high: int | None) -> str:
     return f"{'' if low is None else low}..{'' if high is None else high}"
 
 
-def taken_apart(text: str) -> Asked | None:
+def taken_apart(text: str) -> ParsedName | None:
     """What a name asks for; None when it is none."""
     text = text.strip()[:LONGEST]
     note = ""
@@ -102,41 +102,42 @@ def taken_apart(text: str) -> Asked | None:
             return None
         low = int(ends["low"]) if ends["low"] else None
         high = int(ends["high"]) if ends["high"] else (None if ends["dots"] else low)
-    return Asked(match["name"].strip().upper(), match["model"].strip(), low, high, note)
+    return ParsedName(match["name"].strip().upper(), match["model"].strip(), low, high, note)
 
 
-def find(text: str, entries: Sequence[E]) -> Found[E]:
+def find(text: str, entries: Sequence[E]) -> CatalogueMatch[E]:
     """The one entry that `text` names; never raises."""
     asked = taken_apart(text)
     if asked is None:
-        return Found(None, "not a name of an instrument: NAME:MODEL or NAME:MODEL[VERSION]", _like(text, entries))
+        return CatalogueMatch(None, "not a name of an instrument: NAME:MODEL or NAME:MODEL[VERSION]",
+                              _like(text, entries))
     models = [entry for entry in entries if entry.model == asked.model]
     named = [entry for entry in models if not asked.name or asked.name in (name.upper() for name in entry.names)]
     if not models:
-        return Found(None, f"no instrument of model {asked.model} is known", _like(text, entries), asked.note)
+        return CatalogueMatch(None, f"no instrument of model {asked.model} is known", _like(text, entries), asked.note)
     if not named:
-        return Found(None, f"model {asked.model} is not called {asked.name}", _names(models), asked.note)
+        return CatalogueMatch(None, f"model {asked.model} is not called {asked.name}", _names(models), asked.note)
     fitting = [entry for entry in named if _fits(entry, asked)]
     if not fitting:
-        return Found(None, f"no entry is good for version {asked.version}", _names(named), asked.note)
+        return CatalogueMatch(None, f"no entry is good for version {asked.version}", _names(named), asked.note)
     if len(fitting) == 1:
-        return Found(fitting[0], note=asked.note)
+        return CatalogueMatch(fitting[0], note=asked.note)
     if len({entry.names[:1] for entry in fitting}) > 1:
-        return Found(None, f"several instruments are of model {asked.model}", _names(fitting), asked.note)
-    return Found(None, "several versions of this instrument exist: say which", _names(fitting), asked.note)
+        return CatalogueMatch(None, f"several instruments are of model {asked.model}", _names(fitting), asked.note)
+    return CatalogueMatch(None, "several versions of this instrument exist: say which", _names(fitting), asked.note)
 
 
-def _fits(entry: Entry, asked: Asked) -> bool:
+def _fits(entry: CatalogueEntry, asked: ParsedName) -> bool:
     lowest = entry.version_min if entry.version_min is not None else 0
     return all(lowest <= version and (entry.version_max is None or version <= entry.version_max)
                for version in (asked.low, asked.high) if version is not None)
 
 
-def _names(entries: Iterable[Entry]) -> tuple[str, ...]:
+def _names(entries: Iterable[CatalogueEntry]) -> tuple[str, ...]:
     return tuple(full_name(entry) for entry in entries)[:CANDIDATES]
 
 
-def _like(text: str, entries: Sequence[Entry]) -> tuple[str, ...]:
+def _like(text: str, entries: Sequence[CatalogueEntry]) -> tuple[str, ...]:
     """What may have been meant; all there is where that is little."""
     if len(entries) <= CANDIDATES:
         return _names(entries)

@@ -14,7 +14,7 @@ GOOVIS: Final = "PEDALS_GOOVIS_HEAD_SENSOR"
 
 
 @dataclass(frozen=True, slots=True)
-class TeleopPsm:
+class TeleopPsmConfig:
     """One master on one slave; `base_frame_from` names the component, `base_frame_interface` what of it."""
 
     name: str
@@ -49,7 +49,7 @@ class TeleopPsm:
 
 
 @dataclass(frozen=True, slots=True)
-class TeleopEcm:
+class TeleopEcmConfig:
     """Two masters on the endoscope arm."""
 
     name: str

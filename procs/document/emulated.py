@@ -42,7 +42,7 @@ class Controller:
 
 
 @dataclass(frozen=True, slots=True)
-class Bus:
+class BusConfig:
     """One emulated bus: the UDP endpoint (or, Ethernet-only, the endpoints) of its controllers."""
 
     io: str
@@ -66,7 +66,7 @@ class Likeness:
 
 
 @dataclass(frozen=True, slots=True)
-class SetupArm:
+class EmulatedSetupArm:
     """One passive arm of Classic set-up joints; rad, and m for the first joint."""
 
     name: str
@@ -79,7 +79,7 @@ class SetupArm:
 
 
 @dataclass(frozen=True, slots=True)
-class SetupJoints:
+class EmulatedSetupJoints:
     """Classic set-up joints, and which bits of their board their interface hangs on."""
 
     name: str  # of their robot
@@ -90,4 +90,4 @@ class SetupJoints:
     increment: int
     pwm: int
     disable: int
-    arms: tuple[SetupArm, ...]
+    arms: tuple[EmulatedSetupArm, ...]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from procs.document.system import Arm, Io, System
+    from procs.document.system import ArmConfig, IoConfig, SystemConfig
 
 Names = Mapping[tuple[str, str], str]  # (io, name in its files) → name on the boards
 
@@ -24,7 +24,7 @@ def names_on_boards(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], s
     return {(io, name): name if len(buses[name]) == 1 else f"{io}/{name}" for io, name in rows}
 
 
-def with_names_on_boards(system: System) -> System:
+def with_names_on_boards(system: SystemConfig) -> SystemConfig:
     """The same system with those names for robots and inputs; itself where none is shared."""
     robots = names_on_boards((io.name, robot.name) for io in system.ios for robot in io.robots)
     inputs = names_on_boards((io.name, row.name) for io in system.ios for row in io.digital_inputs)
@@ -39,7 +39,7 @@ def with_names_on_boards(system: System) -> System:
                                arms=tuple(_arm(arm, robots, inputs) for arm in system.arms))
 
 
-def _io(io: Io, robots: Names, inputs: Names) -> Io:
+def _io(io: IoConfig, robots: Names, inputs: Names) -> IoConfig:
     return dataclasses.replace(
         io,
         robots=tuple(dataclasses.replace(robot, name=robots[io.name, robot.name]) for robot in io.robots),
@@ -47,7 +47,7 @@ def _io(io: Io, robots: Names, inputs: Names) -> Io:
         digital_inputs=tuple(dataclasses.replace(row, name=inputs[io.name, row.name]) for row in io.digital_inputs))
 
 
-def _arm(arm: Arm, robots: Names, inputs: Names) -> Arm:
+def _arm(arm: ArmConfig, robots: Names, inputs: Names) -> ArmConfig:
     def renamed(names: Names) -> Callable[[str], str]:
         return lambda name: names.get((arm.io, name), name)
 

@@ -12,26 +12,26 @@ import json
 from dataclasses import dataclass
 from typing import TypeVar
 
-from procs.document.arms import Arm as Arm
+from procs.document.arms import ArmConfig as ArmConfig
 from procs.document.arms import ArmInputs as ArmInputs
 from procs.document.arms import Chain as Chain
-from procs.document.arms import Jaw as Jaw
-from procs.document.arms import Link as Link
+from procs.document.arms import DhLink as DhLink
+from procs.document.arms import JawConfig as JawConfig
 from procs.document.arms import Matrix as Matrix
 from procs.document.arms import Tool as Tool
 from procs.document.cart import Cart as Cart
-from procs.document.cart import SetupArm as SetupArm
+from procs.document.cart import CartArm as CartArm
 from procs.document.consoles import Console as Console
 from procs.document.consoles import Focus as Focus
-from procs.document.consoles import TeleopEcm as TeleopEcm
-from procs.document.consoles import TeleopPsm as TeleopPsm
+from procs.document.consoles import TeleopEcmConfig as TeleopEcmConfig
+from procs.document.consoles import TeleopPsmConfig as TeleopPsmConfig
 from procs.document.consoles import WiredInput as WiredInput
 from procs.document.decoding import decode
-from procs.document.emulated import Bus as Bus
+from procs.document.emulated import BusConfig as BusConfig
 from procs.document.emulated import Controller as Controller
+from procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
 from procs.document.emulated import Likeness as Likeness
 from procs.document.emulated import Quirks as Quirks
-from procs.document.emulated import SetupJoints as SetupJoints
 from procs.document.emulated_names import with_names_on_boards
 from procs.document.external import External as External
 from procs.document.tasks import TaskRow as TaskRow
@@ -184,7 +184,7 @@ class PidAxis:
 
 
 @dataclass(frozen=True, slots=True)
-class Pid:
+class PidConfig:
     """The joint controller of one robot; `arm` is the instance whose set-points it follows."""
 
     robot: str
@@ -194,7 +194,7 @@ class Pid:
 
 
 @dataclass(frozen=True, slots=True)
-class Io:
+class IoConfig:
     """One `IOs[]` entry: a bus with its robots, controllers and inputs."""
 
     name: str
@@ -204,7 +204,7 @@ class Io:
     watchdog_s: float  # 0: off
     close_all_relays: bool
     robots: tuple[Robot, ...]
-    pids: tuple[Pid, ...]
+    pids: tuple[PidConfig, ...]
     digital_inputs: tuple[DigitalInput, ...]
     setpoint_timeout_s: float = 0.03  # without a fresh set-point of the arm for this long, hold
     arm_lost_s: float = 3.0  # then an error is raised, still holding
@@ -219,19 +219,19 @@ class Io:
 
 
 @dataclass(frozen=True, slots=True)
-class Emulation:
-    """Everything the `boards` process stands in for; `System.emulated` gives the robots on it."""
+class EmulationConfig:
+    """Everything the `boards` process stands in for; `SystemConfig.emulated` gives the robots on it."""
 
     period_s: float
-    buses: tuple[Bus, ...]
+    buses: tuple[BusConfig, ...]
     seed: int = 1
     pot_noise_v: float = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     likenesses: tuple[Likeness, ...] = ()
-    setup_joints: tuple[SetupJoints, ...] = ()
+    setup_joints: tuple[EmulatedSetupJoints, ...] = ()
     # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
-    ios: tuple[Io, ...] | None = None
-    arms: tuple[Arm, ...] = ()
+    ios: tuple[IoConfig, ...] | None = None
+    arms: tuple[ArmConfig, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,20 +252,20 @@ class Process:
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class SystemConfig:
     """The whole document."""
 
     name: str
     source: str
     clock: str  # WALL, PACED or LOCKSTEP
-    ios: tuple[Io, ...]
-    arms: tuple[Arm, ...]
-    emulation: Emulation | None
+    ios: tuple[IoConfig, ...]
+    arms: tuple[ArmConfig, ...]
+    emulation: EmulationConfig | None
     processes: tuple[Process, ...]
     carts: tuple[Cart, ...] = ()
     consoles: tuple[Console, ...] = ()
-    teleop_psms: tuple[TeleopPsm, ...] = ()
-    teleop_ecms: tuple[TeleopEcm, ...] = ()
+    teleop_psms: tuple[TeleopPsmConfig, ...] = ()
+    teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
     externals: tuple[External, ...] = ()
     focuses: tuple[Focus, ...] = ()  # one at most
     audio_volume: float = 0.5
@@ -274,11 +274,11 @@ class System:
     service_user: str = ""  # whose shared memory is trusted besides our own and root's
     notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
 
-    def io(self, name: str) -> Io:
+    def io(self, name: str) -> IoConfig:
         """The io entry `name`; KeyError when there is none."""
         return _named(self.ios, name)
 
-    def arm(self, name: str) -> Arm:
+    def arm(self, name: str) -> ArmConfig:
         """The arm entry `name`; KeyError when there is none."""
         return _named(self.arms, name)
 
@@ -290,9 +290,9 @@ class System:
         """The console `name`; KeyError when there is none."""
         return _named(self.consoles, name)
 
-    def teleop(self, name: str) -> TeleopPsm | TeleopEcm:
+    def teleop(self, name: str) -> TeleopPsmConfig | TeleopEcmConfig:
         """The tele-operation `name`; KeyError when there is none."""
-        rows: tuple[TeleopPsm | TeleopEcm, ...] = (*self.teleop_ecms, *self.teleop_psms)
+        rows: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*self.teleop_ecms, *self.teleop_psms)
         return _named(rows, name)
 
     def external(self, name: str) -> External:
@@ -313,7 +313,7 @@ class System:
         """The process row `name`; KeyError when there is none."""
         return _named(self.processes, name)
 
-    def emulated(self) -> System:
+    def emulated(self) -> SystemConfig:
         """The system as its emulated boards see it: every robot and input on them, driven by a process or not.
 
         Names that several buses have are IO/NAME there.
@@ -332,7 +332,7 @@ def _named(rows: tuple[T, ...], name: str) -> T:
     raise KeyError(f"{name}: not in this system; it has {', '.join(getattr(row, 'name', '?') for row in rows)}")
 
 
-def to_json(system: System) -> bytes:
+def to_json(system: SystemConfig) -> bytes:
     """The document as UTF-8 JSON; instruments are in it once, however many arms know them."""
     rows = system.arms + (system.emulation.arms if system.emulation is not None else ())
     places: dict[Tool, int] = {}
@@ -346,11 +346,11 @@ def to_json(system: System) -> bytes:
     return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
 
 
-def _with_tools(arms: tuple[Arm, ...], tools: tuple[Tool, ...]) -> tuple[Arm, ...]:
+def _with_tools(arms: tuple[ArmConfig, ...], tools: tuple[Tool, ...]) -> tuple[ArmConfig, ...]:
     return tuple(dataclasses.replace(arm, tools=tools) for arm in arms)
 
 
-def from_json(data: bytes) -> System:
+def from_json(data: bytes) -> SystemConfig:
     """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
     try:
         content = json.loads(data)
@@ -358,6 +358,6 @@ def from_json(data: bytes) -> System:
         arms = content["arms"] + (content["emulation"]["arms"] if content["emulation"] else [])
         for arm, known in zip(arms, content.pop("known"), strict=True):
             arm["tools"] = [tools[place] for place in known]
-        return decode(System, content)
+        return decode(SystemConfig, content)
     except (ValueError, TypeError, LookupError, AttributeError, StopIteration, RecursionError, OverflowError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None

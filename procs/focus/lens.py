@@ -14,7 +14,7 @@ COMMANDED_NS: Final = 10_000_000_000  # nobody's foot is on a pedal: then it end
 AGAIN_NS: Final = 100_000_000  # until a pin that is not as it should be is written again
 
 
-class Desk(Protocol):
+class LensOutbox(Protocol):
     """Whom the lens talks to."""
 
     def write(self, way: int, high: bool) -> None:
@@ -27,7 +27,7 @@ class Desk(Protocol):
 class Lens:
     """One way at a time, or none; `locked`: none."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: LensOutbox) -> None:
         """At rest."""
         self._desk = desk
         self.locked = False

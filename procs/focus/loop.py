@@ -18,7 +18,7 @@ WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 class Wires:
     """Pedals and outputs on the records of io; the desk of `procs.focus.lens`."""
 
-    def __init__(self, me: runtime.Me, row: Focus) -> None:
+    def __init__(self, me: runtime.Node, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""
         self._me, self._row = me, row
         self._rings = {io: me.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals)}}
@@ -68,10 +68,10 @@ def carry_out(request: Request, lens: Lens, now_ns: int) -> None:
     request.refuse(f"{request.name}: {reason}") if reason else request.done()
 
 
-class Loop(runtime.Loop):
+class FocusLoop(runtime.Loop):
     """One endoscope's focus."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         self._wires = Wires(me, me.document.focus_of(me.name))
         self._lens, self._state, self._mailbox = Lens(self._wires), me.writes("state"), me.mailbox()
@@ -96,7 +96,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run until asked to stop; the lens then rests."""
-    runtime.run("focus", Loop)
+    runtime.run("focus", FocusLoop)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def unpack(text: str, actuators: int) -> Floats:
     return np.frombuffer(data, np.float64).reshape(actuators, ENTRIES)
 
 
-class Inverse:
+class InverseLookup:
     """From positions to readings, as real potentiometers give them: the nearest entry, on a fine grid."""
 
     GRID: Final = 1 << 14  # finer than the tables

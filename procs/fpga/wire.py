@@ -89,7 +89,7 @@ def _block(data: bytes, where: str) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class WireRequest:
     """A datagram from host to board.
 
     `data` holds the payload of writes (4 bytes for a quadlet), `length` the bytes a block read asks for. `crc` (header)
@@ -119,12 +119,12 @@ class Request:
     @property
     def crc_ok(self) -> bool:
         """True when every CRC of the request is the right one."""
-        fresh = encode_request(Request(self.tcode, self.node, self.address, self.tl, self.generation, self.flags,
-                                       self.data, self.length, self.bus, self.source, self.retry, self.priority))
+        fresh = encode_request(WireRequest(self.tcode, self.node, self.address, self.tl, self.generation, self.flags,
+                                           self.data, self.length, self.bus, self.source, self.retry, self.priority))
         return fresh == encode_request(self)
 
 
-def encode_request(request: Request) -> bytes:
+def encode_request(request: WireRequest) -> bytes:
     """The datagram of a request; raises WireError where a field does not fit."""
     r = request
     q0 = (_fit(r.bus, 10, "bus") << 22 | _fit(r.node, 6, "node") << 16 | _fit(r.tl, 6, "tl") << 10
@@ -150,23 +150,23 @@ def encode_request(request: Request) -> bytes:
 
 def quadlet_read(node: int, address: int, tl: int, generation: int, flags: int = 0) -> bytes:
     """Datagram that asks for one quadlet."""
-    return encode_request(Request(QUADLET_READ, node, address, tl, generation, flags))
+    return encode_request(WireRequest(QUADLET_READ, node, address, tl, generation, flags))
 
 
 def quadlet_write(node: int, address: int, value: int, tl: int, generation: int, flags: int = 0) -> bytes:
     """Datagram that writes one quadlet."""
     data = _QUAD.pack(_fit(value, 32, "quadlet write"))
-    return encode_request(Request(QUADLET_WRITE, node, address, tl, generation, flags, data))
+    return encode_request(WireRequest(QUADLET_WRITE, node, address, tl, generation, flags, data))
 
 
 def block_read(node: int, address: int, length: int, tl: int, generation: int, flags: int = 0) -> bytes:
     """Datagram that asks for `length` bytes."""
-    return encode_request(Request(BLOCK_READ, node, address, tl, generation, flags, length=length))
+    return encode_request(WireRequest(BLOCK_READ, node, address, tl, generation, flags, length=length))
 
 
 def block_write(node: int, address: int, data: bytes, tl: int, generation: int, flags: int = 0) -> bytes:
     """Datagram that writes `data` (big-endian quadlets)."""
-    return encode_request(Request(BLOCK_WRITE, node, address, tl, generation, flags, data))
+    return encode_request(WireRequest(BLOCK_WRITE, node, address, tl, generation, flags, data))
 
 
 def _block_length(data: Buffer, at: int, where: str) -> int:
@@ -207,7 +207,7 @@ class Dropped:
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class WireResponse:
     """A datagram from board to host; boards leave the CRCs of their own responses 0."""
 
     tcode: int
@@ -230,7 +230,7 @@ class Response:
         return int.from_bytes(self.data[:4], "big")
 
 
-def decode_response(data: Buffer) -> Response | Dropped:
+def decode_response(data: Buffer) -> WireResponse | Dropped:
     """The response in a datagram; 8 bytes are a dropped read. Raises WireError for anything else."""
     size = len(data)
     if size == TRAILER_BYTES:
@@ -252,6 +252,6 @@ def decode_response(data: Buffer) -> Response | Dropped:
     if tcode == BLOCK_RESPONSE:
         _block(payload, "block response")
         data_crc = _QUAD.unpack_from(data, size - 12)[0]
-    return Response(tcode, q1 >> 16 & 0x3F, q0 >> 10 & 0x3F, payload, Trailer.decode(data[size - TRAILER_BYTES:]),
-                    q1 >> 12 & 0xF, q1 >> 22, q0 >> 16, q0 >> 8 & 3, q0 & 0xF, (q1 & 0xFFF) << 32 | q2,
-                    _QUAD.unpack_from(data, crc_at)[0], data_crc)
+    return WireResponse(tcode, q1 >> 16 & 0x3F, q0 >> 10 & 0x3F, payload, Trailer.decode(data[size - TRAILER_BYTES:]),
+                        q1 >> 12 & 0xF, q1 >> 22, q0 >> 16, q0 >> 8 & 3, q0 & 0xF, (q1 & 0xFFF) << 32 | q2,
+                        _QUAD.unpack_from(data, crc_at)[0], data_crc)

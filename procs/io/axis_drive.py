@@ -17,7 +17,7 @@ import numpy as np
 from procs.io.brakes import Brakes
 from procs.io.instruments import Asker
 from procs.io.pid import Pid
-from procs.io.record import Floats, Record
+from procs.io.record import Floats, IoRecord
 from procs.io.robots import Robots, Samples
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
@@ -29,7 +29,7 @@ FREE_S: Final = 1.0  # for how long an axis has the current after its brake has 
 
 
 @dataclass(slots=True)
-class Running:
+class AxisDriveRun:
     """One test; positions are those of all axes of the robot when it began."""
 
     axis: int
@@ -47,13 +47,13 @@ class Running:
 class AxisDrive:
     """Tests of all robots, one at a time on each."""
 
-    def __init__(self, robots: Robots, samples: Samples, record: Record, pid: Pid, brakes: Brakes) -> None:
+    def __init__(self, robots: Robots, samples: Samples, record: IoRecord, pid: Pid, brakes: Brakes) -> None:
         self._robots, self._samples, self._record, self._pid = robots, samples, record, pid
         self._brakes = brakes
         slides = np.array([a.joint_type == "PRISMATIC" for a in robots.actuators], dtype=bool)
         self._room = np.where(slides, ROOM_M, ROOM_RAD)
         self._most_travel = np.where(slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
-        self._running: dict[int, Running] = {}
+        self._running: dict[int, AxisDriveRun] = {}
 
     def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
         """Why it cannot be done, or ""."""
@@ -72,8 +72,8 @@ class AxisDrive:
         """Start; `release`: let its brake go, once there is current."""
         start = self._samples.position[self._robots.slices[robot]].copy()
         rise_ns = round(rise_s * 1e9)
-        self._running[robot] = Running(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
-                                       now_ns + rise_ns)
+        self._running[robot] = AxisDriveRun(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
+                                            now_ns + rise_ns)
 
     def stop(self, robot: int, why: str) -> None:
         """End it."""
@@ -88,7 +88,7 @@ class AxisDrive:
             for robot in list(self._running):
                 self._advance(robot, self._running[robot], now_ns)
 
-    def _advance(self, robot: int, test: Running, now_ns: int) -> None:
+    def _advance(self, robot: int, test: AxisDriveRun, now_ns: int) -> None:
         record, axes = self._record, self._robots.slices[robot]
         if not (record.amps_on[robot] and record.power_wanted[robot]) or record.pid_enabled[robot]:
             self.stop(robot, "power went off, or the joint controller on")
@@ -106,7 +106,7 @@ class AxisDrive:
             share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / test.travel))
             self._pid.effort[place] = share * test.current_a / self._robots.effort_to_current[place]
 
-    def _let_go(self, robot: int, test: Running, now_ns: int) -> bool:
+    def _let_go(self, robot: int, test: AxisDriveRun, now_ns: int) -> bool:
         """Let the brake go; False where that is not wanted, or has been done."""
         if not test.release or test.free:
             return False
@@ -114,14 +114,14 @@ class AxisDrive:
         test.end_ns = now_ns + round((self._brakes.release_one(robot, test.axis) + FREE_S) * 1e9)
         return True
 
-    def _finish(self, robot: int, test: Running, what: str = "") -> None:
+    def _finish(self, robot: int, test: AxisDriveRun, what: str = "") -> None:
         axes = self._robots.slices[robot]
         moved = self._samples.position[axes][test.axis] - test.start[test.axis]
         del self._running[robot]
         self._end(robot, test)
         test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
 
-    def _end(self, robot: int, test: Running) -> None:
+    def _end(self, robot: int, test: AxisDriveRun) -> None:
         self._pid.effort[self._robots.slices[robot].start + test.axis] = 0.0
         if test.free:
             self._brakes.engage(robot)

@@ -18,8 +18,8 @@ import numpy as np
 from procs import codes
 from procs.fpga import conversion, registers
 from procs.io.bus.port import Port, PortError
-from procs.io.record import Flags, Floats, Record
-from procs.io.reports import Reports
+from procs.io.record import Flags, Floats, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots, Samples
 
 SETTLE_SAMPLES: Final = 2
@@ -31,7 +31,7 @@ BEYOND: Final = 0.1  # of its range, how far outside its limits an encoder may b
 
 
 @dataclass(slots=True)
-class Collection:
+class EncoderSetting:
     """Encoders of one robot that are being set."""
 
     text: str  # what has been done in the end
@@ -48,10 +48,10 @@ class Collection:
 class Bias:
     """Biases of all robots; the record's `encoder_set` tells which encoders kept a preload from before."""
 
-    def __init__(self, robots: Robots, port: Port, samples: Samples, record: Record, reports: Reports) -> None:
+    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports) -> None:
         self._robots, self._port, self._samples, self._record = robots, port, samples, record
         self._reports = reports
-        self._running: dict[int, Collection] = {}
+        self._running: dict[int, EncoderSetting] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         for robot in range(len(robots.names)):
             record.biased[robot] = self._preset(robot)
@@ -77,10 +77,10 @@ class Bias:
         axes, record = self._robots.slices[robot], self._record
         there = self._robots.has_encoder[axes]
         if samples < 0 and self._preset(robot):
-            self._finish(robot, Collection(BIASED, there, there))
+            self._finish(robot, EncoderSetting(BIASED, there, there))
             return
-        self._running[robot] = Collection(BIASED, there & ~left_out, there, abs(samples),
-                                          np.zeros(axes.stop - axes.start))
+        self._running[robot] = EncoderSetting(BIASED, there & ~left_out, there, abs(samples),
+                                              np.zeros(axes.stop - axes.start))
         record.biasing[robot] = True
         record.biased[robot] = False
 
@@ -104,7 +104,7 @@ class Bias:
         """Make one encoder read `position`, rad or m."""
         axes = self._robots.slices[robot]
         which = np.arange(axes.stop - axes.start) == axis
-        self._running[robot] = job = Collection(f"encoder of axis {axis} set to {position:g}", which, which,
+        self._running[robot] = job = EncoderSetting(f"encoder of axis {axis} set to {position:g}", which, which,
                                                      goal=np.where(which, position, 0.0))
         self._record.biasing[robot] = True
         self._set(robot, job)
@@ -120,7 +120,7 @@ class Bias:
             for robot in list(self._running):
                 self._advance(robot, self._running[robot])
 
-    def _advance(self, robot: int, job: Collection) -> None:
+    def _advance(self, robot: int, job: EncoderSetting) -> None:
         axes = self._robots.slices[robot]
         if job.goal is None:
             job.sums += self._samples.pot_error[axes]
@@ -141,7 +141,7 @@ class Bias:
         else:
             self._fail(robot, job)
 
-    def _set(self, robot: int, job: Collection) -> None:
+    def _set(self, robot: int, job: EncoderSetting) -> None:
         """Write the preloads; a lost datagram is noticed by the look that follows."""
         job.attempts, job.settle = job.attempts + 1, SETTLE_SAMPLES
         self._record.encoder_set[self._robots.slices[robot]][job.written] = False  # until they show it
@@ -182,7 +182,7 @@ class Bias:
         except (ValueError, PortError) as error:
             self._reports.status(f"encoders could not be set to mid-range: {error}", self._robots.names[robot])
 
-    def _finish(self, robot: int, job: Collection) -> None:
+    def _finish(self, robot: int, job: EncoderSetting) -> None:
         self._running.pop(robot, None)
         record = self._record
         record.encoder_set[self._robots.slices[robot]][job.which] = True
@@ -192,7 +192,7 @@ class Bias:
             record.biased[robot] = True
         self._reports.status(job.text, self._robots.names[robot])
 
-    def _fail(self, robot: int, job: Collection) -> None:
+    def _fail(self, robot: int, job: EncoderSetting) -> None:
         self.stop(robot)
         axes = self._robots.slices[robot]
         assert job.goal is not None

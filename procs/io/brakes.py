@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.record import Floats, Record
+from procs.io.record import Floats, IoRecord
 from procs.io.robots import Robots
 
 
 class Brakes:
     """Requested currents of all brakes, in A: `current` (b,), limited like every current when they are sent."""
 
-    def __init__(self, robots: Robots, record: Record) -> None:
+    def __init__(self, robots: Robots, record: IoRecord) -> None:
         """All engaged."""
         self._record = record
         self._of_robot = [places[places >= robots.axes] - robots.axes for places in robots.of_robot]

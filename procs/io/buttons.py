@@ -9,8 +9,8 @@ import numpy as np
 from procs.debounce import NAMES, Debounce
 from procs.fpga import blocks
 from procs.io.bus.port import Port
-from procs.io.record import Record
-from procs.io.reports import Event, Reports
+from procs.io.record import IoRecord
+from procs.io.reports import IoEvent, IoReports
 from procs.io.robots import Robots
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, released, clicked
@@ -19,7 +19,7 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, releas
 class Buttons:
     """The inputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record, reports: Reports) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
         """Looks at what the port leaves in its `blocks`; its boards are discovered."""
         inputs = robots.io.digital_inputs
         row = {board: k for k, board in enumerate(robots.board_ids)}
@@ -42,5 +42,5 @@ class Buttons:
         np.not_equal(self._words, self._zero, self._set)
         for index, kind in self._debounce.poll(self._set, dt_s):
             name = self._names[index]
-            self._reports.events.append(Event("button", NAMES[kind], NAMES[kind], name, value=PAYLOADS[kind]))
+            self._reports.events.append(IoEvent("button", NAMES[kind], NAMES[kind], name, value=PAYLOADS[kind]))
         self._record.input[...] = self._debounce.value

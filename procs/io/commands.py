@@ -12,13 +12,21 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.faults import fault_of
 from procs.io.brakes import Brakes
-from procs.io.devices import AxisDrive, Bias, DigitalOutputs, Gains, Instruments, Power, Safety
-from procs.io.follow import Follow
+from procs.io.devices import (
+    AxisDriveDevice,
+    BiasDevice,
+    DigitalOutputsDevice,
+    GainsDevice,
+    InstrumentsDevice,
+    PowerDevice,
+    SafetyDevice,
+)
+from procs.io.follow import SetpointTracker
 from procs.io.pid import Pid
-from procs.io.record import Flags, Record
+from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
-from procs.io.wishes import Wishes
-from procs.requests import Origin
+from procs.io.wishes import ArmRequests
+from procs.requests import CommandOrigin
 from procs.wishes import SWITCHING
 from shm.faults import OwnCell
 
@@ -30,7 +38,7 @@ LONGEST_SUPPLY_S: Final = 60.0
 MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
 
-class Command(Protocol):
+class IoCommand(Protocol):
     """A command from the mailbox."""
 
     @property
@@ -46,7 +54,7 @@ class Command(Protocol):
         """Its numbers."""
 
     @property
-    def origin(self) -> Origin:
+    def origin(self) -> CommandOrigin:
         """The person's command that it comes from."""
 
     @property
@@ -70,13 +78,13 @@ class Refused(Exception):
     """A command that cannot be done now; the text says why."""
 
 
-class Commands:
+class IoCommands:
     """Carries out commands; power and bias answer again when they are finished."""
 
-    def __init__(self, robots: Robots, record: Record, power: Power, bias: Bias, follow: Follow, pid: Pid,
-                 safety: Safety, brakes: Brakes, outputs: DigitalOutputs, gains: Gains,
-                 instruments: Instruments, axis_drive: AxisDrive, faults: Sequence[OwnCell],
-                 wishes: Wishes) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, power: PowerDevice, bias: BiasDevice, follow: SetpointTracker,
+                 pid: Pid, safety: SafetyDevice, brakes: Brakes, outputs: DigitalOutputsDevice, gains: GainsDevice,
+                 instruments: InstrumentsDevice, axis_drive: AxisDriveDevice, faults: Sequence[OwnCell],
+                 wishes: ArmRequests) -> None:
         """`faults` of every robot: what was asked of it before the last one is void. `wishes`: what arms want."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
@@ -84,10 +92,10 @@ class Commands:
         self._axis_drive = axis_drive
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._faults, self._wishes = faults, wishes
-        self._powering: list[tuple[int, Command]] = []
-        self._biasing: list[tuple[int, Flags, Command]] = []  # robot, what shows that it has been done
+        self._powering: list[tuple[int, IoCommand]] = []
+        self._biasing: list[tuple[int, Flags, IoCommand]] = []  # robot, what shows that it has been done
         self._now_ns = 0
-        self._table: dict[str, Callable[[int, Command], None]] = {
+        self._table: dict[str, Callable[[int, IoCommand], None]] = {
             "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
             "set_encoder": self._set_encoder,
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
@@ -99,7 +107,7 @@ class Commands:
             "supply_on": self._supply_on, "drive_axis": self._drive_axis,
         }
 
-    def execute(self, commands: Iterable[Command], now_ns: int) -> None:
+    def execute(self, commands: Iterable[IoCommand], now_ns: int) -> None:
         """Carry out what came in, then what arms want; who commands a robot itself voids the wishes of its arm."""
         self._now_ns = now_ns
         for command in commands:
@@ -111,7 +119,7 @@ class Commands:
         for wish in self._wishes.due():
             self._carry_out(wish)
 
-    def _carry_out(self, command: Command) -> int:
+    def _carry_out(self, command: IoCommand) -> int:
         """Returns what it is about, -1 when it was refused."""
         try:
             action = self._table.get(command.name)
@@ -126,7 +134,7 @@ class Commands:
             return -1
         return place
 
-    def _need_person(self, robot: int, command: Command) -> None:
+    def _need_person(self, robot: int, command: IoCommand) -> None:
         origin, cell = command.origin, self._faults[robot]
         counts = origin.id and (origin.generation >= cell.void or origin.id == cell.spared)
         if command.needs_person and not counts:
@@ -159,7 +167,7 @@ class Commands:
         fault = fault_of(int(self._record.fault[robot]))
         return f"{fault.cause}; {fault.remedy}" if fault else otherwise
 
-    def _place(self, command: Command) -> int:
+    def _place(self, command: IoCommand) -> int:
         """What it is about: a robot, an output, a reader of instruments."""
         name = command.text if command.name not in WITH_MORE else command.text.partition(" ")[0]
         kind = ABOUT.get(command.name, "robot")
@@ -168,17 +176,17 @@ class Commands:
             raise Refused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
 
-    def _set_output(self, output: int, command: Command) -> None:
+    def _set_output(self, output: int, command: IoCommand) -> None:
         self._outputs.set(output, _switch(command))
         command.done()
 
-    def _set_pwm(self, output: int, command: Command) -> None:
+    def _set_pwm(self, output: int, command: IoCommand) -> None:
         reason = self._outputs.set_pwm(output, float(command.values[0]) if len(command.values) else math.nan)
         if reason:
             raise Refused(reason)
         command.done()
 
-    def _power_on(self, robot: int, command: Command) -> None:
+    def _power_on(self, robot: int, command: IoCommand) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:
             raise Refused("power-on is under way and asked for often enough")
         if not self._record.power_wanted[robot]:
@@ -187,7 +195,7 @@ class Commands:
         command.accept()
         self._powering.append((robot, command))
 
-    def _supply_on(self, robot: int, command: Command) -> None:
+    def _supply_on(self, robot: int, command: IoCommand) -> None:
         for_s = float(command.values[0]) if len(command.values) == 1 else math.nan
         if not 0.0 < for_s <= LONGEST_SUPPLY_S:
             raise Refused(f"one value is needed: for how long, above 0 up to {LONGEST_SUPPLY_S:g} s")
@@ -196,13 +204,13 @@ class Commands:
             raise Refused(reason)
         command.done()
 
-    def _power_off(self, robot: int, command: Command) -> None:
+    def _power_off(self, robot: int, command: IoCommand) -> None:
         self._axis_drive.stop(robot, "power was switched off")
         self._follow.enable(robot, False, self._now_ns)
         self._power.off(robot, bool(len(command.values) and command.values[0]))
         command.done()
 
-    def _bias_encoders(self, robot: int, command: Command) -> None:
+    def _bias_encoders(self, robot: int, command: IoCommand) -> None:
         samples = command.values[0] if len(command.values) else 0.0
         if not 1.0 <= abs(samples) <= MOST_SAMPLES:
             raise Refused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
@@ -219,7 +227,7 @@ class Commands:
         command.accept()
         self._biasing.append((robot, self._record.biased[robot : robot + 1], command))
 
-    def _set_encoder(self, robot: int, command: Command) -> None:
+    def _set_encoder(self, robot: int, command: IoCommand) -> None:
         if len(command.values) != 2 or not np.isfinite(command.values).all():
             raise Refused("two values are needed: axis, and position in rad or m")
         axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
@@ -254,7 +262,7 @@ class Commands:
         if not record.robot_valid[robot]:
             raise Refused("there is no good sample of its controllers")
 
-    def _drive_axis(self, robot: int, command: Command) -> None:
+    def _drive_axis(self, robot: int, command: IoCommand) -> None:
         record = self._record
         if len(command.values) != 5 or not np.isfinite(command.values).all() or command.values[4] not in (0.0, 1.0):
             raise Refused("five values are needed: axis, A, s, travel in rad or m, 1 to release its brake, else 0")
@@ -272,7 +280,7 @@ class Commands:
         command.accept()
         self._axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
 
-    def _brake_release(self, robot: int, command: Command) -> None:
+    def _brake_release(self, robot: int, command: IoCommand) -> None:
         self._need_brakes(robot)
         if not self._record.amps_on[robot]:
             raise Refused("its amplifiers are not on")
@@ -282,7 +290,7 @@ class Commands:
         self._brakes.release(robot)
         command.done()
 
-    def _brake_engage(self, robot: int, command: Command) -> None:
+    def _brake_engage(self, robot: int, command: IoCommand) -> None:
         self._need_brakes(robot)
         self._axis_drive.stop(robot, "the brakes were engaged")
         self._brakes.engage(robot)
@@ -292,7 +300,7 @@ class Commands:
         if not self._brakes.has(robot):
             raise Refused("it has no brakes")
 
-    def _pid_enable(self, robot: int, command: Command) -> None:
+    def _pid_enable(self, robot: int, command: IoCommand) -> None:
         record, on = self._record, _switch(command)
         if on and not record.pid_enabled[robot]:
             if not self._follow.controlled(robot):
@@ -315,7 +323,7 @@ class Commands:
             self._let_off(robot)
         command.done()
 
-    def _servo_zero(self, robot: int, command: Command) -> None:
+    def _servo_zero(self, robot: int, command: IoCommand) -> None:
         self._axis_drive.stop(robot, "servo_zero")
         self._let_off(robot)
         command.done()
@@ -325,18 +333,18 @@ class Commands:
         self._follow.enable(robot, False, self._now_ns)
         self._brakes.engage(robot)
 
-    def _enforce_limits(self, robot: int, command: Command) -> None:
+    def _enforce_limits(self, robot: int, command: IoCommand) -> None:
         reason = self._follow.enforce_limits(robot, _switch(command))
         if reason:
             raise Refused(reason)
         command.done()
 
-    def _tracking_check(self, robot: int, command: Command) -> None:
+    def _tracking_check(self, robot: int, command: IoCommand) -> None:
         self._record.tracking_check[robot] = _switch(command)
         self._pid.check_tracking(self._robots.slices[robot], _switch(command))
         command.done()
 
-    def _pot_check(self, robot: int, command: Command) -> None:
+    def _pot_check(self, robot: int, command: IoCommand) -> None:
         on = _switch(command)
         calibrating = on and self._robots.io.calibration_mode
         self._record.pot_check[robot] = on and not calibrating
@@ -344,11 +352,11 @@ class Commands:
         self._power.changed = True
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
-    def _use_velocity(self, robot: int, command: Command) -> None:
+    def _use_velocity(self, robot: int, command: IoCommand) -> None:
         self._follow.use_velocity(robot, _switch(command))
         command.done()
 
-    def _set_gains(self, robot: int, command: Command) -> None:
+    def _set_gains(self, robot: int, command: IoCommand) -> None:
         words = command.text.split()[1:]
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
@@ -360,17 +368,17 @@ class Commands:
             raise Refused(reason)
         command.done()
 
-    def _trigger_read(self, reader: int, command: Command) -> None:
+    def _trigger_read(self, reader: int, command: IoCommand) -> None:
         reason = self._instruments.begin(reader, command, self._now_ns)
         if reason:
             raise Refused(reason)
 
-    def _clear_fault(self, robot: int, command: Command) -> None:
+    def _clear_fault(self, robot: int, command: IoCommand) -> None:
         self._record.fault[robot] = 0
         command.done()
 
 
-def _switch(command: Command) -> bool:
+def _switch(command: IoCommand) -> bool:
     if len(command.values) != 1 or command.values[0] not in (0.0, 1.0):
         raise Refused("one value is needed: 1 (on) or 0 (off)")
     return bool(command.values[0])

@@ -15,30 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.system import Io, PidAxis
+from procs.document.system import IoConfig, PidAxis
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
 from procs.io.buttons import Buttons
-from procs.io.commands import Command, Commands
+from procs.io.commands import IoCommand, IoCommands
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.follow import Follow, SetpointSource
-from procs.io.gains import Gains
+from procs.io.follow import SetpointSource, SetpointTracker
+from procs.io.gains import JointGains
 from procs.io.idle_outputs import IdleOutputs
-from procs.io.instruments import Instruments
+from procs.io.instruments import InstrumentReaders
 from procs.io.outputs import Outputs
 from procs.io.pid import Pid
 from procs.io.power import Power
-from procs.io.reactions import Reactions
-from procs.io.record import Field, Flags, Record
-from procs.io.reports import Reports, also
+from procs.io.reactions import FaultHandler
+from procs.io.record import Field, Flags, IoRecord
+from procs.io.reports import IoReports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
-from procs.io.wishes import Asked, Wishes
+from procs.io.wishes import ArmRequests, WishCommand
 from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
@@ -59,18 +59,18 @@ def share_of(age_ns: int) -> float:
 class RobotIo:
     """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
 
-    def __init__(self, io: Io, port: Port, now_ns: Callable[[], int], record: Record,
+    def __init__(self, io: IoConfig, port: Port, now_ns: Callable[[], int], record: IoRecord,
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
-                 tell: Callable[[Asked, str, str], None] | None = None) -> None:
+                 tell: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
         up in the middle of this cycle. `tell` hears what became of arms' wishes. `gains` and `instruments` give the
         fields of these records; None: nobody looks.
         """
-        self.io, self.record, self.reports = io, record, Reports()
+        self.io, self.record, self.reports = io, record, IoReports()
         self._port, self._now_ns, self._is_over = port, now_ns, is_over
         self.robots = robots = Robots(io)
         if robots.board_ids != tuple(port.board_ids):
@@ -84,24 +84,24 @@ class RobotIo:
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
         self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
-        self.gains = Gains(robots, samples, self.pid, self.reports, gains)
+        self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
         self._safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports)
-        self._follow = Follow(io, robots, samples, self.pid, record, self.reports, sources)
+        self._follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self._digital_outputs = DigitalOutputs(robots, port, record)
-        self.instruments = Instruments(robots, port, self.reports, instruments)
+        self.instruments = InstrumentReaders(robots, port, self.reports, instruments)
         self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
         self._idle_outputs = IdleOutputs(robots, record, self._digital_outputs, self.reports)
         self._buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
-        wishes = Wishes(robots, record, self._follow, tell)
-        self._commands = Commands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                  self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
-                                  cells, wishes)
-        self._reactions = Reactions(robots, record, self.reports, self._follow, self._power, self._bias, self._brakes,
+        wishes = ArmRequests(robots, record, self._follow, tell)
+        self._commands = IoCommands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
+                                    self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
                                     cells, wishes)
+        self._reactions = FaultHandler(robots, record, self.reports, self._follow, self._power, self._bias,
+                                       self._brakes, cells, wishes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -129,7 +129,7 @@ class RobotIo:
         if io.close_all_relays:
             self._outputs.close_relays()
 
-    def cycle(self, commands: Iterable[Command] = ()) -> None:
+    def cycle(self, commands: Iterable[IoCommand] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
         with np.errstate(all="ignore"):
@@ -325,7 +325,7 @@ class RobotIo:
             self._power.off(robot)
 
 
-def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:
+def _gains(io: IoConfig, robots: Robots) -> list[PidAxis | None]:
     """Gains per flat axis, None where no controller is configured."""
     gains: list[PidAxis | None] = [None] * robots.axes
     for row in io.pids:

@@ -12,14 +12,14 @@ from procs.io.instruments import Asker
 from procs.io.record import Flags, Floats
 
 
-class Measured(Protocol):
+class MeasuredDevice(Protocol):
     """Where the actuators are and how fast: arrays (n,) that stay the same objects."""
 
     position: Floats
     velocity: Floats
 
 
-class Power(Protocol):
+class PowerDevice(Protocol):
     """Power of every robot."""
 
     changed: bool  # limits that depend on power must be looked at again
@@ -35,7 +35,7 @@ class Power(Protocol):
         """Power off at once."""
 
 
-class AxisDrive(Protocol):
+class AxisDriveDevice(Protocol):
     """One motor driven by itself; see `axis_drive.py`."""
 
     def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
@@ -49,7 +49,7 @@ class AxisDrive(Protocol):
         """End it."""
 
 
-class Bias(Protocol):
+class BiasDevice(Protocol):
     """Encoders that are set from potentiometers, or one by one. `left_out` (actuators of the robot,): not these."""
 
     def objection(self, robot: int, samples: int, left_out: Flags) -> str:
@@ -68,14 +68,14 @@ class Bias(Protocol):
         """Give up."""
 
 
-class Safety(Protocol):
+class SafetyDevice(Protocol):
     """Checks of the samples."""
 
     def forget_pots(self, axes: slice) -> None:
         """The potentiometer check was switched: durations start again."""
 
 
-class DigitalOutputs(Protocol):
+class DigitalOutputsDevice(Protocol):
     """Pins that can be switched."""
 
     names: tuple[str, ...]
@@ -87,14 +87,14 @@ class DigitalOutputs(Protocol):
         """A duty cycle; returns why not, or ""."""
 
 
-class Gains(Protocol):
+class GainsDevice(Protocol):
     """Gains of the joint controllers."""
 
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
         """Other values from this cycle on; returns why not, or ""."""
 
 
-class Instruments(Protocol):
+class InstrumentsDevice(Protocol):
     """Readers of the memory of instruments."""
 
     names: tuple[str, ...]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from procs.document.system import DigitalOutput
 from procs.fpga import blocks, registers
 from procs.io.bus.port import Port
-from procs.io.record import Flags, Record
+from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 
 LONGEST_COUNTS: Final = 0xFFFF
@@ -27,7 +27,7 @@ QLA_OUTPUTS: Final = 4
 class DigitalOutputs:
     """The outputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord) -> None:
         """Sets up the one-shots; the boards of `port` are discovered."""
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
         row = {board: k for k, board in enumerate(robots.board_ids)}

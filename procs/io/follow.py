@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.system import Io
-from procs.io.devices import Measured
+from procs.document.system import IoConfig
+from procs.io.devices import MeasuredDevice
 from procs.io.pid import Pid
-from procs.io.record import Field, Flags, Floats, Record
-from procs.io.reports import Reports, also
+from procs.io.record import Field, Flags, Floats, IoRecord
+from procs.io.reports import IoReports, also
 from procs.io.robots import Robots
 from procs.wishes import WISHES
 from shm.origins import Origin
@@ -68,7 +68,7 @@ class SetpointSource(Protocol):
 
 
 @dataclass(slots=True)
-class Follower:
+class TrackedRobot:
     """One controlled robot and where its set-points come from."""
 
     robot: int
@@ -86,10 +86,11 @@ class Follower:
     off: bool = False
 
 
-class Follow:
+class SetpointTracker:
     """Feeds the joint controller from the arms' rings."""
 
-    def __init__(self, io: Io, robots: Robots, samples: Measured, pid: Pid, record: Record, reports: Reports,
+    def __init__(self, io: IoConfig, robots: Robots, samples: MeasuredDevice, pid: Pid, record: IoRecord,
+                 reports: IoReports,
                  sources: Sequence[SetpointSource]) -> None:
         """`sources` in the order of `io.pids`."""
         n = robots.axes
@@ -106,7 +107,7 @@ class Follow:
         self.followers = []
         for row, source in zip(io.pids, sources, strict=True):
             robot = robots.names.index(row.robot)
-            self.followers.append(Follower(robot, robots.slices[robot], row.arm, source))
+            self.followers.append(TrackedRobot(robot, robots.slices[robot], row.arm, source))
         self._of_robot = {f.robot: f for f in self.followers}
 
     def stamp_ns(self, robot: int) -> int:
@@ -175,7 +176,7 @@ class Follow:
         if self._dirty:
             self._apply(now_ns)
 
-    def _take(self, follower: Follower) -> None:
+    def _take(self, follower: TrackedRobot) -> None:
         """A fresh record: what it asks for, if it is meant for us."""
         source, record, robot, axes = follower.source, self._record, follower.robot, follower.axes
         if record.holding[robot]:
@@ -216,7 +217,7 @@ class Follow:
         np.copyto(incoming[1, axes], 0.0, where=in_effort)
         np.copyto(incoming[2, axes], source.effort[:count], where=in_effort)
 
-    def _stale(self, follower: Follower, now_ns: int) -> None:
+    def _stale(self, follower: TrackedRobot, now_ns: int) -> None:
         """No fresh set-point: hold; say so once, and again when the arm stays away."""
         record, robot = self._record, follower.robot
         silent_ns = now_ns - follower.fresh_ns
@@ -232,7 +233,7 @@ class Follow:
             self._reports.trip(codes.ARM_LOST_POWER_OFF, robot, value=silent_ns * 1e-9,
                                limit=self._io.arm_lost_power_off_s)
 
-    def _rest(self, follower: Follower) -> None:
+    def _rest(self, follower: TrackedRobot) -> None:
         """Nothing is asked for: no velocity, and no effort without a position to hold."""
         if follower.velocity:
             self._carry_velocity(follower, False)
@@ -244,20 +245,20 @@ class Follow:
             self._pid.use_effort(follower.axes, False)
             self._stay(follower, in_effort)
 
-    def _carry_velocity(self, follower: Follower, on: bool) -> None:
+    def _carry_velocity(self, follower: TrackedRobot, on: bool) -> None:
         follower.velocity = on
         if not on:
             self._incoming[1, follower.axes] = 0.0
         self._pid.carry_velocity(follower.axes, on)
 
-    def _stay(self, follower: Follower, which: Flags) -> None:
+    def _stay(self, follower: TrackedRobot, which: Flags) -> None:
         """Hold these actuators at their measured positions, the others where they are held already."""
         axes = follower.axes
         self._incoming[0, axes] = np.where(which, self._samples.position[axes], self._pid.setpoint_position[axes])
         follower.own = self._dirty = True
         self._limit(follower)
 
-    def _limit(self, follower: Follower) -> None:
+    def _limit(self, follower: TrackedRobot) -> None:
         """Limits of one robot; a set-point of our own that lies outside them stays where it is."""
         axes, robots = follower.axes, self._robots
         free = self._pid.effort_mode[axes] | (not self._record.limits_enforced[follower.robot])

@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from typing import Final
 
 from procs.document.gains import GAINS, changed, value_of
-from procs.io.devices import Measured
+from procs.io.devices import MeasuredDevice
 from procs.io.pid import Pid
 from procs.io.record import Field, private
-from procs.io.reports import Reports
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from shm.topics import IO_GAINS
 
 ALL: Final = -1  # in place of an axis
 
 
-class Gains:
+class JointGains:
     """The gains of all axes; `record` is what everybody sees."""
 
-    def __init__(self, robots: Robots, samples: Measured, pid: Pid, reports: Reports,
+    def __init__(self, robots: Robots, samples: MeasuredDevice, pid: Pid, reports: IoReports,
                  field: Field | None = None) -> None:
         """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports

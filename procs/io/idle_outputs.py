@@ -10,8 +10,8 @@ from typing import Final
 
 from procs.io.bus.port import PortError
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.record import Record
-from procs.io.reports import Reports
+from procs.io.record import IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 
 WRITES: Final = 3  # a datagram may be lost
@@ -20,7 +20,7 @@ WRITES: Final = 3  # a datagram may be lost
 class IdleOutputs:
     """Those of one io."""
 
-    def __init__(self, robots: Robots, record: Record, outputs: DigitalOutputs, reports: Reports) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
         """`DigitalOutput.high_when_idle` names the robot."""
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         self._places = [(place, robots.names.index(row.high_when_idle))

@@ -19,7 +19,7 @@ from procs.fpga import instrument, registers
 from procs.fpga.instrument import Instrument, instrument_of
 from procs.io.bus.port import Port, PortError
 from procs.io.record import Field, private
-from procs.io.reports import Event, Reports
+from procs.io.reports import IoEvent, IoReports
 from procs.io.robots import Robots
 from shm.topics import IO_INSTRUMENTS
 
@@ -46,7 +46,7 @@ class Asker(Protocol):
 
 
 @dataclass(slots=True)
-class Reading:
+class MemoryReading:
     """One reading under way."""
 
     begun_ns: int
@@ -59,10 +59,10 @@ class Reading:
     askers: list[Asker] = field(default_factory=list)
 
 
-class Instruments:
+class InstrumentReaders:
     """The readers of one io in the order of the document; `record` is what everybody sees."""
 
-    def __init__(self, robots: Robots, port: Port, reports: Reports, field: Field | None = None) -> None:
+    def __init__(self, robots: Robots, port: Port, reports: IoReports, field: Field | None = None) -> None:
         """Nothing is read yet. `field` gives the arrays of the record by name; None: nobody looks."""
         readers = robots.io.instrument_readers
         self.names = tuple(reader.name for reader in readers)
@@ -73,7 +73,7 @@ class Instruments:
         for array in self.record.values():
             array[...] = array.dtype.type()
         self.record["reader"][...] = [name.encode() for name in self.names]
-        self.running: dict[int, Reading] = {}
+        self.running: dict[int, MemoryReading] = {}
         reports.changed.add(IO_INSTRUMENTS.name)
 
     def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
@@ -83,7 +83,7 @@ class Instruments:
             sharing = [other for other in self.running if self._boards[other] == self._boards[reader]]
             if sharing:
                 return f"its board is reading for {self.names[sharing[0]]}"
-            reading = self.running[reader] = Reading(now_ns, now_ns)
+            reading = self.running[reader] = MemoryReading(now_ns, now_ns)
             self._show(reader, READING, None, now_ns)
         elif len(reading.askers) >= MOST_WAITING:
             return "it is being read and was asked for often enough"
@@ -106,7 +106,7 @@ class Instruments:
                     reading.told_ns = 0  # told again next time
                 return
 
-    def _speak(self, reader: int, reading: Reading, now_ns: int) -> None:
+    def _speak(self, reader: int, reading: MemoryReading, now_ns: int) -> None:
         board = self._boards[reader]
         if not reading.told_ns:
             control = instrument.READ | instrument.RECORD_AT << instrument.ADDRESS_SHIFT
@@ -128,7 +128,7 @@ class Instruments:
         if reading.silent >= TIMES:
             self._end(reader, ABSENT, "no instrument answers", None, now_ns)
 
-    def _fetch(self, reader: int, reading: Reading, now_ns: int) -> None:
+    def _fetch(self, reader: int, reading: MemoryReading, now_ns: int) -> None:
         board = self._boards[reader]
         quads = self._port.peek(board, registers.DALLAS_MEMORY, instrument.CHUNK_BYTES // 4)
         if quads is None:  # the bytes are still there next time
@@ -152,7 +152,7 @@ class Instruments:
         with contextlib.suppress(PortError):
             self._port.write_quadlet(self._boards[reader], registers.DALLAS, release)
         self._show(reader, status, found, now_ns)
-        self._reports.events.append(Event("tool_type", text, status, self.names[reader]))
+        self._reports.events.append(IoEvent("tool_type", text, status, self.names[reader]))
         for asker in reading.askers:
             if found is None:
                 asker.fail(text)

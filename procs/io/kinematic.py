@@ -17,19 +17,19 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import Io, PidAxis
+from procs.document.system import IoConfig, PidAxis
 from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
-from procs.io.commands import Command, Commands
-from procs.io.follow import Follow, SetpointSource
-from procs.io.gains import Gains
+from procs.io.commands import IoCommand, IoCommands
+from procs.io.follow import SetpointSource, SetpointTracker
+from procs.io.gains import JointGains
 from procs.io.instruments import Asker
 from procs.io.pid import Pid
-from procs.io.reactions import Reactions
-from procs.io.record import Field, Flags, Floats, Record
-from procs.io.reports import Reports
+from procs.io.reactions import FaultHandler
+from procs.io.record import Field, Flags, Floats, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
-from procs.io.wishes import Asked, Wishes
+from procs.io.wishes import ArmRequests, WishCommand
 from shm.faults import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves
@@ -38,7 +38,7 @@ MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothin
 class PlayedPower:
     """Power of robots that need none: a flag, and the joint controller with it."""
 
-    def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, pid: Pid) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker, pid: Pid) -> None:
         self._robots, self._record, self._reports = robots, record, reports
         self._follow, self._pid = follow, pid
         self.changed = False
@@ -133,7 +133,7 @@ class NoOutputs:
 class Here:
     """Where the actuators are and how fast: in the record itself."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: IoRecord) -> None:
         self.position: Floats = record.position
         self.velocity: Floats = record.velocity
 
@@ -141,14 +141,14 @@ class Here:
 class KinematicIo:
     """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
 
-    def __init__(self, io: Io, now_ns: Callable[[], int], record: Record, sources: Sequence[SetpointSource], *,
+    def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[SetpointSource], *,
                  gains: Field | None = None, cells: Sequence[OwnCell] = (),
-                 tell: Callable[[Asked, str, str], None] | None = None) -> None:
+                 tell: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`, `cells` of `io.robots`; `tell` hears what became of arms' wishes.
 
         The robots are where a predecessor left them in `record`.
         """
-        self.io, self.record, self.reports = io, record, Reports()
+        self.io, self.record, self.reports = io, record, IoReports()
         self._now_ns = now_ns
         self.robots = robots = Robots(io)
         before = np.where(np.isfinite(record.position), record.position, 0.0)
@@ -159,16 +159,16 @@ class KinematicIo:
         self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
-        self.gains = Gains(robots, here, self.pid, self.reports, gains)
-        self._follow = Follow(io, robots, here, self.pid, record, self.reports, sources)
+        self.gains = JointGains(robots, here, self.pid, self.reports, gains)
+        self._follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
         power, bias, brakes = (PlayedPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
-        wishes = Wishes(robots, record, self._follow, tell)
-        self._commands = Commands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes, NoOutputs(),
-                                  NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
-        self._reactions = Reactions(robots, record, self.reports, self._follow, power, bias, brakes, cells,
-                                    wishes)
+        wishes = ArmRequests(robots, record, self._follow, tell)
+        self._commands = IoCommands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes,
+                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
+        self._reactions = FaultHandler(robots, record, self.reports, self._follow, power, bias, brakes, cells,
+                                       wishes)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)
@@ -179,7 +179,7 @@ class KinematicIo:
         for name in robots.names:
             self.reports.status("KINEMATIC: no boards and no motors, it goes where its set-points are", name)
 
-    def cycle(self, commands: Iterable[Command] = ()) -> None:
+    def cycle(self, commands: Iterable[IoCommand] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports
@@ -221,14 +221,14 @@ class KinematicIo:
             self._power.off(robot)
 
 
-def _gains(io: Io, robots: Robots) -> list[PidAxis | None]:
+def _gains(io: IoConfig, robots: Robots) -> list[PidAxis | None]:
     """Gains per flat axis, None where nobody sends set-points: the same rows as for robots on boards."""
     driven = {row.robot: row.axes for row in io.pids}
     return [axis for name, axes in zip(robots.names, robots.slices, strict=True)
             for axis in driven.get(name, (None,) * (axes.stop - axes.start))]
 
 
-def _show_what_is_not_there(record: Record) -> None:
+def _show_what_is_not_there(record: IoRecord) -> None:
     """Nothing is made up: what nobody measures is NaN."""
     record.simulated[...] = record.biased[...] = record.encoder_set[...] = True
     for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,

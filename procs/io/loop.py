@@ -5,20 +5,20 @@ from __future__ import annotations
 import contextlib
 
 from procs import runtime
-from procs.document.system import Io
+from procs.document.system import IoConfig
 from procs.io.bus import owner
 from procs.io.bus.bus_port import BusPort
 from procs.io.bus.ports import port_of
 from procs.io.cycle import RobotIo
 from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
-from procs.io.record import Record
-from procs.io.reports import Event
+from procs.io.record import IoRecord
+from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from shm.events import ERROR, STATUS, WARNING
 from shm.faults import NoFaults, robot_component
-from shm.nap import Nap
+from shm.nap import Wakeup
 from shm.ring import RingReader
 
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
@@ -42,10 +42,10 @@ class RingSource:
         return self._ring.stamp_ns
 
 
-class Loop(runtime.Loop):
+class IoLoop(runtime.Loop):
     """One bus: its port, its robots, who sends them set-points, and who is told."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         io = me.document.io(me.name)
         robots = Robots(io)
@@ -58,7 +58,7 @@ class Loop(runtime.Loop):
         self._consoles = [me.rouses(row.name) for row in me.document.consoles if row.is_wired_to(me.name)]
         self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
-        now_ns, record, gains = me.clock.now_ns, Record(self._out.field), self._others["gains"].field
+        now_ns, record, gains = me.clock.now_ns, IoRecord(self._out.field), self._others["gains"].field
         tell = self._mailbox.audit.write if self._mailbox.audit is not None else None
         self._core: RobotIo | KinematicIo
         if port is None:
@@ -68,7 +68,7 @@ class Loop(runtime.Loop):
                                  instruments=self._others["instruments"].field, cells=cells, is_over=me.is_over,
                                  tell=tell)
 
-    def _take_port(self, io: Io, robots: Robots) -> BusPort:
+    def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""
         me = self.me
         port = port_of(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
@@ -97,10 +97,10 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run until asked to stop; outputs are zero on every path out."""
-    runtime.run("io", Loop)
+    runtime.run("io", IoLoop)
 
 
-def _tell(me: runtime.Me, events: list[Event], consoles: list[Nap]) -> None:
+def _tell(me: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
     for event in events:
         me.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
                        component=event.component, axis=event.axis, value=event.value, limit=event.limit,

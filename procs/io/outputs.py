@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from procs.fpga import conversion, registers
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
-from procs.io.record import Flags, Floats, Record
+from procs.io.record import Flags, Floats, IoRecord
 from procs.io.robots import Robots
 
 ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
@@ -24,7 +24,7 @@ PLAIN = registers.DAC_VALID
 class Outputs:
     """Fills `port.out` from efforts (n,) and the brakes' currents (b,)."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record, brakes: Brakes) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, brakes: Brakes) -> None:
         n = robots.drives
         self._robots, self._record, self._brakes = robots, record, brakes.current
         self._of_actuators = record.current_request[: robots.axes]

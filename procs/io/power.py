@@ -22,8 +22,8 @@ from procs.fpga import blocks, registers
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
 from procs.io.outputs import Outputs
-from procs.io.record import Flags, Record
-from procs.io.reports import Reports, also
+from procs.io.record import Flags, IoRecord
+from procs.io.reports import IoReports, also
 from procs.io.robots import Robots, Samples
 
 OFF: Final = "OFF"
@@ -57,7 +57,7 @@ class Supply:
 class Power:
     """Power state machines of all robots; works only when a status changed or a time ran out."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record, outputs: Outputs, reports: Reports,
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, outputs: Outputs, reports: IoReports,
                  samples: Samples, brakes: Brakes) -> None:
         """Looks at the status words that the port leaves in its `blocks`; its boards are discovered."""
         self._brakes = brakes

@@ -7,12 +7,12 @@ from typing import Final
 
 from procs import codes, wording
 from procs.io.brakes import Brakes
-from procs.io.devices import Bias, Power
-from procs.io.follow import Follow
-from procs.io.record import Record
-from procs.io.reports import Event, Reports, Trip
+from procs.io.devices import BiasDevice, PowerDevice
+from procs.io.follow import SetpointTracker
+from procs.io.record import IoRecord
+from procs.io.reports import IoEvent, IoFaultReport, IoReports
 from procs.io.robots import Robots
-from procs.io.wishes import Wishes
+from procs.io.wishes import ArmRequests
 from shm.events import SEVERITIES
 from shm.faults import OwnCell
 
@@ -20,11 +20,12 @@ POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
 """Not faults of a robot that has power: whoever asked for it may try once more."""
 
 
-class Reactions:
+class FaultHandler:
     """All trips of `reports`, one after the other; what they bring about is added to them."""
 
-    def __init__(self, robots: Robots, record: Record, reports: Reports, follow: Follow, power: Power, bias: Bias,
-                 brakes: Brakes, cells: Sequence[OwnCell], wishes: Wishes) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker,
+                 power: PowerDevice, bias: BiasDevice,
+                 brakes: Brakes, cells: Sequence[OwnCell], wishes: ArmRequests) -> None:
         """`cells` of every robot, which say since when commands count."""
         self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
         self._power, self._bias, self._brakes, self._cells = power, bias, brakes, cells
@@ -60,7 +61,7 @@ class Reactions:
                     if record.power_wanted[other]:
                         self._reports.trip(codes.SHARED_BOARD, other)
 
-    def _tell(self, trip: Trip) -> None:
+    def _tell(self, trip: IoFaultReport) -> None:
         fault, robots, name = trip.fault, self._robots, self._robots.names[trip.robot]
         axis, boards, unit = "", trip.boards, fault.unit
         if trip.axis >= 0:
@@ -69,6 +70,6 @@ class Reactions:
             unit = robots.unit(drive) if unit == codes.JOINT else unit
         text = wording.sentence(wording.place(name, axis, boards), fault.cause,
                                 wording.figures(fault, trip.value, trip.limit, unit), trip.detail)
-        self._reports.events.append(Event(
+        self._reports.events.append(IoEvent(
             SEVERITIES[fault.severity], text, fault.code, name, trip.axis, trip.value, trip.limit,
             boards[0] if boards else -1, fault.remedy))

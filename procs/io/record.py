@@ -22,7 +22,7 @@ def private(topic: Topic, dims: Mapping[str, int]) -> Field:
     return lambda name: memory[name].reshape(memory[name].shape[1:])
 
 
-class Record:
+class IoRecord:
     """Every field of the record under its own name; scalars have shape ()."""
 
     def __init__(self, field: Field) -> None:
@@ -84,7 +84,7 @@ class Record:
         self._all = [field(f.name) for f in IO_STATE.fields]
 
     @classmethod
-    def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0, outputs: int = 0) -> Record:
+    def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0, outputs: int = 0) -> IoRecord:
         """A record nobody else sees, all zero."""
         dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs, "outputs": outputs}
         return cls(private(IO_STATE, dims))

@@ -13,7 +13,7 @@ from procs.codes import Code
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class IoEvent:
     """One event for the event ring; `kind` is status, warning, error, button or tool_type."""
 
     kind: str
@@ -28,7 +28,7 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Trip:
+class IoFaultReport:
     """One fault found in this cycle: robot and axis by place (axis within the robot, -1: none).
 
     `boards` are those to blame where that is not the axis's alone.
@@ -49,18 +49,18 @@ def also(bad: NDArray[np.bool_]) -> str:
     return f"also axis {', '.join(map(str, more))}" if more else ""
 
 
-class Reports:
+class IoReports:
     """Events wait for the loop, which empties the list after it has published; trips wait for the end of the checks."""
 
     def __init__(self) -> None:
-        self.events: list[Event] = []
-        self.trips: list[Trip] = []
+        self.events: list[IoEvent] = []
+        self.trips: list[IoFaultReport] = []
         self.changed: set[str] = set()
         """Topics besides `state` whose record changed: the loop publishes them, and empties the set."""
 
     def status(self, text: str, component: str = "", axis: int = -1) -> None:
         """Something a person may like to know."""
-        self.events.append(Event("status", text, component=component, axis=axis))
+        self.events.append(IoEvent("status", text, component=component, axis=axis))
 
     def warn(self, fault: Code, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
              boards: tuple[int, ...] = ()) -> None:
@@ -69,9 +69,9 @@ class Reports:
         text = wording.sentence(wording.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
                                 measured)
         board = boards[0] if boards else -1
-        self.events.append(Event("warning", text, fault.code, component, -1, value, limit, board, fault.remedy))
+        self.events.append(IoEvent("warning", text, fault.code, component, -1, value, limit, board, fault.remedy))
 
     def trip(self, fault: Code, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
              detail: str = "", boards: tuple[int, ...] = ()) -> None:
         """A fault of the table; what it switches off is off before anything is written."""
-        self.trips.append(Trip(fault, robot, axis, value, limit, detail, boards))
+        self.trips.append(IoFaultReport(fault, robot, axis, value, limit, detail, boards))

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import wording
-from procs.document.system import Actuator, Brake, Encoder, Io, Linear
+from procs.document.system import Actuator, Brake, Encoder, IoConfig, Linear
 from procs.fpga import blocks, conversion, lookup, registers
 from procs.fpga.blocks import Columns
 from procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
 from procs.io.bus.port import Port
-from procs.io.record import Flags, Floats, Record
+from procs.io.record import Flags, Floats, IoRecord
 
 Places: TypeAlias = NDArray[np.intp]
 
@@ -42,7 +42,7 @@ NO_ENCODER: Final = Encoder(Linear(), 0.0, 0.0, "FIRMWARE")
 class Robots:
     """Constants of all robots of an io; robot and board masks say who shares what."""
 
-    def __init__(self, io: Io) -> None:
+    def __init__(self, io: IoConfig) -> None:
         """From the document."""
         self.io = io
         self.names = tuple(robot.name for robot in io.robots)
@@ -108,7 +108,7 @@ class Robots:
 class Samples:
     """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views on it."""
 
-    def __init__(self, robots: Robots, port: Port, record: Record) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord) -> None:
         """Decodes what the port leaves in its `blocks`; its boards are discovered."""
         n, hardware = robots.axes, np.array(port.hardware)[robots.board_row]
         self._robots, self._record, self._flat = robots, record, port.blocks.reshape(-1)

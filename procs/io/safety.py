@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.fpga import conversion
-from procs.io.record import Flags, Floats, Record
-from procs.io.reports import Reports, also
+from procs.io.record import Flags, Floats, IoRecord
+from procs.io.reports import IoReports, also
 from procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
 
 CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
@@ -31,7 +31,7 @@ WARM_REPEAT_NS: Final = 120_000_000_000
 class Safety:
     """Limits as one (5 or 6, drives) array beside the measured rows; amplifiers, power and switches change them."""
 
-    def __init__(self, robots: Robots, samples: Samples, record: Record, reports: Reports) -> None:
+    def __init__(self, robots: Robots, samples: Samples, record: IoRecord, reports: IoReports) -> None:
         n, drives = robots.axes, robots.drives
         self._robots, self._samples, self._record, self._reports = robots, samples, record, reports
         self._values = samples.values[:CHECKED]

@@ -14,8 +14,8 @@ import numpy as np
 
 from procs.io.bus.port import PortError
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.record import Flags, Record
-from procs.io.reports import Reports
+from procs.io.record import Flags, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 
 BUTTONS: Final = ("SUJ_clutch", "SUJ_clutch_2")
@@ -38,7 +38,7 @@ class SetupBrake:
 class SetupBrakes:
     """Those of all arms of one io."""
 
-    def __init__(self, robots: Robots, record: Record, outputs: DigitalOutputs, reports: Reports) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         buttons = [i.name for i in robots.io.digital_inputs]
         self._brakes = []

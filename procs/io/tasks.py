@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.codes import Code
 from procs.document import system as document
-from procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
+from procs.document.tasks import Task, TaskMaker, TaskRobot, TaskSample
 from procs.io.pid import Pid
-from procs.io.record import Flags, Floats, Record
-from procs.io.reports import Reports
+from procs.io.record import Flags, Floats, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots, Samples
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
@@ -49,7 +49,7 @@ class Attached:
     robot: int
     name: str
     task: Task
-    sample: Sample
+    sample: TaskSample
     effort: Floats  # the task's own view on its row: it may even be reshaped
     row: Floats
     budget_ns: int
@@ -64,7 +64,8 @@ class Attached:
 class Tasks:
     """All tasks of an io. There is none of these where no task is configured."""
 
-    def __init__(self, io: document.Io, robots: Robots, samples: Samples, record: Record, pid: Pid, reports: Reports,
+    def __init__(self, io: document.IoConfig, robots: Robots, samples: Samples, record: IoRecord, pid: Pid,
+                 reports: IoReports,
                  now_ns: Callable[[], int]) -> None:
         """Load the modules and make the tasks; TaskError when one cannot be had."""
         self._record, self._reports, self._now_ns = record, reports, now_ns
@@ -154,16 +155,16 @@ class Tasks:
         self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}")
 
 
-def _sample(axes: slice, samples: Samples, record: Record) -> Sample:
+def _sample(axes: slice, samples: Samples, record: IoRecord) -> TaskSample:
     """The robot's part of io's own arrays, behind views that cannot be written."""
-    return Sample(
+    return TaskSample(
         _read_only(samples.position[axes]), _read_only(samples.velocity[axes]), _read_only(samples.current[axes]),
         _read_only(record.setpoint_position[axes]), _read_only(record.setpoint_velocity[axes]),
         _read_only(record.setpoint_effort[axes]), _read_only(record.effort_mode[axes]),
         _read_only(record.at_limit[axes]))
 
 
-def _robot(io: document.Io, row: document.TaskRow, robot: int, robots: Robots) -> TaskRobot:
+def _robot(io: document.IoConfig, row: document.TaskRow, robot: int, robots: Robots) -> TaskRobot:
     name, axes = robots.names[robot], robots.slices[robot]
     gains = next((each.axes for each in io.pids if each.robot == name), ())
     return TaskRobot(

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from procs import codes
-from procs.io.record import Record
-from procs.io.reports import Reports
+from procs.io.record import IoRecord
+from procs.io.reports import IoReports
 
 INTERVAL_NS: Final = 1_000_000_000
 START_NS: Final = 10_000_000_000  # nothing is judged before
@@ -20,7 +20,7 @@ REPEAT_NS: Final = 120_000_000_000  # of the warning
 class Timing:
     """Means over a second; robots that are powered are stopped when the loop is far too slow to control them."""
 
-    def __init__(self, name: str, period_s: float, record: Record, reports: Reports, now_ns: int) -> None:
+    def __init__(self, name: str, period_s: float, record: IoRecord, reports: IoReports, now_ns: int) -> None:
         self._name, self._period_s, self._record, self._reports = name, period_s, record, reports
         self._start_ns = self._since_ns = now_ns
         self._warned_ns = now_ns - REPEAT_NS

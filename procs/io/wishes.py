@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.follow import Follow, Follower
-from procs.io.record import Record
+from procs.io.follow import SetpointTracker, TrackedRobot
+from procs.io.record import IoRecord
 from procs.io.robots import Robots
 from procs.wishes import NONE, OFF, ON, WISHES, Order
-from shm.commands import COMMANDS, Command
+from shm.commands import COMMANDS, CommandRow
 from shm.layout import shorten
 from shm.origins import Origin
 
@@ -27,7 +27,7 @@ ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 
 
 @dataclass(slots=True)
-class State:
+class WishState:
     """How far io is with the wishes of one robot."""
 
     taken: int = 0  # the newest generation
@@ -36,14 +36,14 @@ class State:
     refusals: list[str] = field(default_factory=list)  # of this cycle
 
 
-class Asked:
+class WishCommand:
     """One wish, as a command of the arm; `Commands` carries it out."""
 
     pid = place = 0
 
-    def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: State,
-                 tell: Callable[[Asked, str, str], None]) -> None:
-        self.command: Command = ROWS[order[0]]
+    def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: WishState,
+                 tell: Callable[[WishCommand, str, str], None]) -> None:
+        self.command: CommandRow = ROWS[order[0]]
         self.name, self.values = order[0], np.array(order[1])
         self.text, self.id, self.origin = robot, generation, origin
         self._state, self._tell = state, tell
@@ -77,16 +77,16 @@ class Asked:
             self._tell(self, outcome, reason)
 
 
-class Wishes:
+class ArmRequests:
     """The wishes of all arms of an io."""
 
-    def __init__(self, robots: Robots, record: Record, follow: Follow,
-                 tell: Callable[[Asked, str, str], None] | None) -> None:
+    def __init__(self, robots: Robots, record: IoRecord, follow: SetpointTracker,
+                 tell: Callable[[WishCommand, str, str], None] | None) -> None:
         """`tell` hears what became of each, once."""
         self._robots, self._record, self._follow = robots, record, follow
         self._tell = tell or (lambda asked, outcome, reason: None)
         self._flags: list[NDArray[Any]] = [getattr(record, wish.shown) for wish in WISHES]
-        self._states = [State() for _ in robots.names]
+        self._states = [WishState() for _ in robots.names]
         self._cut = record.wish_refused.dtype.itemsize
 
     def void(self, robot: int, reason: str = "") -> None:
@@ -99,7 +99,7 @@ class Wishes:
         record.wish_void[robot] = True
         record.wish_refused[robot] = shorten(reason, self._cut)
 
-    def due(self) -> Iterator[Asked]:
+    def due(self) -> Iterator[WishCommand]:
         """What is wanted and not so, as commands, to be carried out one by one."""
         for follower in self._follow.followers:
             if follower.is_fresh:
@@ -113,7 +113,7 @@ class Wishes:
             record.wish_generation[robot], record.wish_void[robot], record.wish_refused[robot] = generation, False, b""
             state.taken, state.open, state.told = generation, True, set()
 
-    def _open(self, follower: Follower) -> Iterator[Asked]:
+    def _open(self, follower: TrackedRobot) -> Iterator[WishCommand]:
         robot, fields, record = follower.robot, follower.source.wishes, self._record
         state, origin = self._states[robot], fields.origin
         state.refusals.clear()
@@ -123,7 +123,7 @@ class Wishes:
             order = wish.on if wanted == ON else wish.off if wanted == OFF else ("", ())
             if wanted == NONE or not order[0] or bool(flag[robot]) is (wanted == ON):
                 continue
-            yield Asked(self._robots.names[robot], order, state.taken, origin, state, self._tell)
+            yield WishCommand(self._robots.names[robot], order, state.taken, origin, state, self._tell)
             state.open |= bool(flag[robot]) is not (wanted == ON)
         refused = shorten("; ".join(dict.fromkeys(state.refusals)), self._cut)
         if refused != record.wish_refused[robot]:

@@ -11,14 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Link
+from procs.document.system import DhLink
 
 Array = NDArray[np.float64]
 
 QUARTER_TURN_AS_WRITTEN = 1.5708  # in alpha only, this spelling means a right angle
 
 
-def split_row(convention: str, link: Link) -> tuple[Array, Array]:
+def split_row(convention: str, link: DhLink) -> tuple[Array, Array]:
     """(before, after): the link's transform is before · joint motion about or along z · after, each (4, 4)."""
     alpha = math.copysign(math.pi / 2, link.alpha) if abs(link.alpha) == QUARTER_TURN_AS_WRITTEN else link.alpha
     prismatic = link.joint_type == "prismatic"

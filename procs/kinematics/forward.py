@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, Link, Tool
+from procs.document.system import Chain, DhLink, Tool
 from procs.kinematics.denavit import split_row
 from procs.kinematics.poses import renormalised
 
@@ -107,7 +107,7 @@ class Kinematics:
         return self.spatial
 
 
-def _model(chain: Chain, links: tuple[Link, ...], tip: Array) -> tuple[pinocchio.Model, tuple[int, ...]]:
+def _model(chain: Chain, links: tuple[DhLink, ...], tip: Array) -> tuple[pinocchio.Model, tuple[int, ...]]:
     """The pinocchio model and the ids of its frames: base, after each link, tip."""
     model = pinocchio.Model()
     before_next = np.array(chain.base) if chain.base is not None else np.eye(4)

@@ -7,17 +7,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.cart import SetupArm
+from procs.document.cart import CartArm
 
 Array = NDArray[np.float64]
 
 RAMP_A_S: Final = 8.0
 
 
-class Brakes:
+class SetupArmBrakes:
     """`current` (n,) is what is asked of the brakes of each set-up arm, A; they hold where `engaged`."""
 
-    def __init__(self, arms: tuple[SetupArm, ...]) -> None:
+    def __init__(self, arms: tuple[CartArm, ...]) -> None:
         """All engaged, without current."""
         release = np.array([arm.release_current for arm in arms])
         self._sign = np.where(release < 0.0, -1.0, 1.0)  # files have the ramp's sizes; the wiring may turn them

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.document.cart import Cart
 from procs.requests import Reports
-from procs.suj.brakes import Brakes
+from procs.suj.brakes import SetupArmBrakes
 from procs.suj.interface_board import InterfaceBoard
-from procs.suj.machine import State
+from procs.suj.machine import SetupState
 from procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
-from procs.suj.pots import CLASSIC_LIMITS, Readings
+from procs.suj.pots import CLASSIC_LIMITS, PotReadings
 from procs.suj.setups import Array, Fields, Setups
 
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
@@ -40,9 +40,9 @@ class Classic:
         n = len(cart.arms)
         self._name, self._arms, self._setups, self._board = cart.name, cart.arms, setups, board
         self._reports, self._fault_text = reports, fault_text
-        self._brakes = Brakes(cart.arms)
+        self._brakes = SetupArmBrakes(cart.arms)
         self._multiplexer = multiplexer or Multiplexer()
-        self._readings = Readings(setups, CLASSIC_LIMITS, reports)
+        self._readings = PotReadings(setups, CLASSIC_LIMITS, reports)
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
@@ -125,12 +125,12 @@ class Classic:
 
     # -- a cycle -------------------------------------------------------------------------------------------------------
 
-    def step(self, now_ns: int, state: State) -> None:
+    def step(self, now_ns: int, state: SetupState) -> None:
         """Samples in, currents out."""
         dt_s, self._before_ns = min(now_ns - (self._before_ns or now_ns), 20_000_000) * 1e-9, now_ns
         if not self._board.look(self._sample):
             self._multiplexer.skip()
-        enabled = state is State.ENABLED
+        enabled = state is SetupState.ENABLED
         velocity = self._velocity(now_ns) if enabled else 0.0
         self._clutch(now_ns)
         if enabled:

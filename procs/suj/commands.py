@@ -10,7 +10,7 @@ import numpy as np
 from procs.document.cart import FIXED, Cart
 from procs.kinematics.poses import PoseError, matrix_from_pose, normalised
 from procs.requests import Request
-from procs.suj.machine import Machine, State
+from procs.suj.machine import SetupState, SetupStates
 from procs.suj.setups import Setups
 
 FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
@@ -34,10 +34,10 @@ class Lifting(Movable, Protocol):
         """Move it."""
 
 
-class Commands:
+class SetupCommands:
     """One method per row of the `suj` command table."""
 
-    def __init__(self, cart: Cart, setups: Setups, machine: Machine, movable: Movable | None,
+    def __init__(self, cart: Cart, setups: Setups, machine: SetupStates, movable: Movable | None,
                  lifting: Lifting | None, refer: Callable[[int], None]) -> None:
         """`refer(place)` makes a set-up arm the reference; None: nobody can move them, there is no lift."""
         self._cart, self._setups, self._machine = cart, setups, machine
@@ -96,7 +96,7 @@ class Commands:
         place, on = self._place(request), bool(self._one(request, 0.0, 1.0))
         if self._movable is None:
             raise Refused("nobody can move these set-up arms, so there is nothing to clutch")
-        if on and self._machine.state is not State.ENABLED:
+        if on and self._machine.state is not SetupState.ENABLED:
             raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
         self._movable.clutch(place, on, self._now_ns)
 
@@ -104,6 +104,6 @@ class Commands:
         velocity = self._one(request, -1.0, 1.0)
         if self._lifting is None or not any(arm.lifts for arm in self._cart.arms):
             raise Refused("there is no lift")
-        if velocity and self._machine.state is not State.ENABLED:
+        if velocity and self._machine.state is not SetupState.ENABLED:
             raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
         self._lifting.lift(velocity, self._now_ns)

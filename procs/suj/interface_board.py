@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procs.codes import ARM_LOST, ERROR, FAULTS
 from procs.document.cart import channel_inputs
-from procs.document.system import Io
+from procs.document.system import IoConfig
 from procs.suj.multiplexer import PLUGS
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
@@ -38,7 +38,7 @@ class IoRecords(Protocol):
         """A view on a field."""
 
 
-class Orders(Protocol):
+class BoardMailbox(Protocol):
     """io's mailbox."""
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
@@ -51,7 +51,7 @@ class InterfaceBoard:
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: Io, robot: str, records: IoRecords, orders: Orders) -> None:
+    def __init__(self, io: IoConfig, robot: str, records: IoRecords, orders: BoardMailbox) -> None:
         """`robot` is the cart's in `io`."""
         self.robot, self._records, self._orders = robot, records, orders
         places = [r.name for r in io.robots]

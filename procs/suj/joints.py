@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from procs.document.cart import Cart
-from procs.requests import Origin, Reports, Request
+from procs.requests import CommandOrigin, Reports, Request
 from procs.suj.classic import Classic
-from procs.suj.commands import Commands
+from procs.suj.commands import SetupCommands
 from procs.suj.frames import Frames
-from procs.suj.machine import Machine, NoPower, State
+from procs.suj.machine import NoPower, SetupState, SetupStates
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Fields, Setups
 from procs.suj.si import Si
@@ -27,7 +27,7 @@ class SetupJoints:
 
     def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Reports,
                  tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
-                 on_behalf: Callable[[Origin], None] | None = None) -> None:
+                 on_behalf: Callable[[CommandOrigin], None] | None = None) -> None:
         """`field` gives the arrays of the record, which may still hold what a predecessor wrote.
 
         `source` measures where the arms are, None: nobody does; `tips` are those of the carried arms, None: none there.
@@ -38,8 +38,8 @@ class SetupJoints:
         self._classic = classic
         self._frames = Frames(setups, field)
         self._faults, self._on_behalf, self._asked_by = faults or NoFaults(), on_behalf, 0
-        self.machine = Machine(cart.name, reports, classic or NoPower(), self._enter)
-        self._commands = Commands(cart, setups, self.machine, source, classic, self._refer)
+        self.machine = SetupStates(cart.name, reports, classic or NoPower(), self._enter)
+        self._commands = SetupCommands(cart, setups, self.machine, source, classic, self._refer)
         self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
                                                       "is_busy", "simulated", "reference_arm", "reason")}
         self._before = _text(self._shown["sub_state"].item())
@@ -84,19 +84,19 @@ class SetupJoints:
         """Go on where a predecessor was, as soon as io's record says how things are."""
         self._begun_ns = self._begun_ns or now_ns
         before, classic = self._before, self._classic
-        if classic is None or before == State.DISABLED:
+        if classic is None or before == SetupState.DISABLED:
             self._before = ""
-            known = State(before) if before in State.__members__ else State.DISABLED
+            known = SetupState(before) if before in SetupState.__members__ else SetupState.DISABLED
             self.machine.begin(known, self._was_homed, now_ns)
         elif classic.has_io or now_ns - self._begun_ns > PATIENCE_NS:
             self._before = ""
             classic.go_on()
-            if before != State.FAULT and classic.is_powered and classic.is_on():
-                self.machine.begin(State.ENABLED, self._was_homed, now_ns)
+            if before != SetupState.FAULT and classic.is_powered and classic.is_on():
+                self.machine.begin(SetupState.ENABLED, self._was_homed, now_ns)
                 return
-            self.machine.begin(State.FAULT, False, now_ns)
-            reason = "there was a fault before" if before == State.FAULT else "power was lost while it was away"
-            if before != State.FAULT and classic.is_powered:
+            self.machine.begin(SetupState.FAULT, False, now_ns)
+            reason = "there was a fault before" if before == SetupState.FAULT else "power was lost while it was away"
+            if before != SetupState.FAULT and classic.is_powered:
                 reason = "it was not all on yet, and nobody asks for the rest now"
             self.machine.reason = f"the process was restarted; {reason}"
 
@@ -107,10 +107,10 @@ class SetupJoints:
             self._on_behalf(request.origin)
         return request
 
-    def _enter(self, state: State) -> None:
-        if state is State.FAULT:
+    def _enter(self, state: SetupState) -> None:
+        if state is SetupState.FAULT:
             self._faults.fault()
-        elif state is State.DISABLED:
+        elif state is SetupState.DISABLED:
             self._faults.switched_off(self._asked_by)
 
     def _refer(self, place: int) -> None:

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from procs import codes, runtime
 from procs.document.cart import CLASSIC, SI, Cart
 from procs.faults import reported
-from procs.requests import Origin
+from procs.requests import CommandOrigin
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
 from procs.suj.setups import Setups
-from procs.suj.si import EmulatedBoards, Link, Si
+from procs.suj.si import EmulatedBoards, PotLink, Si
 from shm.client import LoopClient
 
 BEHIND_IO_NS: Final = 120_000
@@ -27,11 +27,11 @@ BEHIND_IO_NS: Final = 120_000
 class IoMailbox:
     """io's mailbox: what is refused is told, once in a row."""
 
-    def __init__(self, client: LoopClient, me: runtime.Me) -> None:
+    def __init__(self, client: LoopClient, me: runtime.Node) -> None:
         """`client` is our place in it."""
         self._client, self._me, self._told = client, me, ""
 
-    def on_behalf(self, origin: Origin) -> None:
+    def on_behalf(self, origin: CommandOrigin) -> None:
         """What is sent from now on comes from this command of a person."""
         self._client.on_behalf(origin)
 
@@ -47,7 +47,7 @@ class IoMailbox:
                 self._me.events.report(codes.IO_REFUSED, f"{self._me.name}: io refuses: {reply.text}", self._me.name)
 
 
-def clutches(me: runtime.Me, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
+def clutches(me: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
     """Whether a clutch button of an Si set-up arm is pressed: they are buttons of the arms they carry."""
     pressed = np.zeros(len(cart.arms), dtype=bool)
     found = []
@@ -70,7 +70,7 @@ def clutches(me: runtime.Me, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
     return look
 
 
-def tips(me: runtime.Me, cart: Cart) -> list[CarriedTip | None]:
+def tips(me: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
     """The arms of the system that the set-up arms carry."""
     running = {row.name for row in me.document.processes}
     return [CarriedTip(arm.carries, me.reads(arm.carries, "state")) if arm.carries in running else None
@@ -82,15 +82,15 @@ def fault_text(number: int) -> str:
     return reported(number).words
 
 
-class Loop(runtime.Loop):
+class SetupLoop(runtime.Loop):
     """One patient cart with its rings and mailboxes."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         cart = me.document.cart(me.name)
         self._state, self._setpoint = me.writes("state"), me.writes("setpoint")
         self._orders: IoMailbox | None = None
-        self._link: Link | None = None
+        self._link: PotLink | None = None
         self._written: NDArray[Any] | None = None
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
@@ -122,7 +122,7 @@ class Loop(runtime.Loop):
             self._link.close()
 
 
-def link_of(cart: Cart) -> Link:
+def link_of(cart: Cart) -> PotLink:
     """The potentiometer boards of an Si cart, real or played."""
     return EmulatedBoards(cart) if cart.emulated else BluetoothBoards(
         [cart.base_board, *(arm.board for arm in cart.arms)])
@@ -130,7 +130,7 @@ def link_of(cart: Cart) -> Link:
 
 def main() -> None:
     """Run one patient cart until asked to stop; its brakes then hold."""
-    runtime.run("suj", Loop)
+    runtime.run("suj", SetupLoop)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from procs import codes
 from procs.requests import Reports, Request
 
 
-class State(StrEnum):
+class SetupState(StrEnum):
     """Internal states; the names are published as sub-state."""
 
     DISABLED = "DISABLED"
@@ -21,10 +21,10 @@ class State(StrEnum):
 
 ENABLE, DISABLE, HOME, UNHOME = "enable", "disable", "home", "unhome"
 WORDS: Final = (ENABLE, DISABLE, HOME, UNHOME)
-PUBLISHED: Final = {State.POWERING: "DISABLED"}  # the others under their own names
+PUBLISHED: Final = {SetupState.POWERING: "DISABLED"}  # the others under their own names
 
 
-class Power(Protocol):
+class SetupPower(Protocol):
     """What the brakes and the lift get their current from."""
 
     def on(self, now_ns: int) -> None:
@@ -58,12 +58,12 @@ class NoPower:
         return ""
 
 
-class Machine:
+class SetupStates:
     """Current and desired state; `enter` is told of each change."""
 
-    def __init__(self, name: str, reports: Reports, power: Power, enter: Callable[[State], None]) -> None:
+    def __init__(self, name: str, reports: Reports, power: SetupPower, enter: Callable[[SetupState], None]) -> None:
         """DISABLED; `power` is looked at in each step."""
-        self.name, self.state, self.desired = name, State.DISABLED, State.DISABLED
+        self.name, self.state, self.desired = name, SetupState.DISABLED, SetupState.DISABLED
         self._reports, self._power, self._enter = reports, power, enter
         self._homed, self._is_beginning = False, False
         self._now_ns = 0
@@ -73,21 +73,21 @@ class Machine:
     @property
     def is_homed(self) -> bool:
         """Homed, and enabled."""
-        return self._homed and self.state is State.ENABLED
+        return self._homed and self.state is SetupState.ENABLED
 
     @property
     def is_busy(self) -> bool:
         """A transition is under way."""
-        return self.state is State.POWERING
+        return self.state is SetupState.POWERING
 
     @property
     def published(self) -> str:
         """The state as clients see it."""
         return PUBLISHED.get(self.state, str(self.state))
 
-    def begin(self, state: State, homed: bool, now_ns: int) -> None:
+    def begin(self, state: SetupState, homed: bool, now_ns: int) -> None:
         """Begin in `state`: where a predecessor was, or DISABLED. Power is left as it is."""
-        self.desired = State.ENABLED if state is State.POWERING else state
+        self.desired = SetupState.ENABLED if state is SetupState.POWERING else state
         self._homed, self._now_ns = homed, now_ns
         self._is_beginning = True
         self._set(state)
@@ -110,26 +110,26 @@ class Machine:
         self._pending = request
         self._homed = {HOME: True, UNHOME: False, DISABLE: False}.get(word, self._homed)
         if word == DISABLE:
-            self.desired = State.DISABLED
-            self._set(State.DISABLED)
+            self.desired = SetupState.DISABLED
+            self._set(SetupState.DISABLED)
         elif word in (ENABLE, HOME):
-            self.desired = State.ENABLED
-            if self.state is State.FAULT:
-                self._set(State.DISABLED)
-            if self.state is State.DISABLED:
-                self._set(State.POWERING)
+            self.desired = SetupState.ENABLED
+            if self.state is SetupState.FAULT:
+                self._set(SetupState.DISABLED)
+            if self.state is SetupState.DISABLED:
+                self._set(SetupState.POWERING)
         self.publish()
         self.step(now_ns)
 
     def step(self, now_ns: int) -> None:
         """Look at the power, go on, and answer what has come to its end."""
         self._now_ns = now_ns
-        if self.state in (State.POWERING, State.ENABLED):
-            trouble = self._power.trouble(now_ns, powering=self.state is State.POWERING)
+        if self.state in (SetupState.POWERING, SetupState.ENABLED):
+            trouble = self._power.trouble(now_ns, powering=self.state is SetupState.POWERING)
             if trouble:
                 self.fault(trouble)
-            elif self.state is State.POWERING and self._power.is_on():
-                self._set(State.ENABLED)
+            elif self.state is SetupState.POWERING and self._power.is_on():
+                self._set(SetupState.ENABLED)
         if self._pending is not None and not self.is_busy:
             self._pending.done(str(self.state))
             self._pending = None
@@ -137,16 +137,16 @@ class Machine:
     @property
     def waits(self) -> str:
         """In FAULT why, else what is waited for; empty: nothing."""
-        if self.state is State.FAULT:
+        if self.state is SetupState.FAULT:
             return self.reason
-        return "motor power and amplifiers" if self.state is State.POWERING else ""
+        return "motor power and amplifiers" if self.state is SetupState.POWERING else ""
 
     def fault(self, reason: str) -> None:
         """Something went wrong: say it, and let the brakes hold."""
         self.reason = reason
         self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
-        self.desired, self._homed = State.FAULT, False
-        self._set(State.FAULT)
+        self.desired, self._homed = SetupState.FAULT, False
+        self._set(SetupState.FAULT)
         self._answer(reason)
 
     def publish(self) -> None:
@@ -158,11 +158,11 @@ class Machine:
             self._pending.fail(reason)
             self._pending = None
 
-    def _set(self, state: State) -> None:
+    def _set(self, state: SetupState) -> None:
         self.state = state
-        if state is State.POWERING:
+        if state is SetupState.POWERING:
             self._power.on(self._now_ns)
-        elif state is not State.ENABLED and not self._is_beginning:
+        elif state is not SetupState.ENABLED and not self._is_beginning:
             self._power.off()
         self._enter(state)
         self._reports.status(f"{self.name}: {state}", self.name)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.cart import SetupArm
+from procs.document.cart import CartArm
 from procs.requests import Reports
 from procs.suj.setups import Setups
 
@@ -21,7 +21,7 @@ SI_LIMITS: Final = (0.003, np.radians(2.0))
 class Potentiometers:
     """Those of one set-up arm."""
 
-    def __init__(self, arm: SetupArm, limits: tuple[float, float]) -> None:
+    def __init__(self, arm: CartArm, limits: tuple[float, float]) -> None:
         """`limits`: how far the two of a joint may be apart, prismatic and turning."""
         self._scale = np.array([[row[0] for row in pots] for pots in (arm.primary, arm.secondary)])
         self._offset = np.array([[row[1] for row in pots] for pots in (arm.primary, arm.secondary)])
@@ -51,7 +51,7 @@ class Potentiometers:
         return values[0], values[1]
 
 
-class Readings:
+class PotReadings:
     """Readings of set-up arms at rest, and what is told of them."""
 
     def __init__(self, setups: Setups, limits: tuple[float, float], reports: Reports) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.cart import Cart, SetupArm
+from procs.document.cart import Cart, CartArm
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import matrix_from_pose, normalised, pose_from_matrix
 
@@ -104,7 +104,7 @@ class Setups:
         self.valid[place] = True
         self.changes += 1
 
-    def _pose(self, arm: SetupArm, place: int, joints: Array) -> Array:
+    def _pose(self, arm: CartArm, place: int, joints: Array) -> Array:
         """world · FK(q) · tip; joints without potentiometers stand at 0."""
         kinematics = self._kinematics[place]
         if kinematics is None or arm.world is None or arm.tip is None:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.document.cart import Cart
 from procs.requests import Reports
-from procs.suj.machine import State
-from procs.suj.pots import SI_LIMITS, Potentiometers, Readings
+from procs.suj.machine import SetupState
+from procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
 from procs.suj.setups import Array, Fields, Setups
 
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
@@ -27,7 +27,7 @@ CLUTCH_COMMAND_NS: Final = 60_000_000_000
 MOST_POTS: Final = 8
 
 
-class Link(Protocol):
+class PotLink(Protocol):
     """Potentiometer boards."""
 
     def poll(self, now_ns: int) -> Iterable[tuple[str, bytes]]:
@@ -55,14 +55,14 @@ def counts(reading: bytes) -> Array:
 class Si:
     """What an Si cart does in each cycle."""
 
-    def __init__(self, cart: Cart, setups: Setups, link: Link, reports: Reports, field: Fields,
+    def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Reports, field: Fields,
                  pressed: Callable[[int], NDArray[np.bool_]]) -> None:
         """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed."""
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
             cart.name, cart.arms, cart.base_board.upper(), setups, link)
         self._reports, self._pressed, self._clutched = reports, pressed, setups.clutched
-        self._readings = Readings(setups, SI_LIMITS, reports)
+        self._readings = PotReadings(setups, SI_LIMITS, reports)
         self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
         self._of_base: Array | None = None
         self._base_ns = self._begun_ns = 0
@@ -77,7 +77,7 @@ class Si:
         """Somebody moves this arm, for a minute at most; its brakes are its own."""
         self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
 
-    def step(self, now_ns: int, state: State) -> None:
+    def step(self, now_ns: int, state: SetupState) -> None:
         """Buttons and readings."""
         self._begun_ns = self._begun_ns or now_ns
         self._clutch(now_ns)

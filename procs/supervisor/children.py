@@ -13,7 +13,7 @@ from procs import lifecycle
 from procs.document.system import Process
 from procs.manifest import proc
 from shm.clock import monotonic_ns
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 
 ROOT = Path(__file__).resolve().parents[2]
 HEALTHY_NS = 10_000_000_000
@@ -25,7 +25,7 @@ class Child:
 
     system: str
     row: Process
-    pulse: Pulse
+    pulse: ControlPage
     log: Path
     state: str = lifecycle.STOPPED
     popen: subprocess.Popen[bytes] | None = None
@@ -130,7 +130,7 @@ class Child:
         return True
 
 
-def _in_words(code: int, pulse: Pulse) -> str:
+def _in_words(code: int, pulse: ControlPage) -> str:
     if code < 0:
         try:
             return f"killed by {signal.Signals(-code).name}"

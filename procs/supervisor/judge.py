@@ -20,7 +20,7 @@ LATE, HUNG, RESUMED = "late", "hung", "resumed"
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class JudgedProcess:
     """One process that is to be judged in this beat: what it shows, and what is allowed, ns.
 
     `core_ns` says how long it has had a core so far if it wants one (cores.IDLE: it wants none): only such time counts
@@ -66,7 +66,7 @@ class Judge:
         for name in names:
             self._silences.pop(name, None)
 
-    def beat(self, now_ns: int, members: Iterable[Member]) -> Iterator[Verdict]:
+    def beat(self, now_ns: int, members: Iterable[JudgedProcess]) -> Iterator[Verdict]:
         """One beat, at real time `now_ns`; who is not among the members is forgotten."""
         passed_ns = 0 if self._last_ns is None else now_ns - self._last_ns
         self._last_ns, known, self._silences = now_ns, self._silences, {}
@@ -89,7 +89,7 @@ def _is_quiet(silence: _Silence | None) -> bool:
     return silence is not None and silence.quiet_beats >= WAITING_BEATS
 
 
-def _counted(member: Member, silence: _Silence, passed_ns: int) -> int:
+def _counted(member: JudgedProcess, silence: _Silence, passed_ns: int) -> int:
     """How much of the time since the last beat counts."""
     if member.core_ns is None:
         return passed_ns
@@ -99,7 +99,7 @@ def _counted(member: Member, silence: _Silence, passed_ns: int) -> int:
     return 0 if before == IDLE else min(passed_ns, silence.core_ns - before)
 
 
-def _judged(now_ns: int, member: Member, silence: _Silence) -> Iterator[Verdict]:
+def _judged(now_ns: int, member: JudgedProcess, silence: _Silence) -> Iterator[Verdict]:
     silent_s = silence.silent_ns * 1e-9
     if silence.silent_ns > member.late_ns:
         if not silence.reported and now_ns >= silence.calm_at_ns:

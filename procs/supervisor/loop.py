@@ -19,14 +19,14 @@ from types import FrameType
 from procs import codes, lifecycle
 from procs.config import load_system
 from procs.config.read.paths import log_folder
-from procs.document.system import LOCKSTEP, PACED, WALL, Process, System
+from procs.document.system import LOCKSTEP, PACED, WALL, Process, SystemConfig
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.realtime import realtime
 from procs.rights import lacking
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.cores import core_time_ns
-from procs.supervisor.judge import HUNG, LATE, Judge, Member
+from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.udp_holders import holders
 from shm import directory, loglines
 from shm.audit import Audit
@@ -35,7 +35,7 @@ from shm.events import Events
 from shm.layout import shorten
 from shm.lockstep import Timekeeper
 from shm.mailbox import Mailbox
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.ring import RingWriter
 from shm.segment import Make, SegmentError
 
@@ -55,7 +55,7 @@ class SetupFailed(Exception):
 class Supervisor:
     """One running system."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: SystemConfig) -> None:
         """Make all shared memory; SegmentError when the name is taken or memory is full."""
         self.system = system
         memory.trust(system.service_user)
@@ -86,7 +86,7 @@ class Supervisor:
     def _begin(self, folder: Path, make: Make) -> None:
         """Take our places in the memory that is there now."""
         system = self.system
-        self.pulse = Pulse(system.name, "supervisor", write=True)
+        self.pulse = ControlPage(system.name, "supervisor", write=True)
         self.pulse.segment.claim("supervisor")
         self.pulse.field("pid")[...] = os.getpid()
         highest = max((p.priority for p in system.processes), default=0)
@@ -108,7 +108,7 @@ class Supervisor:
         path = folder / f"{row.name}.log"
         if path.exists():
             path.replace(path.with_suffix(".previous.log"))
-        return Child(self.system.name, row, Pulse(self.system.name, row.name, write=True), path)
+        return Child(self.system.name, row, ControlPage(self.system.name, row.name, write=True), path)
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -228,7 +228,7 @@ class Supervisor:
                 log.info("%s resumes after %.2f s", name, seconds)
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
-    def _members(self) -> Iterator[Member]:
+    def _members(self) -> Iterator[JudgedProcess]:
         """Who is to be judged: all that run. In simulated time nobody is late, and who has to wait does not hang."""
         keeper = self.keeper
         for child in self.children:
@@ -236,10 +236,10 @@ class Supervisor:
                 continue
             name, mark, hung_ns = child.row.name, int(child.pulse.get("heartbeat_ns")), hung_s(child.row) * 1e9
             if keeper is None:
-                yield Member(name, mark, late_s(child.row) * 1e9, hung_ns)
+                yield JudgedProcess(name, mark, late_s(child.row) * 1e9, hung_ns)
             else:
                 server = keeper.table.server if name in keeper.table.asking else ""
-                yield Member(name, mark, math.inf, hung_ns, partial(core_time_ns, child.pid), server)
+                yield JudgedProcess(name, mark, math.inf, hung_ns, partial(core_time_ns, child.pid), server)
 
     def _show(self) -> None:
         for i, child in enumerate(self.children):
@@ -315,7 +315,7 @@ def free_address(system: str) -> Callable[[int], str]:
 
 
 @contextlib.contextmanager
-def supervised(system: System) -> Iterator[Supervisor]:
+def supervised(system: SystemConfig) -> Iterator[Supervisor]:
     """A supervisor that removes its shared memory on every path."""
     asked: list[str] = []
     made: list[Supervisor] = []
@@ -370,7 +370,7 @@ def main() -> None:
     sys.exit(_run(loaded.system, chosen.seconds))
 
 
-def _run(system: System, seconds: float | None) -> int:
+def _run(system: SystemConfig, seconds: float | None) -> int:
     for note in system.notes:
         log.info("%s", note)
     log.info("clock: %s", CLOCKS[system.clock])

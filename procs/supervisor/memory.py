@@ -9,7 +9,7 @@ import os
 import socket
 from typing import Final
 
-from procs.document.system import PACED, WALL, Process, System, to_json
+from procs.document.system import PACED, WALL, Process, SystemConfig, to_json
 from procs.manifest import THIRD_PARTY, proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -122,20 +122,20 @@ def trust(service_user: str) -> None:
         os.environ[SERVICE_USER] = service_user
 
 
-def needed(system: System) -> int:
+def needed(system: SystemConfig) -> int:
     """Bytes of shared memory the system takes."""
     total = directory.create_document(system.name, len(to_json(system)), size_of) + _create_rest(system, size_of)
     return total + (0 if system.clock == WALL else create_clock(system.name, simulated(system), size_of))
 
 
-def simulated(system: System) -> Table:
+def simulated(system: SystemConfig) -> Table:
     """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
     members = [row.name for row in system.processes if row.kind not in THIRD_PARTY]
     return Table(tuple(members), next((row.name for row in proc("boards").instances(system)), ""),
                  tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
 
-def create_all(system: System, make: Make = create) -> int:
+def create_all(system: SystemConfig, make: Make = create) -> int:
     """Make every segment of the system but the clock; returns the total size in bytes. On error nothing is left.
 
     SegmentFull when there is no room; what is obviously too much is not even begun.
@@ -161,19 +161,19 @@ def _no_room(name: str, total: int, free: int) -> str:
             f"(as root: mount -o remount,size={larger}M {FOLDER})")
 
 
-def _create_rest(system: System, make: Make) -> int:
+def _create_rest(system: SystemConfig, make: Make) -> int:
     total = create_control(system.name, "supervisor", make) + create_faults(system.name, components(system), make)
     supervisor = Process("supervisor", "supervisor", proc("supervisor").period_s)
     return total + sum(_create_instance(system, process, make) for process in (supervisor, *system.processes))
 
 
-def components(system: System) -> list[str]:
+def components(system: SystemConfig) -> list[str]:
     """Whose faults are counted: arms and setup joints, and the robots of every io."""
     arms = [row.name for rows in (system.arms, system.carts) for row in rows]
     return arms + [robot_component(io.name, robot.name) for io in system.ios for robot in io.robots]
 
 
-def _create_instance(system: System, process: Process, make: Make) -> int:
+def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
     total, row = 0, proc(process.kind)
     if process.name != "supervisor":
         total += create_control(system.name, process.name, make)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.requests import Origin
-from procs.runtime import Me
+from procs.requests import CommandOrigin
+from procs.runtime import Node
 from shm.client import LoopClient
 from shm.ring import RingReader
 
@@ -38,7 +38,7 @@ class ArmOnRing:
         self.refusals += [reply.text for reply in self._client.poll()
                           if reply.id == self._asked and reply.outcome in ("refused", "failed")]
 
-    def ask(self, word: str, origin: Origin) -> bool:
+    def ask(self, word: str, origin: CommandOrigin) -> bool:
         """A state_command, on behalf of whoever asked for it; false: it does not take any."""
         self.refusals.clear()
         self._client.on_behalf(origin)
@@ -46,7 +46,7 @@ class ArmOnRing:
         return bool(self._asked)
 
 
-def arms_of(me: Me) -> Sequence[ArmOnRing]:
+def arms_of(me: Node) -> Sequence[ArmOnRing]:
     """All of the system, in the order in which they start."""
     return [ArmOnRing(row.name, me.reads(row.name, "state"), me.commands(row.name))
             for rows in (me.document.arms, me.document.carts) for row in rows]

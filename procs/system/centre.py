@@ -12,7 +12,7 @@ AT_MOST: Final = 32  # events of one process a cycle; the rest in the next
 KINDS: Final = {STATUS: "status", WARNING: "warning", ERROR: "error"}
 
 
-class Ring(Protocol):
+class EventRing(Protocol):
     """The events of one process."""
 
     def field(self, name: str) -> Any:
@@ -22,10 +22,10 @@ class Ring(Protocol):
         """Take the next record."""
 
 
-class Source:
+class MessageSource:
     """One process whose messages are repeated."""
 
-    def __init__(self, name: str, ring: Ring) -> None:
+    def __init__(self, name: str, ring: EventRing) -> None:
         """From the next event on."""
         self.name, self.ring = name, ring
         names = ("severity", "code", "axis", "board", "value", "limit", "text", "hint")
@@ -43,10 +43,10 @@ class Source:
         return severity
 
 
-class Centre:
+class MessageHub:
     """All of them."""
 
-    def __init__(self, sources: Sequence[Source], events: Events, beep: Callable[[], None]) -> None:
+    def __init__(self, sources: Sequence[MessageSource], events: Events, beep: Callable[[], None]) -> None:
         """`beep` is called for errors, every two seconds at most."""
         self._sources, self._events, self._beep = sources, events, beep
         self._quiet_until_ns = 0

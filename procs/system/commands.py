@@ -7,7 +7,7 @@ from typing import Final
 
 from procs import codes
 from procs.requests import Request
-from procs.system.climb import HOME, POWER_OFF, POWER_ON, Arm, Climb
+from procs.system.climb import HOME, POWER_OFF, POWER_ON, ArmStatus, BringUp
 from procs.system.sound import Sound
 from shm.client import LoopClient
 from shm.events import Events
@@ -22,15 +22,15 @@ class Refused(Exception):
     """A command that cannot be done; the text says why."""
 
 
-class Commands:
+class SystemCommands:
     """One method per row of the `system` command table."""
 
-    def __init__(self, arms: Sequence[Arm], consoles: Sequence[LoopClient], events: Events, sound: Sound,
+    def __init__(self, arms: Sequence[ArmStatus], consoles: Sequence[LoopClient], events: Events, sound: Sound,
                  volume: float) -> None:
         """`consoles` are the mailboxes of all consoles."""
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
         self.volume, self.beeps = volume, 0
-        self.climb: Climb | None = None
+        self.climb: BringUp | None = None
         self._asked: Request | None = None
         self._now_ns = 0
         self._table: dict[str, Callable[[Request], None]] = {
@@ -71,7 +71,7 @@ class Commands:
                 console.poll()
         self._events.status(f"system: {request.name}", "system")
         request.accept()
-        self.climb, self._asked = Climb(request.name, self._arms, self._now_ns, request.origin), request
+        self.climb, self._asked = BringUp(request.name, self._arms, self._now_ns, request.origin), request
 
     def _end(self, problems: str) -> None:
         climb, request = self.climb, self._asked

@@ -4,36 +4,36 @@ from __future__ import annotations
 
 from procs import codes, runtime
 from procs.system.arms import arms_of
-from procs.system.centre import Centre, Source
-from procs.system.commands import Commands
-from procs.system.record import Record
+from procs.system.centre import MessageHub, MessageSource
+from procs.system.commands import SystemCommands
+from procs.system.record import SystemRecord
 from procs.system.sound import Sound
 from shm.clock import monotonic_ns
 from shm.faults import NoFaults
 
 
-def sources(me: runtime.Me) -> list[Source]:
+def sources(me: runtime.Node) -> list[MessageSource]:
     """The events of all others, the supervisor's too, from now on."""
     found = []
     for name in ("supervisor", *(row.name for row in me.document.processes)):
         if name != me.name:
             ring = me.reads(name, "events")
             ring.newest()
-            found.append(Source(name, ring))
+            found.append(MessageSource(name, ring))
     return found
 
 
-class Loop(runtime.Loop):
+class SystemLoop(runtime.Loop):
     """The whole system, as one process sees it."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         self._state, self._arms, self._sound = me.writes("state"), arms_of(me), Sound()
         consoles = [me.commands(row.name) for row in me.document.consoles]
-        self._commands = Commands(self._arms, consoles, me.events, self._sound, me.document.audio_volume)
-        self._centre = Centre(sources(me), me.events, self._commands.beep)
-        self._record = Record(self._state.field, self._arms, me.events, self._sound,
-                              calibration_mode=any(io.calibration_mode for io in me.document.ios))
+        self._commands = SystemCommands(self._arms, consoles, me.events, self._sound, me.document.audio_volume)
+        self._centre = MessageHub(sources(me), me.events, self._commands.beep)
+        self._record = SystemRecord(self._state.field, self._arms, me.events, self._sound,
+                                    calibration_mode=any(io.calibration_mode for io in me.document.ios))
         if self._sound.lacks:
             me.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", me.name)
         self._mailbox = me.mailbox(NoFaults())  # arms themselves know what their faults make void
@@ -63,7 +63,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run until asked to stop; arms stay as they are."""
-    runtime.run("system", Loop)
+    runtime.run("system", SystemLoop)
 
 
 if __name__ == "__main__":

@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from procs.system.arms import ENABLED, FAULT
-from procs.system.centre import Centre
-from procs.system.climb import Arm
-from procs.system.commands import Commands
+from procs.system.centre import MessageHub
+from procs.system.climb import ArmStatus
+from procs.system.commands import SystemCommands
 from procs.system.sound import Sound
 from shm.events import Events
 from shm.layout import shorten
 
 
-class Record:
+class SystemRecord:
     """Views on the fields of our own record."""
 
-    def __init__(self, field: Callable[[str], Any], arms: Sequence[Arm], events: Events, sound: Sound, *,
+    def __init__(self, field: Callable[[str], Any], arms: Sequence[ArmStatus], events: Events, sound: Sound, *,
                  calibration_mode: bool) -> None:
         """What never changes is filled in here."""
         self._arms, self._events = arms, events
@@ -29,7 +29,7 @@ class Record:
         field("arm")[...] = [arm.name.encode() for arm in arms]
         field("sound")[...] = shorten(sound.name, field("sound").dtype.itemsize)
 
-    def fill(self, commands: Commands, centre: Centre) -> None:
+    def fill(self, commands: SystemCommands, centre: MessageHub) -> None:
         """How things are now."""
         fields, climb = self._fields, commands.climb
         for place, arm in enumerate(self._arms):
@@ -43,7 +43,7 @@ class Record:
         waiting = climb.waiting if climb is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
-    def _tell(self, place: int, arm: Arm) -> None:
+    def _tell(self, place: int, arm: ArmStatus) -> None:
         """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""
         state = ENABLED if arm.state == ENABLED and arm.is_homed else FAULT if arm.state == FAULT else ""
         state = state if arm.is_fresh else ""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from procs.codes import INVERSE_KINEMATICS
 from procs.kinematics.poses import angle_between
-from procs.requests import Answer, Origin, Sender
+from procs.requests import Answer, CommandOrigin, Sender
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
@@ -32,7 +32,7 @@ BASE_STEP_M: Final = 0.005
 BASE_STEP_RAD: Final = 0.1
 
 
-class Ring(Protocol):
+class RecordRing(Protocol):
     """The reading end of a ring; see shm/ring.py."""
 
     @property
@@ -53,7 +53,7 @@ class Ring(Protocol):
         """Copy the next record in order; False: there is none."""
 
 
-class Arm:
+class TeleopArm:
     """One arm. `look` once a cycle; what it says holds until the next one.
 
     `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
@@ -66,7 +66,7 @@ class Arm:
     """Its records come in time with ours."""
     fault = doubt = ""
 
-    def __init__(self, name: str, ring: Ring, events: Ring, sender: Sender) -> None:
+    def __init__(self, name: str, ring: RecordRing, events: RecordRing, sender: Sender) -> None:
         self.name, self._ring, self._events, self._sender = name, ring, events, sender
         field = ring.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
@@ -206,7 +206,7 @@ class Arm:
 
     # what is asked
 
-    def on_behalf(self, origin: Origin) -> None:
+    def on_behalf(self, origin: CommandOrigin) -> None:
         """What it is asked for from now on comes from this command of a person."""
         self._sender.on_behalf(origin)
 
@@ -262,7 +262,7 @@ class BaseFrame:
 
     doubt = ""
 
-    def __init__(self, name: str, ring: Ring, setup: int | None = None) -> None:
+    def __init__(self, name: str, ring: RecordRing, setup: int | None = None) -> None:
         """`setup`: the place of the set-up arm, if `ring` is that of set-up joints."""
         self.name, self._ring = name, ring
         self._measured = ring.field("measured_cp")

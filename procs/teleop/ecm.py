@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.consoles import TeleopEcm as Settings
+from procs.document.consoles import TeleopEcmConfig as Settings
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.requests import Request
-from procs.teleop.arms import Arm
+from procs.teleop.arms import TeleopArm
 from procs.teleop.camera import Camera, outside
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Events, Row, State, Teleop, positive
+from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive
 from shm.faults import Cell
 
 Array = NDArray[np.float64]
@@ -33,8 +33,8 @@ class TeleopEcm(Teleop):
     lives.
     """
 
-    def __init__(self, settings: Settings, left: Arm, right: Arm, slave: Arm, operator: Operator,
-                 record: TeleopRecord, events: Events, *, faults: Cell) -> None:
+    def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
+                 record: TeleopRecord, events: TeleopEvents, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
@@ -50,9 +50,9 @@ class TeleopEcm(Teleop):
         field("mtm_is_haptic")[...] = True
         super().__init__(settings.name, (left, right, slave), operator, record, events, faults)
 
-    def commands(self) -> Mapping[str, Row]:
+    def commands(self) -> Mapping[str, TeleopCommandRow]:
         """See Teleop."""
-        return {"set_scale": Row(self._set_scale, 1)}
+        return {"set_scale": TeleopCommandRow(self._set_scale, 1)}
 
     def set_up(self) -> None:
         """See Teleop."""
@@ -64,13 +64,13 @@ class TeleopEcm(Teleop):
             if reason:
                 self.stop(codes.MASTER_OUTSIDE, reason, master.name)
                 return
-        self.go(State.ENABLED)
+        self.go(TeleopState.ENABLED)
 
-    def enter(self, state: State) -> None:
+    def enter(self, state: TeleopState) -> None:
         """See Teleop."""
-        if state is State.ENABLED:
+        if state is TeleopState.ENABLED:
             self._begin_following()
-        elif state is State.DISABLED:
+        elif state is TeleopState.DISABLED:
             for master in self.masters:
                 self._calm(master)
                 master.hold()
@@ -113,7 +113,7 @@ class TeleopEcm(Teleop):
         self._turned[...] = self.camera.goal
         self._let_go_ns = self.now_ns
 
-    def _calm(self, master: Arm) -> None:
+    def _calm(self, master: TeleopArm) -> None:
         """No more forces, in axes of the tip from now on, as others expect them."""
         master.let_go()
         if master.is_ready and not master.is_silent:
@@ -124,7 +124,7 @@ class TeleopEcm(Teleop):
         settled = self.now_ns - self._let_go_ns > LET_GO_NS
         again = self._was_refused and not self.slave.refuses_goals
         if again or (settled and (left.is_held or right.is_held)):
-            self.go(State.SETTING)  # somebody else had one hold meanwhile: begin anew from here
+            self.go(TeleopState.SETTING)  # somebody else had one hold meanwhile: begin anew from here
             return
         if self.slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from procs import runtime
-from procs.document.system import TeleopPsm as PsmRow
-from procs.teleop.arms import Arm, BaseFrame
+from procs.document.system import TeleopPsmConfig as PsmRow
+from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.ecm import TeleopEcm
-from procs.teleop.outside import Outsider
+from procs.teleop.outside import ThirdPartyArm
 from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
@@ -23,14 +23,14 @@ BEHIND_MASTER_NS: Final = 360_000
 IDLE_PERIODS: Final = 10  # while DISABLED it looks around a hundred times a second, and when it is asked for something
 
 
-def jaw_range(me: runtime.Me, psm: str) -> JawRange:
+def jaw_range(me: runtime.Node, psm: str) -> JawRange:
     """The jaws of the instruments that the arm may carry."""
     arms = [arm for arm in me.document.arms if arm.name == psm]  # none: a program of somebody else
     tools = [tool for arm in arms for tool in (*arm.tools, arm.tool) if tool is not None]
     return {tool.name: (tool.jaw.lower, tool.jaw.upper) for tool in tools}.get
 
 
-def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
+def base_frame(me: runtime.Node, row: PsmRow) -> BaseFrame | None:
     """What carries the slave, if the file says so: an arm, or a set-up arm of set-up joints."""
     name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
@@ -41,14 +41,14 @@ def base_frame(me: runtime.Me, row: PsmRow) -> BaseFrame | None:
     return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
 
 
-def build(me: runtime.Me, record: RingWriter, faults: Cell) -> Teleop:
+def build(me: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
     """The tele-operation of this process, on `record`; `faults` of its arms."""
     row = me.document.teleop(me.name)
     there = row.console in {process.name for process in me.document.processes}
     operator = Operator(row.console, me.reads(row.console, "state") if there else None)
 
-    def arm(name: str) -> Arm:
-        make = Outsider if any(row.name == name for row in me.document.externals) else Arm
+    def arm(name: str) -> TeleopArm:
+        make = ThirdPartyArm if any(row.name == name for row in me.document.externals) else TeleopArm
         return make(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
 
     if isinstance(row, PsmRow):
@@ -59,10 +59,10 @@ def build(me: runtime.Me, record: RingWriter, faults: Cell) -> Teleop:
     return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events, faults=faults)
 
 
-class Loop(runtime.Loop):
+class TeleopLoop(runtime.Loop):
     """One tele-operation with its rings and mailbox."""
 
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         self._state = me.writes("state")
         row = me.document.teleop(me.name)
@@ -95,7 +95,7 @@ class Loop(runtime.Loop):
 
 def main() -> None:
     """Run one tele-operation until asked to stop; its slave then holds."""
-    runtime.run("teleop", Loop)
+    runtime.run("teleop", TeleopLoop)
 
 
 if __name__ == "__main__":

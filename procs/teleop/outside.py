@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from procs.requests import Sender
-from procs.teleop.arms import SILENT_NS, Arm, Array, Fields, Ring
+from procs.teleop.arms import SILENT_NS, Array, Fields, RecordRing, TeleopArm
 
 # A hand goes slower than this, a tracker that lost its way is faster. What a step may have on top lets devices of
 # coarse resolution and records that were held up through.
@@ -21,7 +21,7 @@ STEADY_NS: Final = 500_000_000  # so long without a fault until it is believed a
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 
 
-class Outsider(Arm):
+class ThirdPartyArm(TeleopArm):
     """The same as an arm, and `doubt`: why its pose is not believed now.
 
     A pose that cannot be reached from the one before is a fault, and so is a twist too fast, a number that is none or a
@@ -30,7 +30,7 @@ class Outsider(Arm):
 
     sets_pace = False  # its records come when it likes
 
-    def __init__(self, name: str, ring: Ring, events: Ring, sender: Sender) -> None:
+    def __init__(self, name: str, ring: RecordRing, events: RecordRing, sender: Sender) -> None:
         super().__init__(name, ring, events, sender)
         self._shown = ring.field("measured_cp"), ring.field("setpoint_cp"), ring.field("measured_cv")
         self._last = np.zeros(7)
@@ -49,11 +49,11 @@ class Outsider(Arm):
 
     @property
     def has_jaw(self) -> bool:
-        """See Arm."""
+        """See TeleopArm."""
         return super().has_jaw and math.isfinite(self.jaw)
 
     def look(self, now_ns: int) -> None:
-        """See Arm."""
+        """See TeleopArm."""
         super().look(now_ns)
         self.fault = ""
         if self.restarted:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.teleop.arms import Ring
+from procs.teleop.arms import RecordRing
 
 SILENT_NS: Final = 30_000_000  # three of its periods
 
@@ -15,7 +15,7 @@ class Operator:
     `clutch`: as its record has it, for who has missed its commands.
     """
 
-    def __init__(self, console: str, ring: Ring | None) -> None:
+    def __init__(self, console: str, ring: RecordRing | None) -> None:
         self._console, self._ring = console, ring
         self.absence, self.is_silent, self.clutch = "", ring is not None, False
         self._stamp_ns = self._epoch = 0

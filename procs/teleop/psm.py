@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.consoles import TeleopPsm as Settings
+from procs.document.consoles import TeleopPsmConfig as Settings
 from procs.kinematics.poses import angle_between
 from procs.requests import Request
-from procs.teleop.arms import Arm, BaseFrame
+from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Events, Refused, Row, State, Teleop, positive, switch
-from procs.teleop.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
+from procs.teleop.teleop import Refused, Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive, switch
+from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
 Array = NDArray[np.float64]
@@ -35,16 +35,18 @@ JawRange = Callable[[str], tuple[float, float] | None]
 class TeleopPsm(Teleop):
     """States and motion of one master and one PSM; see Teleop."""
 
-    words: Mapping[str, State] = {**Teleop.words, "align_MTM": State.ALIGNING}
+    words: Mapping[str, TeleopState] = {**Teleop.words, "align_MTM": TeleopState.ALIGNING}
 
-    def __init__(self, settings: Settings, master: Arm, slave: Arm, operator: Operator, record: TeleopRecord,
-                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
+    def __init__(self, settings: Settings, master: TeleopArm, slave: TeleopArm, operator: Operator,
+                 record: TeleopRecord,
+                 events: TeleopEvents, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
         self.settings, self.master, self.slave, self.base = settings, master, slave, base
-        self.mapping = Follow(settings.scale, rotation_locked=settings.rotation_locked,
-                              translation_locked=settings.translation_locked)
+        self.mapping = PoseMapping(settings.scale, rotation_locked=settings.rotation_locked,
+                                   translation_locked=settings.translation_locked)
         self.align = settings.align_mtm
         self.presence = Presence(settings.start_gripper_threshold, settings.start_roll_threshold)
-        self.jaw = Jaw(settings.gripper_zero, settings.gripper_max, settings.jaw_rate, settings.jaw_rate_after_clutch)
+        self.jaw = JawMapping(settings.gripper_zero, settings.gripper_max, settings.jaw_rate,
+                              settings.jaw_rate_after_clutch)
         self._jaw_range = jaw_range
         self._was_active = False  # before the clutch
         self._was_refused = False
@@ -66,12 +68,14 @@ class TeleopPsm(Teleop):
         super().__init__(settings.name, (master, slave), operator, record, events, faults)
         self._show_options()
 
-    def commands(self) -> Mapping[str, Row]:
+    def commands(self) -> Mapping[str, TeleopCommandRow]:
         """See Teleop."""
         return {
-            "set_scale": Row(self._set_scale, 1), "lock_rotation": Row(self._lock_rotation, 1),
-            "lock_translation": Row(self._lock_translation, 1), "set_align_MTM": Row(self._set_align, 1),
-            "following/mtm/body/servo_cf": Row(self._take_wrench, 6),
+            "set_scale": TeleopCommandRow(self._set_scale, 1),
+                "lock_rotation": TeleopCommandRow(self._lock_rotation, 1),
+            "lock_translation": TeleopCommandRow(self._lock_translation, 1),
+                "set_align_MTM": TeleopCommandRow(self._set_align, 1),
+            "following/mtm/body/servo_cf": TeleopCommandRow(self._take_wrench, 6),
         }
 
     # states
@@ -83,16 +87,16 @@ class TeleopPsm(Teleop):
 
     def set_up(self) -> None:
         """See Teleop."""
-        self.go(State.ALIGNING)
+        self.go(TeleopState.ALIGNING)
 
-    def enter(self, state: State) -> None:
+    def enter(self, state: TeleopState) -> None:
         """See Teleop."""
-        if state is State.DISABLED:
+        if state is TeleopState.DISABLED:
             if self.settings.mtm_is_haptic:
                 self.master.hold()
-        elif state is State.ALIGNING:
+        elif state is TeleopState.ALIGNING:
             self._begin_alignment()
-        elif state is State.ENABLED:
+        elif state is TeleopState.ENABLED:
             self._begin_following()
 
     def run(self) -> None:
@@ -101,27 +105,27 @@ class TeleopPsm(Teleop):
             self._miss(self.master if not self.master.has_pose else self.slave)
         elif self.base is not None and self.base.pose is None:
             self._miss(self.base)
-        elif self.state is State.ALIGNING:
+        elif self.state is TeleopState.ALIGNING:
             self._run_alignment()
-        elif self.desired is not State.ENABLED:
+        elif self.desired is not TeleopState.ENABLED:
             self.go(self.desired)
         elif not self.clutched:
             self._run_following()
 
-    def _miss(self, who: Arm | BaseFrame) -> None:
+    def _miss(self, who: TeleopArm | BaseFrame) -> None:
         reason = who.doubt or f"the pose of {who.name} in its reference frame is not known"
-        if self.state is State.ENABLED:
+        if self.state is TeleopState.ENABLED:
             self.stop(codes.POSE_UNKNOWN, reason, who.name)
         else:
             self.wait(f"waiting: {reason}")
 
     def lose(self) -> None:
         """See Teleop."""
-        if self.state is State.ENABLED:
+        if self.state is TeleopState.ENABLED:
             self.events.report(codes.OPERATOR_ABSENT, f"{self.name}: {self.operator.absence}; following has stopped",
                                 self.name)
             self.forget_presence()
-            self.go(State.ALIGNING)
+            self.go(TeleopState.ALIGNING)
         self.forget_presence()
 
     def forget_presence(self) -> None:
@@ -156,7 +160,7 @@ class TeleopPsm(Teleop):
         if not (settings.ignore_jaw or slave.has_jaw):
             self.stop(codes.NO_JAW, f"{slave.name} has no jaw", slave.name)
             return
-        if self.desired is State.DISABLED:
+        if self.desired is TeleopState.DISABLED:
             return
         if self.align and settings.mtm_is_haptic and not self.clutched:
             self._keep_aligned()
@@ -165,7 +169,7 @@ class TeleopPsm(Teleop):
         if self.clutched:
             self.reason = "waiting: the clutch is pressed"
             return
-        if self.desired is State.ALIGNING:
+        if self.desired is TeleopState.ALIGNING:
             self.reason = "waiting: asked to align only, not to follow"
             return
         if self.operator.absence:
@@ -180,7 +184,7 @@ class TeleopPsm(Teleop):
                       master.is_busy)
         reason = waiting_for(master.name, start)
         if not reason:
-            self.go(State.ENABLED)
+            self.go(TeleopState.ENABLED)
         else:
             self.wait(f"{reason} ({master.refusal})" if master.refusal else reason)
 
@@ -231,7 +235,7 @@ class TeleopPsm(Teleop):
             self._begin_here()
         elif self._was_refused:  # as after the clutch
             self._was_active = self.presence.is_active
-            self.go(State.SETTING)
+            self.go(TeleopState.SETTING)
             return
         if settings.mtm_is_haptic and master.is_held and self.now_ns - self._let_go_ns > LET_GO_NS:
             self._free_master(self.mapping.rotation_locked)  # somebody else had it hold meanwhile
@@ -307,8 +311,8 @@ class TeleopPsm(Teleop):
         self.events.emit("rotation_locked", value=float(locked))
         if locked and self.following and self.settings.mtm_is_haptic:
             self.master.send("lock_orientation")
-        elif not locked and self.state is not State.DISABLED:
-            self.go(State.DISABLED)  # the desired state stays: it aligns again
+        elif not locked and self.state is not TeleopState.DISABLED:
+            self.go(TeleopState.DISABLED)  # the desired state stays: it aligns again
 
     def _lock_translation(self, request: Request) -> None:
         self.mapping.translation_locked = locked = switch(request)
@@ -322,8 +326,8 @@ class TeleopPsm(Teleop):
         self.align = on
         self._show_options()
         self.events.emit("align_MTM", value=float(on))
-        if self.state is State.ENABLED:
-            self.go(State.DISABLED)
+        if self.state is TeleopState.ENABLED:
+            self.go(TeleopState.DISABLED)
 
     def _take_wrench(self, request: Request) -> None:
         if not self.following:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.codes import Code
-from procs.requests import Origin, Request
-from procs.teleop.arms import Arm
+from procs.requests import CommandOrigin, Request
+from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from shm.faults import Cell
@@ -31,7 +31,7 @@ SAID_NS: Final = 2_000_000_000
 RELEASED, PRESSED, CLICKED = 0.0, 1.0, 2.0
 
 
-class State(StrEnum):
+class TeleopState(StrEnum):
     """States, as published."""
 
     DISABLED = "DISABLED"
@@ -40,10 +40,10 @@ class State(StrEnum):
     ENABLED = "ENABLED"
 
 
-NEEDS_ARMS: Final = frozenset((State.ALIGNING, State.ENABLED))
+NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))
 
 
-class Events(Protocol):
+class TeleopEvents(Protocol):
     """Where it tells what happens."""
 
     def status(self, text: str, component: str = "") -> None:
@@ -61,7 +61,7 @@ class Refused(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TeleopCommandRow:
     """One command: what carries it out, and how many values it has."""
 
     do: Callable[[Request], None]
@@ -71,9 +71,10 @@ class Row:
 class Teleop:
     """One tele-operation; a kind adds its commands, what it does in each state and what the clutch does."""
 
-    words: Mapping[str, State] = {"enable": State.ENABLED, "disable": State.DISABLED}
+    words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
-    def __init__(self, name: str, arms: tuple[Arm, ...], operator: Operator, record: TeleopRecord, events: Events,
+    def __init__(self, name: str, arms: tuple[TeleopArm, ...], operator: Operator, record: TeleopRecord,
+                 events: TeleopEvents,
                  faults: Cell) -> None:
         """DISABLED, whatever a predecessor was: following begins only when it is asked for again.
 
@@ -81,9 +82,9 @@ class Teleop:
         """
         self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
         self._faults = faults
-        self.origin: Origin = NOBODY
+        self.origin: CommandOrigin = NOBODY
         """The person's command that it carries out."""
-        self.state = self.desired = State.DISABLED
+        self.state = self.desired = TeleopState.DISABLED
         self.following = self.clutched = False
         self.reason = ""
         self.now_ns = self.entered_ns = self._last_ns = 0
@@ -92,12 +93,13 @@ class Teleop:
         self._asked: set[tuple[str, str]] = set()
         self._recovering = False
         """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
-        self._rows: dict[str, Row] = {
-            "state_command": Row(self._state_command), "clutch": Row(self._clutch, 1), **self.commands()}
+        self._rows: dict[str, TeleopCommandRow] = {
+            "state_command": TeleopCommandRow(self._state_command), "clutch": TeleopCommandRow(self._clutch, 1),
+                                                   **self.commands()}
 
     # what a kind has of its own
 
-    def commands(self) -> Mapping[str, Row]:
+    def commands(self) -> Mapping[str, TeleopCommandRow]:
         """Commands of this kind."""
         return {}
 
@@ -107,7 +109,7 @@ class Teleop:
     def set_up(self) -> None:
         """All arms are ready: go on to the next state, or `stop`."""
 
-    def enter(self, state: State) -> None:
+    def enter(self, state: TeleopState) -> None:
         """A state was entered."""
 
     def run(self) -> None:
@@ -133,7 +135,7 @@ class Teleop:
     @property
     def is_idle(self) -> bool:
         """DISABLED, and nothing else is asked for."""
-        return self.state is State.DISABLED and self.desired is State.DISABLED
+        return self.state is TeleopState.DISABLED and self.desired is TeleopState.DISABLED
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
         """Look, answer commands, act, show."""
@@ -149,35 +151,35 @@ class Teleop:
             self._command(request)
         if was_silent and not self.operator.is_silent and self.clutched is not self.operator.clutch:
             self.set_clutch(self.operator.clutch)
-        if self.state in NEEDS_ARMS and self.operator.absence and self.desired is not State.DISABLED:
+        if self.state in NEEDS_ARMS and self.operator.absence and self.desired is not TeleopState.DISABLED:
             self.lose()
-        if self.desired is not State.DISABLED:
+        if self.desired is not TeleopState.DISABLED:
             self._run()
         self._show()
 
     def leave(self, now_ns: int) -> None:
         """The process ends in order: as if it were disabled."""
         self.now_ns = now_ns
-        self.desire(State.DISABLED)
+        self.desire(TeleopState.DISABLED)
 
     def _run(self) -> None:
-        if self.state is State.DISABLED:
-            self.go(State.SETTING)
-        elif self.state is State.SETTING:
+        if self.state is TeleopState.DISABLED:
+            self.go(TeleopState.SETTING)
+        elif self.state is TeleopState.SETTING:
             self._set_arms()
         elif all(arm.whole for arm in self.arms):
             self.run()
 
     def _supervise(self) -> None:
         """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
-        if self.desired is not State.DISABLED and self.origin.generation < self._faults.void:
+        if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.void:
             self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
         for arm in self.arms:
             errors = arm.errors()
-            if self.desired is not State.DISABLED:
+            if self.desired is not TeleopState.DISABLED:
                 self._watch(arm, errors)
 
-    def _watch(self, arm: Arm, errors: list[str]) -> None:
+    def _watch(self, arm: TeleopArm, errors: list[str]) -> None:
         for text in errors:
             self.stop(codes.ARM_ERROR, f"received from arm {arm.name}: {text}", arm.name)
         if self.state not in NEEDS_ARMS or errors:
@@ -196,7 +198,7 @@ class Teleop:
         elif not arm.is_ready:
             self._miss_arm(arm)
 
-    def _miss_arm(self, arm: Arm) -> None:
+    def _miss_arm(self, arm: TeleopArm) -> None:
         missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
         self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
 
@@ -211,7 +213,7 @@ class Teleop:
         Nothing is enabled or homed there that is not by itself, see `_recovering`.
         """
         self.forget_presence()
-        self.go(State.SETTING)
+        self.go(TeleopState.SETTING)
         self._recovering = True
 
     def _set_arms(self) -> None:
@@ -244,20 +246,20 @@ class Teleop:
 
     # changes
 
-    def go(self, state: State) -> None:
+    def go(self, state: TeleopState) -> None:
         """Enter a state."""
-        if state is not State.ENABLED:
+        if state is not TeleopState.ENABLED:
             self.follow(False)
         self.state, self.entered_ns = state, self.now_ns
         self._asked.clear()
         self._recovering = False
-        if state is not State.DISABLED:
+        if state is not TeleopState.DISABLED:
             self.reason = ""
         self.events.emit("current_state", state)
         self.events.status(f"{self.name}: current state is {state}", self.name)
         self.enter(state)
 
-    def desire(self, state: State) -> None:
+    def desire(self, state: TeleopState) -> None:
         """Another state is asked for; presence has to be shown for it."""
         if state is self.desired:
             return
@@ -266,14 +268,15 @@ class Teleop:
         self.events.emit("desired_state", state)
         self.events.status(f"{self.name}: set desired state to {state}", self.name)
         # at once: what is asked for later in this very cycle must find that it has stopped
-        if self.state is State.ENABLED or (state is State.DISABLED and self.state is not State.DISABLED):
+        stops = state is TeleopState.DISABLED and self.state is not TeleopState.DISABLED
+        if stops or self.state is TeleopState.ENABLED:
             self.go(state)
 
     def stop(self, code: Code, text: str, component: str = "") -> None:
         """Something is wrong: say it; DISABLED from this cycle on, until it is asked for again."""
         self.reason = text
         self.events.report(code, f"{self.name}: {text}", component or self.name)
-        self.desire(State.DISABLED)
+        self.desire(TeleopState.DISABLED)
 
     def follow(self, on: bool) -> None:
         """The slave follows, or stays where it is."""
@@ -323,7 +326,7 @@ class Teleop:
         if word == "disable":
             self.reason = ""
 
-    def _work_for(self, origin: Origin) -> None:
+    def _work_for(self, origin: CommandOrigin) -> None:
         self.origin = origin
         for arm in self.arms:
             arm.on_behalf(origin)
@@ -343,8 +346,8 @@ class Teleop:
             self.follow(False)
             self.press()
             self.reason = "the clutch is pressed"
-        elif self.desired is not State.DISABLED:
-            self.go(State.SETTING)
+        elif self.desired is not TeleopState.DISABLED:
+            self.go(TeleopState.SETTING)
         else:
             self.release()
 

@@ -35,7 +35,7 @@ def roll_between(master: Array, slave: Array) -> float:
     return math.acos(max(-1.0, min(1.0, a * d + b * e + c * f)))
 
 
-class Follow:
+class PoseMapping:
     """The pose mapping. `goal` (7,) is where the slave was last told to go; it never jumps but by `begin`."""
 
     def __init__(self, scale: float, *, rotation_locked: bool = False, translation_locked: bool = False) -> None:
@@ -167,7 +167,7 @@ def waiting_for(master: str, start: Start) -> str:
     return f"waiting: {'; '.join(reasons)}" if reasons else ""
 
 
-class Jaw:
+class JawMapping:
     """The jaw's angle for the gripper's: jaw = k·g + o. The ghost of the gripper goes after it at a limited rate."""
 
     def __init__(self, gripper_zero: float, gripper_max: float, rate: float, rate_after_clutch: float) -> None:

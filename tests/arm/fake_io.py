@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from procs import codes
-from procs.arm.arm import Arm as AnyArm
+from procs.arm.arm import ArmConfigLogic as AnyArm
 from procs.arm.arm import Surroundings
-from procs.arm.psm.detection import Reading
-from procs.arm.psm.psm import Psm
+from procs.arm.psm.detection import ToolReading
+from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
 from procs.codes import Code
-from procs.document.system import Arm, Chain, Jaw, Link, Tool
+from procs.document.system import ArmConfig, Chain, DhLink, JawConfig, Tool
 from procs.faults import FaultReport
 from procs.wishes import WISHES
 from shm.client import Reply
@@ -32,8 +32,8 @@ SECOND = 1_000_000_000
 EYE = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 
 
-def link(name: str, kind: str, alpha: float, a: float, d: float, offset: float, lower: float, upper: float) -> Link:
-    return Link(name, kind, alpha, a, 0.0, d, offset, lower, upper, 1.0)
+def link(name: str, kind: str, alpha: float, a: float, d: float, offset: float, lower: float, upper: float) -> DhLink:
+    return DhLink(name, kind, alpha, a, 0.0, d, offset, lower, upper, 1.0)
 
 
 CHAIN = Chain(
@@ -52,7 +52,7 @@ TOOL = Tool(
         link("wrist_pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -1.39626, 1.39626),
         link("wrist_yaw", "revolute", -1.5708, 0.0091, 0.0, -1.5708, -1.39626, 1.39626),
     ),
-    Jaw(-0.698132, 1.39626, 0.16),
+    JawConfig(-0.698132, 1.39626, 0.16),
     ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
     ((-1.5632, 0.0, 0.0, 0.0), (0.0, 1.0186, 0.0, 0.0), (0.0, -0.8306, 0.6089, 0.6089), (0.0, 0.0, -1.2177, 1.2177)),
     (-4.5378, -0.2618, -0.2618, 0.0),
@@ -62,13 +62,13 @@ TOOL = Tool(
 )
 
 
-def bare_arm(**changes: Any) -> Arm:
+def bare_arm(**changes: Any) -> ArmConfig:
     """A PSM with manual tool detection and nothing on it."""
     values: dict[str, Any] = {"tools": (TOOL,), **changes}
-    return Arm("PSM1", "PSM", "Classic", "28007", "IO1", "PSM1", "NONE", 1 / 1500, CHAIN, **values)
+    return ArmConfig("PSM1", "PSM", "Classic", "28007", "IO1", "PSM1", "NONE", 1 / 1500, CHAIN, **values)
 
 
-def fixed_arm(**changes: Any) -> Arm:
+def fixed_arm(**changes: Any) -> ArmConfig:
     """A PSM with a fixed large needle driver."""
     return bare_arm(tool_detection="FIXED", tool=TOOL, **changes)
 
@@ -117,7 +117,7 @@ class FakeIo:
         self._looked_at: set[str] = set()  # commands that the newest wishes came to
         self._had_fault = False
         self.reader = f"{name}_dallas"
-        self.memory, self.reading = "", Reading()
+        self.memory, self.reading = "", ToolReading()
         self._read_left = 0
         self.record["position"][2:] = (0.1, -0.2, 0.05, 0.3, 0.1, -0.1, 0.2)[:axes]
         self.record["setpoint_position"][...] = self.record["position"]
@@ -242,7 +242,7 @@ class FakeIo:
             case "clear_fault":
                 self.flag("fault", 0)
             case "trigger_read":
-                self.reading, self._read_left = Reading("READING", "", self._now_ns), self.read_cycles
+                self.reading, self._read_left = ToolReading("READING", "", self._now_ns), self.read_cycles
             case "brake_release" | "brake_engage":
                 self.flag("brakes_released", name == "brake_release" and self.flag("pid_enabled"))
             case _:
@@ -254,7 +254,7 @@ class FakeIo:
         if self._read_left:
             self._read_left -= 1
             if not self._read_left:
-                self.reading = Reading("READ" if self.memory else "ABSENT", self.memory, self._now_ns)
+                self.reading = ToolReading("READ" if self.memory else "ABSENT", self.memory, self._now_ns)
         if self._power_left and not self.never_powers:
             self._power_left -= 1
             if not self._power_left and self.flag("power_wanted"):
@@ -354,7 +354,7 @@ class FakeRequest:
 class Rig:
     """An arm on a fake io and a fake clock."""
 
-    def __init__(self, arm: Arm | None = None, period_ns: int = PERIOD_NS, *, kind: type[AnyArm] = Psm,
+    def __init__(self, arm: ArmConfig | None = None, period_ns: int = PERIOD_NS, *, kind: type[AnyArm] = PsmLogic,
                  inputs: dict[str, int] | None = None, has_brakes: bool = False) -> None:
         """`inputs`: places of io's digital inputs by name."""
         self.document = arm or fixed_arm()

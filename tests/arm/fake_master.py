@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from procs.arm.mtm.mtm import Mtm
-from procs.document.system import Arm
+from procs.arm.mtm.mtm import MtmLogic
+from procs.document.system import ArmConfig
 from tests import stock
 from tests.arm.fake_io import AXES, SECOND, FakeIo, Rig
 
@@ -18,10 +18,10 @@ SLOW_NS = 10_000_000  # ways of masters are long
 AT_START = (0.05, 0.1, 0.05, 0.1, 0.1, 0.05, 1.0)
 
 
-def master(**changes: Any) -> Arm:
+def master(**changes: Any) -> ArmConfig:
     """MTML of the stock files."""
     values: dict[str, Any] = {"homing_zero_position": True, **changes}
-    return Arm("MTML", "MTM", "Classic", "22723", "IO1", "MTML", "NONE", 1 / 1500, stock.chain("MTML"), **values)
+    return ArmConfig("MTML", "MTM", "Classic", "22723", "IO1", "MTML", "NONE", 1 / 1500, stock.chain("MTML"), **values)
 
 
 class MasterIo(FakeIo):
@@ -65,8 +65,8 @@ class MasterRig(Rig):
 
     io: MasterIo
 
-    def __init__(self, arm: Arm | None = None, period_ns: int = SLOW_NS) -> None:
-        super().__init__(arm or master(), period_ns, kind=Mtm)
+    def __init__(self, arm: ArmConfig | None = None, period_ns: int = SLOW_NS) -> None:
+        super().__init__(arm or master(), period_ns, kind=MtmLogic)
 
     def make_io(self) -> MasterIo:
         return MasterIo()

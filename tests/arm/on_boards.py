@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from procs import codes
-from procs.arm.arm import Arm, Surroundings
+from procs.arm.arm import ArmLogic, Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.loop import gripper_in, place_in
 from procs.arm_types import ARM_TYPES, class_of
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.faults import FaultReport
 from procs.io.follow import WishFields
 from shm.client import Reply
@@ -28,7 +28,7 @@ SETPOINTS = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "p
 class OnBoards:
     """One arm of a system; `truth` is where its actuators really are."""
 
-    def __init__(self, system: System, name: str) -> None:
+    def __init__(self, system: SystemConfig, name: str) -> None:
         self.document = system.emulated().arm(name)
         self.rig = Rig(system, self.document.io)
         self.io, self.clock = self.rig.record, self.rig.clock
@@ -49,7 +49,7 @@ class OnBoards:
         """A new arm process on the records as they are."""
         io, robot = self.rig.io, self.rig.io.robots[self.place]
         self.reports = FakeReports()
-        self.arm: Any = class_of(ARM_TYPES[self.document.type].process, Arm)(self.document, Surroundings(
+        self.arm: Any = class_of(ARM_TYPES[self.document.type].process, ArmLogic)(self.document, Surroundings(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
             self.setpoint.field, self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),

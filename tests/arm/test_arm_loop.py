@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from procs import codes
-from procs.document.system import Actuator, Io, Linear, Process, Robot, System
+from procs.document.system import Actuator, IoConfig, Linear, Process, Robot, SystemConfig
 from procs.supervisor import memory
 from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns
 from shm.events import Events
 from shm.mailbox import Mailbox
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from tests.arm.fake_io import FakeIo, View, fixed_arm
 
 pytestmark = pytest.mark.slow
@@ -31,13 +31,13 @@ runpy.run_module("procs.arm.loop", run_name="__main__")
 ACTUATOR = Actuator(0, 0, "REVOLUTE", 1.0, Linear(), Linear(), 1.0)
 
 
-def document(name: str) -> System:
+def document(name: str) -> SystemConfig:
     """An io with two robots, the arm's is the second."""
     other = Robot("MTM", "1", "QLA1", (ACTUATOR,) * 2)
     psm = Robot("PSM1", "2", "QLA1", (ACTUATOR,) * 7)
-    io = Io("IO1", "udp:127.0.0.1", "", 1 / 1500, 0.03, True, (other, psm), (), ())
+    io = IoConfig("IO1", "udp:127.0.0.1", "", 1 / 1500, 0.03, True, (other, psm), (), ())
     processes = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
-    return System(name, "", "wall", (io,), (fixed_arm(),), None, processes, supervisor_lost_s=30.0)
+    return SystemConfig(name, "", "wall", (io,), (fixed_arm(),), None, processes, supervisor_lost_s=30.0)
 
 
 class Bench:
@@ -47,7 +47,7 @@ class Bench:
         self.world = world
         system = document(world.name)
         memory.create_all(system)
-        self.supervisor = Pulse(world.name, "supervisor", write=True)
+        self.supervisor = ControlPage(world.name, "supervisor", write=True)
         self.ring = directory.writer(world.name, "IO1", "state", "io")
         self.events = Events(directory.writer(world.name, "IO1", "events", "io"), monotonic_ns)
         self.mailbox = Mailbox(world.name, "IO1", "io")
@@ -162,7 +162,7 @@ def test_an_arm_of_another_type_says_that_it_cannot_be(world: Any) -> None:
     other = dataclasses.replace(system.arms[0], type="ECM")
     memory.create_all(dataclasses.replace(system, arms=(other,)))
     child = world.start(ARM)
-    pulse = Pulse(world.name, "PSM1")
+    pulse = ControlPage(world.name, "PSM1")
     world.until(lambda: child.poll() is not None, "its end")
     assert pulse.state == "FAILED" and "ECM" in str(pulse.get("error"))
     child.communicate()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.ecm import Ecm
-from procs.document.arms import Arm, ArmInputs, Chain, Link
+from procs.arm.ecm import EcmLogic
+from procs.document.arms import ArmConfig, ArmInputs, Chain, DhLink
 from tests.arm.fake_io import Rig, link
 
 CHAIN = Chain(
@@ -17,7 +17,7 @@ CHAIN = Chain(
     (
         link("yaw", "revolute", 1.5708, 0.0, 0.0, 1.5708, -1.5708, 1.5708),
         link("pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -0.76794, 1.1344),
-        Link("insertion", "prismatic", 1.5708, 0.0, 0.0, 0.0, -0.3822, 0.0, 0.255, 80.66, com=(0.0, 0.0, -0.1)),
+        DhLink("insertion", "prismatic", 1.5708, 0.0, 0.0, 0.0, -0.3822, 0.0, 0.255, 80.66, com=(0.0, 0.0, -0.1)),
         link("roll", "revolute", 0.0, 0.0, 0.3829, 0.0, -1.552, 1.552),
     ),
     source="ECM.json",
@@ -25,14 +25,14 @@ CHAIN = Chain(
 BENT = (0.2, -0.3, 0.15, 0.4)
 
 
-def ecm(**changes: Any) -> Arm:
+def ecm(**changes: Any) -> ArmConfig:
     values: dict[str, Any] = {"links": CHAIN, "endoscope": "Classic_SD_STRAIGHT", "mounting_pitch": 0.0,
                               "inputs": ArmInputs(clutch="ECM-ManipClutch"), **changes}
-    return Arm("ECM", "ECM", "Classic", "1234", "IO1", "ECM", "NONE", 1 / 1500, CHAIN, **values)
+    return ArmConfig("ECM", "ECM", "Classic", "1234", "IO1", "ECM", "NONE", 1 / 1500, CHAIN, **values)
 
 
-def rig_of(arm: Arm) -> Rig:
-    return Rig(arm, kind=Ecm, inputs={"ECM-ManipClutch": 1}, has_brakes=True)
+def rig_of(arm: ArmConfig) -> Rig:
+    return Rig(arm, kind=EcmLogic, inputs={"ECM-ManipClutch": 1}, has_brakes=True)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from procs.arm.effort_guard import LONGEST_ZONE, EffortGuard
 from procs.arm.effort_limits import EffortLimits, motor_efforts
-from procs.arm.joints import Joints, joints
+from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Motion
 from procs.arm_types import ARM_TYPES
 from procs.boards.robots.inertia import arm_inertia, wrist_inertia
@@ -27,7 +27,7 @@ STEPS = 4  # of the mechanism in a cycle
 class Mechanism:
     """All joints of an arm, uncoupled, with the inertia and friction of the emulated robots."""
 
-    space: Joints
+    space: JointSpace
     most: np.ndarray
     inertia: np.ndarray
     viscous: np.ndarray

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.arm import Arm, Surroundings
-from procs.arm.ecm import Ecm
-from procs.arm.psm.psm import Psm
+from procs.arm.arm import ArmLogic, Surroundings
+from procs.arm.ecm import EcmLogic
+from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
 from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
-from procs.io.record import Record as IoRecord
+from procs.io.record import IoRecord as IoRecord
 from shm.client import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record
@@ -24,7 +24,7 @@ from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record
 PERIOD_NS = 2_000_000
 
 
-def played_system(file: str = "kinematic") -> System:
+def played_system(file: str = "kinematic") -> SystemConfig:
     system = load_system(PROJECT_CONFIGS / f"systems/{file}.yaml").system
     assert system is not None
     return system
@@ -68,7 +68,7 @@ class Order:
 class Pair:
     """Both, and a sender between them."""
 
-    def __init__(self, file: str = "kinematic", kind: type[Arm] = Psm, **changes: Any) -> None:
+    def __init__(self, file: str = "kinematic", kind: type[ArmLogic] = PsmLogic, **changes: Any) -> None:
         """`changes` of the arm's document."""
         self.system, self.now_ns, self.epoch = played_system(file), 5_000_000_000, 1
         self.document, self.kind = dataclasses.replace(self.system.arms[0], **changes), kind
@@ -88,7 +88,7 @@ class Pair:
 
     def start_arm(self) -> None:
         self.reports = FakeReports()
-        self.arm: Arm | None = self.kind(self.document, Surroundings(
+        self.arm: ArmLogic | None = self.kind(self.document, Surroundings(
             self.memory.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, self.reports, str))
 
     def send(self, name: str, values: Any, text: str) -> int:
@@ -151,7 +151,7 @@ def test_power_comes_within_a_few_cycles_and_the_controller_stays_on() -> None:
 
 
 def test_homing_inserts_the_endoscope_in_the_time_of_the_reference() -> None:
-    pair = Pair("kinematic-ecm", Ecm)
+    pair = Pair("kinematic-ecm", EcmLogic)
     pair.run(0.02)
     pair.ask("state_command", text="enable")
     pair.until("ENABLED")

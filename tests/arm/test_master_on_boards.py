@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procs.config import load_system
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import rotation_vector
 from tests import stock
@@ -20,7 +20,7 @@ WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL", 
 MOST_JUMP = 0.5e-3  # m
 
 
-def site(name: str) -> System:
+def site(name: str) -> SystemConfig:
     loaded = load_system(stock.find(f"dvrk-site/jhu-dVRK/system-{name}.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")
     assert loaded.system is not None

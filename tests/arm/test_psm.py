@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from procs.arm.joints import joints
-from procs.document.system import Arm, ArmInputs
+from procs.document.system import ArmConfig, ArmInputs
 from procs.kinematics.poses import pose_from_matrix
 from tests import stock
 from tests.arm.fake_io import Rig, fixed_arm
@@ -18,12 +18,12 @@ DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 ALL_TOOLS = sorted(path.stem for path in stock.find("dvrk-share/tool").glob("*_[0-9]*.json"))
 
 
-def psm(tool: str, **changes: Any) -> Arm:
+def psm(tool: str, **changes: Any) -> ArmConfig:
     """A PSM that always carries a stock instrument, for which it is a Classic or an Si."""
     carried = stock.tool(tool)
     generation, kinematic = ("Si", "PSM_Si") if carried.model.startswith("42") else ("Classic", "PSM")
-    return Arm("PSM1", "PSM", generation, "1", "IO1", "PSM1", "NONE", 1 / 1500, stock.chain(kinematic),
-               tool_detection="FIXED", tool=carried, tools=(carried,), **changes)
+    return ArmConfig("PSM1", "PSM", generation, "1", "IO1", "PSM1", "NONE", 1 / 1500, stock.chain(kinematic),
+                     tool_detection="FIXED", tool=carried, tools=(carried,), **changes)
 
 
 def at(rig: Rig, place: tuple[float, ...]) -> Rig:

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
-from procs.boards.instruments import Instruments
+from procs.boards.incidents import BoardFaults
+from procs.boards.instruments import EmulatedInstruments
 from procs.config import load_system
 from procs.kinematics.forward import Kinematics
 from tests import stock
@@ -32,8 +32,8 @@ class Site:
         robot.document = dataclasses.replace(robot.document, tool_detection="MANUAL")
         robot.start_arm()
         world, plant = robot.rig.world, robot.rig.plant
-        self.incidents = Incidents(world, plant)
-        self.hands = Instruments(loaded.system.emulated(), world, self.incidents, plant)
+        self.incidents = BoardFaults(world, plant)
+        self.hands = EmulatedInstruments(loaded.system.emulated(), world, self.incidents, plant)
 
     def with_adapter(self) -> None:
         """Homed; its adapter is put on, and being engaged."""

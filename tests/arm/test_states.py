@@ -14,58 +14,62 @@ from procs.arm.states import (
     DESIRES,
     PUBLISHED,
     RESUMES,
-    Event,
-    State,
+    ArmEvent,
+    ArmState,
     follow,
     refusal,
 )
 from tests.arm.fake_io import Rig
 
-POWERED = (State.ENABLED, State.CALIBRATING, State.BIASED, State.HOMING, State.HOMED)
+POWERED = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.HOMING, ArmState.HOMED)
 # of some arms only
-OWN = (State.MANUAL, State.ENGAGING_ADAPTER, State.ENGAGING_TOOL, State.FINDING_ROLL, State.SETTING_ROLL)
+OWN = (ArmState.MANUAL, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.FINDING_ROLL, ArmState.SETTING_ROLL)
 
-LEAVE = {Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED, Event.UNHOME: State.ENABLED,
-         Event.PROBLEM: State.FAULT}
+LEAVE = {ArmEvent.DISABLE: ArmState.DISABLED, ArmEvent.PAUSE: ArmState.PAUSED, ArmEvent.UNHOME: ArmState.ENABLED,
+         ArmEvent.PROBLEM: ArmState.FAULT}
 
 # The table once more, as a person reads the specification: rows are states, columns the events that change them.
 EXPECTED = {
-    State.DISABLED: {Event.ONWARD: State.POWERING, Event.PROBLEM: State.FAULT},
-    State.POWERING: {Event.POWERED: State.ENABLED, Event.DISABLE: State.DISABLED, Event.PROBLEM: State.FAULT},
-    State.ENABLED: {Event.ONWARD: State.CALIBRATING, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
-                    Event.PROBLEM: State.FAULT},
-    State.CALIBRATING: {Event.BIASED: State.BIASED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
-                        Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
-    State.BIASED: {Event.ONWARD: State.HOMING, Event.ROLL: State.FINDING_ROLL, **LEAVE},
-    State.HOMING: {Event.ARRIVED: State.HOMED, Event.DISABLE: State.DISABLED, Event.PAUSE: State.PAUSED,
-                   Event.UNHOME: State.ENABLED, Event.PROBLEM: State.FAULT},
-    State.HOMED: {Event.PRESSED: State.MANUAL, Event.ADAPTER: State.ENGAGING_ADAPTER, Event.TOOL: State.ENGAGING_TOOL,
-                  **LEAVE},
-    State.MANUAL: {Event.RELEASED: State.HOMED, **LEAVE},
-    State.ENGAGING_ADAPTER: {Event.ENGAGED: State.HOMED, **LEAVE},
-    State.ENGAGING_TOOL: {Event.ENGAGED: State.HOMED, **LEAVE},
-    State.FINDING_ROLL: {Event.STOPPED: State.SETTING_ROLL, **LEAVE},
-    State.SETTING_ROLL: {Event.SET: State.HOMING, **LEAVE},
-    State.PAUSED: {Event.RESUME: State.ENABLED, Event.DISABLE: State.DISABLED, Event.PROBLEM: State.FAULT},
-    State.FAULT: {Event.DISABLE: State.DISABLED, Event.ENABLE: State.DISABLED},
+    ArmState.DISABLED: {ArmEvent.ONWARD: ArmState.POWERING, ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.POWERING: {ArmEvent.POWERED: ArmState.ENABLED, ArmEvent.DISABLE: ArmState.DISABLED,
+                        ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.ENABLED: {ArmEvent.ONWARD: ArmState.CALIBRATING, ArmEvent.DISABLE: ArmState.DISABLED,
+                       ArmEvent.PAUSE: ArmState.PAUSED, ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.CALIBRATING: {ArmEvent.BIASED: ArmState.BIASED, ArmEvent.DISABLE: ArmState.DISABLED,
+                           ArmEvent.PAUSE: ArmState.PAUSED,
+                           ArmEvent.UNHOME: ArmState.ENABLED, ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.BIASED: {ArmEvent.ONWARD: ArmState.HOMING, ArmEvent.ROLL: ArmState.FINDING_ROLL, **LEAVE},
+    ArmState.HOMING: {ArmEvent.ARRIVED: ArmState.HOMED, ArmEvent.DISABLE: ArmState.DISABLED,
+                      ArmEvent.PAUSE: ArmState.PAUSED,
+                      ArmEvent.UNHOME: ArmState.ENABLED, ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.HOMED: {ArmEvent.PRESSED: ArmState.MANUAL, ArmEvent.ADAPTER: ArmState.ENGAGING_ADAPTER,
+                     ArmEvent.TOOL: ArmState.ENGAGING_TOOL, **LEAVE},
+    ArmState.MANUAL: {ArmEvent.RELEASED: ArmState.HOMED, **LEAVE},
+    ArmState.ENGAGING_ADAPTER: {ArmEvent.ENGAGED: ArmState.HOMED, **LEAVE},
+    ArmState.ENGAGING_TOOL: {ArmEvent.ENGAGED: ArmState.HOMED, **LEAVE},
+    ArmState.FINDING_ROLL: {ArmEvent.STOPPED: ArmState.SETTING_ROLL, **LEAVE},
+    ArmState.SETTING_ROLL: {ArmEvent.SET: ArmState.HOMING, **LEAVE},
+    ArmState.PAUSED: {ArmEvent.RESUME: ArmState.ENABLED, ArmEvent.DISABLE: ArmState.DISABLED,
+                      ArmEvent.PROBLEM: ArmState.FAULT},
+    ArmState.FAULT: {ArmEvent.DISABLE: ArmState.DISABLED, ArmEvent.ENABLE: ArmState.DISABLED},
 }
 
 
-@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
-def test_every_pair_leads_where_the_specification_says(state: State, event: Event) -> None:
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(ArmState, ArmEvent)))
+def test_every_pair_leads_where_the_specification_says(state: ArmState, event: ArmEvent) -> None:
     assert follow(state, event) is EXPECTED[state].get(event, state)
 
 
 def test_every_state_is_published_and_every_word_is_known() -> None:
-    assert set(PUBLISHED) == set(State) and set(PUBLISHED.values()) == set(ACCEPTED)
+    assert set(PUBLISHED) == set(ArmState) and set(PUBLISHED.values()) == set(ACCEPTED)
     assert {word for words in ACCEPTED.values() for word in words} == set(COMMANDS)
-    assert set(DESIRES) == set(COMMANDS) - {Event.RESUME}
+    assert set(DESIRES) == set(COMMANDS) - {ArmEvent.RESUME}
     assert set(RESUMES) == {*POWERED, *OWN} and set(RESUMES.values()) <= set(POWERED) - BUSY
     assert BUSY.isdisjoint(BEYOND)
 
 
-@pytest.mark.parametrize(("state", "word"), list(itertools.product(State, COMMANDS)))
-def test_a_refusal_names_command_state_and_sub_state(state: State, word: Event) -> None:
+@pytest.mark.parametrize(("state", "word"), list(itertools.product(ArmState, COMMANDS)))
+def test_a_refusal_names_command_state_and_sub_state(state: ArmState, word: ArmEvent) -> None:
     reason = refusal(state, word)
     assert (word in ACCEPTED[PUBLISHED[state]]) is (not reason)
     if reason:
@@ -73,7 +77,7 @@ def test_a_refusal_names_command_state_and_sub_state(state: State, word: Event) 
 
 
 def test_an_unknown_word_is_refused_with_the_known_ones() -> None:
-    assert "enable" in refusal(State.HOMED, "fly") and "fly" in refusal(State.HOMED, "fly")
+    assert "enable" in refusal(ArmState.HOMED, "fly") and "fly" in refusal(ArmState.HOMED, "fly")
 
 
 AFTER = {  # where a command leads in the end; not listed: stays
@@ -92,7 +96,7 @@ AFTER = {  # where a command leads in the end; not listed: stays
 
 
 def where_to(state: str, word: str) -> str:
-    published = PUBLISHED[State(state)]
+    published = PUBLISHED[ArmState(state)]
     if word not in ACCEPTED[published]:  # nothing changes: what was under way goes on
         return {"POWERING": "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS": "HOMED", "HOMING": "HOMED"}.get(state, state)
     if word == "disable":
@@ -104,7 +108,7 @@ def where_to(state: str, word: str) -> str:
     return AFTER.get((state, word), state)
 
 
-COMMON = [str(state) for state in State if state not in OWN]
+COMMON = [str(state) for state in ArmState if state not in OWN]
 
 
 @pytest.mark.parametrize(("state", "word"), list(itertools.product(COMMON, (*COMMANDS, "fly", ""))))
@@ -113,7 +117,7 @@ def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word:
     rig.reach(state)
     rig.reports.events.clear()
     request = rig.state_command(str(word))
-    accepted = word in ACCEPTED[PUBLISHED[State(state)]]
+    accepted = word in ACCEPTED[PUBLISHED[ArmState(state)]]
     assert request.outcomes[0] == ("accepted" if accepted else "refused")
     assert len(rig.reports.of("operating_state")) >= (2 if accepted else 1)
     assert len(rig.reports.of("warning")) == (0 if accepted else 1)

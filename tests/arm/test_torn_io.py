@@ -11,7 +11,7 @@ import pytest
 from procs import codes
 from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
-from procs.arm.psm.psm import Psm
+from procs.arm.psm.psm import PsmLogic
 from procs.arm.readings import SILENT_NS
 from procs.faults import FaultReport
 from shm import directory
@@ -42,7 +42,7 @@ class TornRig(Rig):
             view[name][2:] = value
         self.io.record = view
         super().start_arm()
-        self.arm = Psm(self.document, Surroundings(
+        self.arm = PsmLogic(self.document, Surroundings(
             self.seen.field, 1, 2, {}, False, self.io, self.state.field, self.setpoint.field, self.reports,
             lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}")))
 

@@ -47,7 +47,7 @@ class Exchange:
     reply: bytes | None
 
     @property
-    def request(self) -> wire.Request:
+    def request(self) -> wire.WireRequest:
         """The request, decoded."""
         return board_side.decode_request(self.data)
 
@@ -117,9 +117,9 @@ def _asks(exchange: Exchange, tcode: int, address: int) -> bool:
     return exchange.request.tcode == tcode and exchange.request.address == address
 
 
-def _response(reply: wire.Buffer) -> wire.Response:
+def _response(reply: wire.Buffer) -> wire.WireResponse:
     response = wire.decode_response(reply)
-    assert isinstance(response, wire.Response)
+    assert isinstance(response, wire.WireResponse)
     return response
 
 
@@ -147,7 +147,7 @@ class Comparison:
         found += _crcs(bytes(reply), ours)
         return [*found, *self._data(exchange.request.address, _quads(stub), _quads(ours))]
 
-    def _header(self, exchange: Exchange, stub: wire.Response, ours: wire.Response) -> list[str]:
+    def _header(self, exchange: Exchange, stub: wire.WireResponse, ours: wire.WireResponse) -> list[str]:
         # With "do not forward", Rev 9 names itself by its board id.
         by_id = self._capture.firmware >= 9 and exchange.request.flags & wire.NO_FORWARD
         node = stub.node if by_id else self._capture.node(stub.node)
@@ -202,11 +202,11 @@ def _trailer(stub: wire.Trailer, ours: wire.Trailer, generation: int) -> list[st
     return found if 0 < ours.receive_ticks <= ours.total_ticks else [*found, "times in the trailer"]
 
 
-def _crcs(reply: bytes, ours: wire.Response) -> list[str]:
+def _crcs(reply: bytes, ours: wire.WireResponse) -> list[str]:
     at = 16
     fine = ours.crc in (0, wire.crc(reply[:at])) and ours.data_crc in (0, wire.crc(ours.data))
     return [] if fine else ["a CRC that is neither 0 nor right"]
 
 
-def _quads(response: wire.Response) -> tuple[int, ...]:
+def _quads(response: wire.WireResponse) -> tuple[int, ...]:
     return struct.unpack(f">{len(response.data) // 4}I", response.data)

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 
 from procs.boards.emulation import Emulation
-from procs.boards.setup_joints import SetupJoints
+from procs.boards.setup_joints import SetupJointsPlant
 from procs.config import load_system
-from procs.document.emulated import SetupArm
-from procs.document.emulated import SetupJoints as Described
-from procs.document.system import Controller, System
+from procs.document.emulated import EmulatedSetupArm
+from procs.document.emulated import EmulatedSetupJointsPlant as Described
+from procs.document.system import Controller, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests import stock
@@ -31,7 +31,7 @@ PLACES = {
 }
 
 
-def cart(board: Controller = BOARD, noise: float = 0.0) -> System:
+def cart(board: Controller = BOARD, noise: float = 0.0) -> SystemConfig:
     """The set-up joints of the site's files on a controller."""
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")
@@ -45,7 +45,7 @@ def cart(board: Controller = BOARD, noise: float = 0.0) -> System:
 class Host:
     """Steps the multiplexer as the original software does: looks every millisecond, and never knows more."""
 
-    def __init__(self, system: System, settle_ms: int = 30, samples: int = 3) -> None:
+    def __init__(self, system: SystemConfig, settle_ms: int = 30, samples: int = 3) -> None:
         self.world = Emulation(system, Rails(4), START)
         self.now = START
         self._settle_ms, self._samples = settle_ms, samples
@@ -57,7 +57,7 @@ class Host:
         self.wait(1)
 
     @property
-    def joints(self) -> SetupJoints:
+    def joints(self) -> SetupJointsPlant:
         return self.world.setup_joints["SUJ"]
 
     def wait(self, ms: float) -> None:
@@ -69,7 +69,7 @@ class Host:
 
     def read(self, address: int) -> int:
         response = wire.decode_response(self.world.answer(0, wire.quadlet_read(0, address, 1, 1), self.now) or b"")
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response.value
 
     # -- outputs, as the original library writes them ------------------------------------------------------------------
@@ -139,12 +139,12 @@ class Host:
         self.wait(3)
 
 
-def described(system: System) -> Described:
+def described(system: SystemConfig) -> Described:
     assert system.emulation is not None
     return system.emulation.setup_joints[0]
 
 
-def with_arms(system: System, *arms: SetupArm) -> System:
+def with_arms(system: SystemConfig, *arms: EmulatedSetupArm) -> SystemConfig:
     """The same with other arms."""
     assert system.emulation is not None
     joints = dataclasses.replace(described(system), arms=arms)

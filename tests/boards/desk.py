@@ -26,7 +26,7 @@ class Desk:
     """A bridge with these boards; nodes in the order given, watchdogs off unless told otherwise."""
 
     def __init__(self, *controllers: Controller, watchdog: int | None = 0) -> None:
-        self.bus = wired.Bus(controllers or (board(),))
+        self.bus = wired.EmulatedBus(controllers or (board(),))
         self.power, self.lines = self.bus.power, self.bus.lines
         self.tick = 0
         for node in range(len(controllers) or 1):
@@ -48,7 +48,7 @@ class Desk:
     def read(self, address: int = reg.STATUS, node: int = 0) -> int:
         reply = wire.decode_response(
             self.bus.answer(wire.quadlet_read(node, address, 1, self.bus.generation), self.tick) or b"")
-        assert isinstance(reply, wire.Response)
+        assert isinstance(reply, wire.WireResponse)
         return reply.value
 
     def real_time(self, node: int = 0) -> list[int]:
@@ -56,7 +56,7 @@ class Desk:
         size = 4 * self.bus.firmware.models[0].read_quads
         reply = wire.decode_response(
             self.bus.answer(wire.block_read(node, 0, size, 1, self.bus.generation), self.tick) or b"")
-        assert isinstance(reply, wire.Response)
+        assert isinstance(reply, wire.WireResponse)
         return [int(quad) for quad in np.frombuffer(reply.data, ">u4")]
 
     def axis(self, axis: int, offset: int, node: int = 0) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 
 from procs.boards.controllers.bus import GROUP
 from procs.boards.controllers.models import HARDWARE
-from procs.document.system import Bus, Controller
+from procs.document.system import BusConfig, Controller
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 
@@ -53,7 +53,7 @@ def read_quads(controller: Controller) -> int:
 class Rules:
     """What boards may reply: `forbidden` says what is wrong with a reply, or nothing."""
 
-    bus: Bus
+    bus: BusConfig
 
     @property
     def _hub(self) -> Controller:
@@ -104,7 +104,7 @@ class Rules:
             return self._of_read(data, response, self.source(flags, node, to))
         return self._of_query(tcode, flags, q2 & 0xFFFF, data, response)
 
-    def _of_read(self, data: bytes, response: wire.Response, sources: set[int]) -> str:
+    def _of_read(self, data: bytes, response: wire.WireResponse, sources: set[int]) -> str:
         if response.node not in sources:
             return f"source node {response.node}; allowed: {sources or 'no reply'}"
         if response.tcode != (data[5] >> 4) + 2:
@@ -118,7 +118,7 @@ class Rules:
             return f"{len(response.data)} data bytes; asked for: {asked}"
         return ""
 
-    def _of_identity(self, address: int, response: wire.Response) -> str:
+    def _of_identity(self, address: int, response: wire.WireResponse) -> str:
         """Some registers never change."""
         if address not in (reg.HARDWARE_ID, reg.FIRMWARE):
             return ""
@@ -126,7 +126,7 @@ class Rules:
                  for c in self.bus.controllers}
         return "" if response.value in known else f"register {address} reads {response.value:#x}"
 
-    def _of_query(self, tcode: int, flags: int, address: int, data: bytes, response: wire.Response) -> str:
+    def _of_query(self, tcode: int, flags: int, address: int, data: bytes, response: wire.WireResponse) -> str:
         """A reply without a read: Ethernet-only, to a query of the hub's board among others."""
         if self.bus.network != "ethernet" or tcode != wire.QUADLET_WRITE or address != reg.QUERY or len(data) < 22:
             return "a reply to a write"
@@ -143,7 +143,7 @@ class Rules:
 class Sender:
     """Datagrams of every kind for one bus, real and spoilt ones, and when and to whom they go; the same for a seed."""
 
-    def __init__(self, bus: Bus, seed: int) -> None:
+    def __init__(self, bus: BusConfig, seed: int) -> None:
         self.random = random.Random(seed)
         self.now_ns = 0
         self.generation = 0  # as the host knows it

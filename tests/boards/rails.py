@@ -7,17 +7,17 @@ import numpy as np
 from procs.boards.emulation import Emulation
 from procs.document.system import (
     Actuator,
-    Bus,
+    BusConfig,
     Controller,
     DigitalInput,
     Encoder,
-    Io,
+    IoConfig,
     Linear,
     Potentiometer,
     Robot,
-    System,
+    SystemConfig,
 )
-from procs.document.system import Emulation as EmulationRow
+from procs.document.system import EmulationConfig as EmulationRow
 from procs.fpga import wire
 
 MS = 1_000_000
@@ -52,25 +52,26 @@ def _actuator(board: int, axis: int, sign: float) -> Actuator:
         Potentiometer(Linear(6.866455e-5, 0.0), Linear(sign * 0.5, -sign * 1.1)))
 
 
-def _io(name: str, robot: str, actuators: tuple[Actuator, ...], *inputs: DigitalInput) -> Io:
-    return Io(name, "udp:127.1.2.16", "broadcast-query-read-write", 1 / 1500, 0.03, False,
-              (Robot(robot, "1", "QLA1", actuators),), (), inputs)
+def _io(name: str, robot: str, actuators: tuple[Actuator, ...], *inputs: DigitalInput) -> IoConfig:
+    return IoConfig(name, "udp:127.1.2.16", "broadcast-query-read-write", 1 / 1500, 0.03, False,
+                    (Robot(robot, "1", "QLA1", actuators),), (), inputs)
 
 
-def two_buses(noise: float = 0.0, address: str = "127.91.7.16") -> System:
+def two_buses(noise: float = 0.0, address: str = "127.91.7.16") -> SystemConfig:
     clutch = DigitalInput("clutch", 9, 4, True, True, True)
     limit = DigitalInput("limit", 3, 0, False, True, True)
     ios = (_io("IO1", "PSM1", tuple(_actuator(b, k, s) for b, k, s in
                                     ((9, 0, 1), (9, 1, -1), (9, 3, 1), (3, 0, -1), (3, 2, 1))), clutch, limit),
            _io("IO2", "ECM", tuple(_actuator(9, k, 1.0) for k in range(2))))
-    buses = (Bus("IO1", address, (Controller(9), Controller(3))), Bus("IO2", "127.91.7.32", (Controller(9),)))
-    return System("t", "", "lockstep", ios, (), EmulationRow(1e-3, buses, pot_noise_v=noise), ())
+    buses = (BusConfig("IO1", address, (Controller(9), Controller(3))),
+             BusConfig("IO2", "127.91.7.32", (Controller(9),)))
+    return SystemConfig("t", "", "lockstep", ios, (), EmulationRow(1e-3, buses, pot_noise_v=noise), ())
 
 
 def real_time(world: Emulation, bus: int, node: int, now: int) -> np.ndarray:
     reply = world.answer(bus, wire.block_read(node, 0, 128, 1, 1), now)
     response = wire.decode_response(reply or b"")
-    assert isinstance(response, wire.Response)
+    assert isinstance(response, wire.WireResponse)
     return np.frombuffer(response.data, ">u4").astype(np.int64)
 
 

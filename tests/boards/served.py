@@ -10,7 +10,7 @@ import pytest
 
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
-from procs.document.system import Bus
+from procs.document.system import BusConfig
 from procs.fpga import wire
 from tests.boards.rails import MS, Rails, two_buses
 
@@ -26,7 +26,7 @@ class Served:
         system = two_buses(address=address)
         assert system.emulation is not None
         self.world = Emulation(system, Rails(7), time.monotonic_ns())
-        self.bus: Bus = system.emulation.buses[0]
+        self.bus: BusConfig = system.emulation.buses[0]
         self.endpoints = Endpoints((self.bus,), self.world.answer, time.monotonic_ns, False)
         self.host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.host.connect((address, wire.UDP_PORT))
@@ -62,5 +62,5 @@ class Served:
         self.host.send(wire.quadlet_read(node, address, 1, self.world.buses[0].generation))
         self.endpoints.serve(1000 * MS)
         response = wire.decode_response(self.host.recv(100))
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response.value

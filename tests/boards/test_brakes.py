@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.document.system import Brake, Linear, System
+from procs.document.system import Brake, Linear, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
@@ -28,7 +28,7 @@ class BrakedRails(Rails):
         held[actuators] = engaged
 
 
-def braked() -> System:
+def braked() -> SystemConfig:
     """PSM1 of the first bus with a brake for its first two actuators, on axes 1 and 3 of board 3."""
     system = two_buses()
     brakes = tuple(Brake(3, axis, Linear(SCALE, OFFSET), Linear(1 / SCALE, -2.048), 0.3, sign * 0.25, 0.5, sign * 0.08,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import registers as reg
 from procs.fpga import wire
@@ -24,18 +24,18 @@ Data = Callable[[str], Path]
 Replies = list[wire.Buffer | None]
 
 
-def bus_of(capture: Capture) -> Bus:
+def bus_of(capture: Capture) -> EmulatedBus:
     """Boards like those of a capture."""
     fpga = "V3" if capture.firmware >= 9 else "V2"
     controllers = (Controller(board, firmware=capture.firmware, fpga=fpga) for board in capture.controllers)
-    return Bus(tuple(controllers), network=capture.network)
+    return EmulatedBus(tuple(controllers), network=capture.network)
 
 
 def captured(data: Data, name: str) -> Capture:
     return read_capture(data("golden/wire") / f"{name}.jsonl")
 
 
-def replayed(capture: Capture, bus: Bus) -> Replies:
+def replayed(capture: Capture, bus: EmulatedBus) -> Replies:
     """Replies of our boards to the requests of a capture, each at its time."""
     replies: Replies = []
     for exchange in capture.exchanges:
@@ -136,7 +136,7 @@ def turned(change: Callable[[list[int]], object]) -> Callable[[bytes], bytes]:
 
     def mutant(reply: bytes) -> bytes:
         response = wire.decode_response(reply)
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         quads = list(struct.unpack(f">{len(response.data) // 4}I", response.data))
         change(quads)
         return board_side.encode_response(dataclasses.replace(response, data=struct.pack(f">{len(quads)}I", *quads)))

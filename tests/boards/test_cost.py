@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.cost import BLOCK, CYCLES, MOST_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, Bench, summary
+from procs.boards.cost import BLOCK, CYCLES, MOST_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
 from procs.config import load_system
 from procs.fpga import blocks, wire
 from shm.directory import create_ring
@@ -22,17 +22,17 @@ MEASURED = {"whole", "sockets", "paused", "physics", "query", "read", "write", "
 
 
 @pytest.fixture
-def bench(world: World, tmp_path: Path) -> Iterator[Bench]:
+def bench(world: World, tmp_path: Path) -> Iterator[BoardsBench]:
     """One PSM on two boards."""
     loaded = load_system(write_system(tmp_path, 1), boards="emulated", name=world.name)
     assert loaded.system is not None, loaded.errors
     create_ring(world.name, "boards", BOARDS_STATE, {"axes": 7, "boards": 2}, {})
-    with contextlib.closing(Bench(world.name, loaded.system)) as made:
+    with contextlib.closing(BoardsBench(world.name, loaded.system)) as made:
         yield made
     world.remove()
 
 
-def test_every_window_holds_two_physics_steps(bench: Bench) -> None:
+def test_every_window_holds_two_physics_steps(bench: BoardsBench) -> None:
     begins = []
     for _ in range(4):
         bench.whole(bench._next())
@@ -41,7 +41,7 @@ def test_every_window_holds_two_physics_steps(bench: Bench) -> None:
     assert round(1e9 * CYCLES / WINDOW_NS) == 1500
 
 
-def test_a_turn_measures_everything_with_the_arms_moving(bench: Bench) -> None:
+def test_a_turn_measures_everything_with_the_arms_moving(bench: BoardsBench) -> None:
     found, lowest, highest = bench.turn(0.0), bench.world.position.copy(), bench.world.position.copy()
     assert set(found) == MEASURED
     assert all(0 < said["p10"] <= said["p50"] <= said["p99"] for said in found.values())
@@ -53,7 +53,7 @@ def test_a_turn_measures_everything_with_the_arms_moving(bench: Bench) -> None:
     assert ((highest - lowest) > 2e-3).all()
 
 
-def test_a_hub_read_that_is_not_the_cycle_s_is_refused(bench: Bench) -> None:
+def test_a_hub_read_that_is_not_the_cycle_s_is_refused(bench: BoardsBench) -> None:
     at = (SWITCH_ON_WINDOWS + 1) * WINDOW_NS
     replies = [bench.world.answer(0, data, when) for when, data in bench.host.cycle(at)]
     good = bytes(replies[1] or b"")
@@ -69,14 +69,14 @@ def test_a_hub_read_that_is_not_the_cycle_s_is_refused(bench: Bench) -> None:
         bench.host.check(good, at)
 
 
-def test_arms_off_their_path_are_refused(bench: Bench) -> None:
+def test_arms_off_their_path_are_refused(bench: BoardsBench) -> None:
     bench._check()
     bench.host._middle += 1.1 * MOST_OFF
     with pytest.raises(ValueError, match="off its path"):
         bench._check()
 
 
-def test_an_amplifier_that_went_off_is_refused(bench: Bench) -> None:
+def test_an_amplifier_that_went_off_is_refused(bench: BoardsBench) -> None:
     bench.world.advance((SWITCH_ON_WINDOWS + 30) * WINDOW_NS)  # nobody writes: the watchdog
     bench._windows += 30
     with pytest.raises(ValueError, match="not every amplifier is on"):

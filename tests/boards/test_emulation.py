@@ -10,8 +10,8 @@ import pytest
 
 from procs.boards.emulation import FRAME_TICKS, MOST_STEPS, Emulation, ns_of, ticks_of
 from procs.boards.wiring import Wiring
-from procs.document.system import Bus, Controller, Linear
-from procs.document.system import Emulation as EmulationRow
+from procs.document.system import BusConfig, Controller, Linear
+from procs.document.system import EmulationConfig as EmulationRow
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
@@ -134,7 +134,7 @@ def test_robots_on_boards_that_are_not_there_are_refused() -> None:
     system = two_buses()
     assert system.emulation is not None
     with pytest.raises(ValueError, match="PSM1: board 3 is not on the emulated bus of IO1; it has 9"):
-        Wiring(system, EmulationRow(1e-3, (Bus("IO1", "127.0.0.1", (Controller(9),)),)))
+        Wiring(system, EmulationRow(1e-3, (BusConfig("IO1", "127.0.0.1", (Controller(9),)),)))
 
 
 def test_datagrams_that_were_read_late_still_reach_the_boards_one_after_the_other() -> None:

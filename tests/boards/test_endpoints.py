@@ -12,7 +12,7 @@ import pytest
 from procs.boards import endpoints as endpoints_module
 from procs.boards.controllers.bus import GROUP
 from procs.boards.endpoints import ANY, MULTICAST, Endpoints
-from procs.document.system import Bus, Controller
+from procs.document.system import BusConfig, Controller
 from procs.fpga import wire
 
 MS = 1_000_000
@@ -20,7 +20,7 @@ Heard = list[tuple[int, int, bytes]]
 
 
 @contextlib.contextmanager
-def served(bus: Bus, heard: Heard) -> Iterator[Endpoints]:
+def served(bus: BusConfig, heard: Heard) -> Iterator[Endpoints]:
     """Endpoints of one bus that repeat what they hear."""
 
     def answer(number: int, data: wire.Buffer, receive_ns: int, to: int) -> wire.Buffer:
@@ -49,8 +49,8 @@ def serve_until(endpoints: Endpoints, heard: Heard, count: int) -> None:
         endpoints.serve(10 * MS)
 
 
-ETHERNET = Bus("a", "127.91.8.64", (Controller(0, firmware=9, fpga="V3"), Controller(5, firmware=9, fpga="V3")),
-               network="ethernet")
+ETHERNET = BusConfig("a", "127.91.8.64", (Controller(0, firmware=9, fpga="V3"), Controller(5, firmware=9, fpga="V3")),
+                     network="ethernet")
 
 
 def test_ethernet_only_boards_have_an_address_each_and_answer_from_it() -> None:
@@ -74,7 +74,7 @@ def test_multicast_reaches_all_boards_of_the_own_bus_and_the_hub_answers() -> No
 
 def test_a_rev_9_bridge_is_reached_at_the_bus_and_at_its_hubs_address() -> None:
     heard: Heard = []
-    bus = Bus("a", "127.91.8.96", (Controller(6, firmware=9), Controller(2, firmware=9)))
+    bus = BusConfig("a", "127.91.8.96", (Controller(6, firmware=9), Controller(2, firmware=9)))
     with served(bus, heard) as endpoints, host_at("127.91.8.96") as host:
         for last in (96, 102):
             host.sendto(b"hub", (f"127.91.8.{last}", wire.UDP_PORT))
@@ -88,7 +88,7 @@ def test_a_bus_at_every_address_answers_from_the_one_that_was_asked(monkeypatch:
         port = taken.getsockname()[1]
     monkeypatch.setattr(endpoints_module, "UDP_PORT", port)
     heard: Heard = []
-    with served(Bus("a", ANY, (Controller(5, firmware=9, fpga="V3"),)), heard) as endpoints, host_at(ANY) as host:
+    with served(BusConfig("a", ANY, (Controller(5, firmware=9, fpga="V3"),)), heard) as endpoints, host_at(ANY) as host:
         for asked in ("127.0.0.6", "127.0.0.1"):
             host.connect((asked, port))  # and hears nobody else
             host.send(b"x")
@@ -104,7 +104,7 @@ def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
         stamps.append(receive_ns)
         return bytes([bus]) + bytes(data)
 
-    buses = (Bus("a", "127.91.8.16", (Controller(0),)), Bus("b", "127.91.8.32", (Controller(0),)))
+    buses = (BusConfig("a", "127.91.8.16", (Controller(0),)), BusConfig("b", "127.91.8.32", (Controller(0),)))
     endpoints = Endpoints(buses, answer, time.monotonic_ns, simulated=False)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
         host.settimeout(5.0)
@@ -128,7 +128,7 @@ def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
 
 def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
     stamps: list[int] = []
-    endpoints = Endpoints((Bus("a", "127.91.9.16", (Controller(0),)),),
+    endpoints = Endpoints((BusConfig("a", "127.91.9.16", (Controller(0),)),),
                           lambda bus, data, at, to: stamps.append(at), lambda: 4711, simulated=True)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
         host.sendto(b"x", ("127.91.9.16", wire.UDP_PORT))
@@ -141,7 +141,7 @@ def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_read_without_a_reply_is_told_in_simulated_time_by_an_empty_datagram(simulated: bool) -> None:
     heard: list[wire.Buffer] = []
-    endpoints = Endpoints((Bus("a", "127.91.10.16", (Controller(0),)),),
+    endpoints = Endpoints((BusConfig("a", "127.91.10.16", (Controller(0),)),),
                           lambda bus, data, at, to: heard.append(bytes(data)), lambda: 4711, simulated=simulated)
     asked = [wire.quadlet_write(0, 0, 1, 1, 1), wire.quadlet_read(0, 0, 2, 1), wire.block_read(0, 0, 64, 3, 1)]
     replies = []

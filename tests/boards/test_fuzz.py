@@ -21,7 +21,7 @@ from procs.boards.controllers.models import HARDWARE
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
 from procs.config import load_system
-from procs.document.system import Bus, Controller, System
+from procs.document.system import BusConfig, Controller, SystemConfig
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
@@ -47,8 +47,8 @@ MIXED_9 = (Controller(6, firmware=9, fpga="V3", qla="1.5"), Controller(2, "DQLA"
 TESTED = (Controller(1), Controller(0, firmware=7), Controller(5, firmware=9, fpga="V3", qla="1.5"))
 
 
-def _bus(controllers: tuple[Controller, ...], network: str = "bridge", testboard: bool = False) -> Bus:
-    return Bus("IO1", "127.0.0.1", controllers, network, testboard)
+def _bus(controllers: tuple[Controller, ...], network: str = "bridge", testboard: bool = False) -> BusConfig:
+    return BusConfig("IO1", "127.0.0.1", controllers, network, testboard)
 
 
 BUSES = {  # the demo's robot hangs on boards 6 and 7
@@ -117,7 +117,7 @@ class Fuzzed:
             self.replies["dropped" if len(reply) == 8 else f"to tcode {data[5] >> 4}"] += 1
 
 
-def _system(bus: Bus) -> System:
+def _system(bus: BusConfig) -> SystemConfig:
     """The demo on this bus; on a test board without its robot."""
     loaded = load_system(ROOT / "configs" / "systems" / "demo.yaml", boards="emulated", name="fuzz")
     system = loaded.system
@@ -158,7 +158,7 @@ class Host:
         reply = self.send(wire.quadlet_read(node, address, 2, self.generation, self.flags), board.board_id
                           if self.ethernet else GROUP)
         response = wire.decode_response(reply or b"")
-        assert isinstance(response, wire.Response), f"board {board.board_id} does not answer"
+        assert isinstance(response, wire.WireResponse), f"board {board.board_id} does not answer"
         return response.value
 
     @property
@@ -174,7 +174,7 @@ class Host:
             length = 4 * (sum(sizes) + 1)
             reply = self.send(wire.block_read(0, reg.HUB, length, 3, self.generation))
         response = wire.decode_response(reply or b"")
-        assert isinstance(response, wire.Response) and len(response.data) == 4 * (sum(sizes) + 1)
+        assert isinstance(response, wire.WireResponse) and len(response.data) == 4 * (sum(sizes) + 1)
         quads = np.frombuffer(response.data, ">u4").astype(np.int64)
         found, at = [], 0
         while at < len(quads) - 1:  # over Ethernet in any order: the board's id tells

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.document.system import Controller
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
 
 
-def _world() -> tuple[Emulation, Incidents]:
+def _world() -> tuple[Emulation, BoardFaults]:
     rails = Rails(7)
     world = Emulation(two_buses(), rails, START)
-    return world, Incidents(world, rails)  # type: ignore[arg-type]  # a plant as far as it goes
+    return world, BoardFaults(world, rails)  # type: ignore[arg-type]  # a plant as far as it goes
 
 
 def test_buttons_have_their_released_level_until_pressed() -> None:
@@ -96,7 +96,7 @@ def _query(world: Emulation, sequence: int, ids: tuple[int, ...], now: int) -> l
     write(world, 0, wire.BROADCAST, reg.QUERY, sequence << 16 | sum(1 << board for board in ids), now)
     reply = world.answer(0, wire.block_read(0, reg.HUB, (33 * len(ids) + 1) * 4, 1, 1), now + 1000)
     response = wire.decode_response(reply or b"")
-    assert isinstance(response, wire.Response)
+    assert isinstance(response, wire.WireResponse)
     return [int(quad) for quad in np.frombuffer(response.data, ">u4")[:-1:33]]
 
 
@@ -111,7 +111,7 @@ def test_a_board_is_away_until_it_is_back_as_new() -> None:
     incidents.take_away(9, False, "IO1")  # it is back already
     assert world.buses[0].generation == generation == 3
     reply = wire.decode_response(world.answer(0, wire.quadlet_read(0, reg.WATCHDOG, 1, 3), START + 2000) or b"")
-    assert isinstance(reply, wire.Response)
+    assert isinstance(reply, wire.WireResponse)
     assert reply.value == reg.WATCHDOG_POWER_UP
 
 
@@ -120,7 +120,7 @@ def test_a_bus_reset_drops_requests_of_the_old_generation() -> None:
     incidents.reset_bus("IO1")
     replies = [wire.decode_response(world.answer(bus, wire.quadlet_read(0, reg.STATUS, 1, 1), START + 1000) or b"")
                for bus in (0, 1)]
-    assert [type(reply) for reply in replies] == [wire.Dropped, wire.Response]
+    assert [type(reply) for reply in replies] == [wire.Dropped, wire.WireResponse]
     assert [reply.trailer.generation for reply in replies] == [2, 1]
     incidents.reset_bus()
     assert [bus.generation for bus in world.buses] == [3, 2]
@@ -157,7 +157,7 @@ def test_a_dra1_cannot_be_heated() -> None:
     rails = Rails(7)
     world = Emulation(replace(system, emulation=replace(system.emulation, buses=buses)), rails, START)
     with pytest.raises(ValueError, match="board 9: a dRA1 has no temperature sensors"):
-        Incidents(world, rails).heat(9, 30.0, 31.0, "IO2")  # type: ignore[arg-type]  # a plant as far as it goes
+        BoardFaults(world, rails).heat(9, 30.0, 31.0, "IO2")  # type: ignore[arg-type]  # a plant as far as it goes
 
 
 def test_too_much_measured_current_trips_the_check_of_the_board() -> None:

@@ -7,9 +7,18 @@ import dataclasses
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import Incidents
-from procs.boards.instruments import Instruments
-from procs.document.system import Arm, ArmInputs, Chain, DigitalInput, InstrumentReader, Jaw, System, Tool
+from procs.boards.incidents import BoardFaults
+from procs.boards.instruments import EmulatedInstruments
+from procs.document.system import (
+    ArmConfig,
+    ArmInputs,
+    Chain,
+    DigitalInput,
+    InstrumentReader,
+    JawConfig,
+    SystemConfig,
+    Tool,
+)
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
 from procs.fpga.instrument import MODEL_AT, NAME_AT, VERSION_AT
@@ -36,26 +45,27 @@ class Holder(Rails):
         self.held = ""
 
 
-def _system(reader: str) -> System:
+def _system(reader: str) -> SystemConfig:
     system = two_buses()
     first, second = system.ios
     switches = tuple(DigitalInput(f"PSM1_{name}", 3, bit, pressed, True, True)
                      for name, bit, pressed in (("adapter", ADAPTER, False), ("tool", TOOL, True)))
     io = dataclasses.replace(first, digital_inputs=first.digital_inputs + switches, instrument_readers=(
         InstrumentReader("PSM2_dallas", 9), InstrumentReader(reader, 3)))
-    tools = tuple(Tool(name, (), Jaw(0.0, 1.0, 1.0), (), (), (), (), names=(kind,), model=model, version_min=least)
+    tools = tuple(Tool(name, (), JawConfig(0.0, 1.0, 1.0), (), (), (), (), names=(kind,), model=model,
+                       version_min=least)
                   for name, kind, model, least in (
                       (LND, "LARGE_NEEDLE_DRIVER", "400006", None), (HOOK, "PERMANENT_CAUTERY_HOOK", "420183", 11)))
-    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools,
+    arm = ArmConfig("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1e-3, Chain("modified", ()), tools=tools,
               inputs=ArmInputs(adapter="PSM1_adapter", tool="PSM1_tool"))
     return dataclasses.replace(system, ios=(io, second), arms=(arm,))
 
 
-def _world(held: str = "", reader: str = "PSM1_dallas") -> tuple[Emulation, Instruments, Holder]:
+def _world(held: str = "", reader: str = "PSM1_dallas") -> tuple[Emulation, EmulatedInstruments, Holder]:
     plant, system = Holder(held), _system(reader)
     world = Emulation(system, plant, START)
-    incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
-    return world, Instruments(system, world, incidents, plant), plant  # type: ignore[arg-type]
+    incidents = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    return world, EmulatedInstruments(system, world, incidents, plant), plant  # type: ignore[arg-type]
 
 
 def _read(world: Emulation, at: int) -> bytes | None:
@@ -65,7 +75,7 @@ def _read(world: Emulation, at: int) -> bytes | None:
     status = wire.decode_response(world.answer(0, wire.quadlet_read(NODE, reg.DALLAS, 1, 1), now + 900 * MS) or b"")
     data = wire.decode_response(
         world.answer(0, wire.block_read(NODE, reg.DALLAS_MEMORY, 256, 1, 1), now + 901 * MS) or b"")
-    assert isinstance(status, wire.Response) and isinstance(data, wire.Response)
+    assert isinstance(status, wire.WireResponse) and isinstance(data, wire.WireResponse)
     assert status.value & 0x20F0 == 0
     return data.data if status.value >> 1 & 3 == 1 else None
 

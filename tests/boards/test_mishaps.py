@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.mishaps import KINDS, NEVER, Mishaps
+from procs.boards.mishaps import KINDS, NEVER, PacketFaults
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses
@@ -18,7 +18,7 @@ class Host:
 
     def __init__(self, seed: int = 1) -> None:
         self.world = Emulation(two_buses(), Rails(7), START)
-        self.mishaps = Mishaps(2, seed)
+        self.mishaps = PacketFaults(2, seed)
         self.now, self.label = START, 0
 
     def ask(self, bus: int = 0) -> list[bytes]:
@@ -36,7 +36,7 @@ class Host:
         if len(replies) != 1:
             return False
         response = wire.decode_response(replies[0])
-        return isinstance(response, wire.Response) and response.tl == self.label
+        return isinstance(response, wire.WireResponse) and response.tl == self.label
 
 
 def test_nothing_happens_until_it_is_asked_for() -> None:
@@ -91,7 +91,7 @@ def test_a_wrong_label_is_the_next_one() -> None:
         host.label -= 1
         host.mishaps.strike("mislabelled", 1, BOTH)
         wrong = wire.decode_response(host.ask()[0])
-        assert isinstance(wrong, wire.Response)
+        assert isinstance(wrong, wire.WireResponse)
         assert wrong.tl == (label + 1) % 64
         assert wire.decode_response(whole) != wrong
         assert wrong.data == wire.decode_response(whole).data  # type: ignore[union-attr]  # not a dropped one
@@ -107,14 +107,14 @@ def test_a_late_reply_comes_when_it_is_due() -> None:
     assert host.mishaps.due(first - 1) == []
     ((bus, reply, sender),) = host.mishaps.due(first)
     assert (bus, sender) == (1, "host")
-    assert isinstance(wire.decode_response(reply), wire.Response)
+    assert isinstance(wire.decode_response(reply), wire.WireResponse)
     assert host.mishaps.next_ns == first + MS // 10
     assert [bus for bus, _, _ in host.mishaps.due(first + 100 * MS)] == [0]
     assert (host.mishaps.next_ns, host.mishaps.active) == (NEVER, False)
 
 
 def test_a_late_reply_keeps_what_it_said() -> None:
-    mishaps, buffer = Mishaps(1), bytearray(range(32))
+    mishaps, buffer = PacketFaults(1), bytearray(range(32))
     mishaps.strike("late", 1, range(1), MS)
     mishaps.leave(0, memoryview(buffer), "host", 0)
     buffer[:] = bytes(32)
@@ -134,7 +134,7 @@ def test_several_mishaps_may_come_together() -> None:
     assert (len(host.ask()), len(host.ask())) == (0, 2)  # what is lost uses nothing else up
 
 
-def _pass(mishaps: Mishaps, bus: int, count: int) -> tuple[list[bool], int]:
+def _pass(mishaps: PacketFaults, bus: int, count: int) -> tuple[list[bool], int]:
     """Whether each of so many questions is answered, and how many reached the boards."""
     answered, arrived = [], 0
     for _ in range(count):
@@ -145,7 +145,7 @@ def _pass(mishaps: Mishaps, bus: int, count: int) -> tuple[list[bool], int]:
 
 
 def test_rates_hold_until_changed() -> None:
-    mishaps = Mishaps(2)
+    mishaps = PacketFaults(2)
     mishaps.strike_often("lost", 0.25, range(1))
     assert 0.71 <= sum(_pass(mishaps, 0, 4000)[0]) / 4000 <= 0.79
     assert all(_pass(mishaps, 1, 100)[0])
@@ -157,7 +157,7 @@ def test_rates_hold_until_changed() -> None:
 
 
 def test_lost_packets_are_requests_as_well_as_replies() -> None:
-    mishaps = Mishaps(1)
+    mishaps = PacketFaults(1)
     mishaps.lose_packets(0.2, range(1))
     answered, arrived = _pass(mishaps, 0, 4000)
     assert 0.77 <= arrived / 4000 <= 0.83
@@ -166,7 +166,7 @@ def test_lost_packets_are_requests_as_well_as_replies() -> None:
 
 def test_chance_follows_the_seed_and_not_the_other_bus() -> None:
     def answered(seed: int, others: int) -> list[bool]:
-        mishaps = Mishaps(2, seed)
+        mishaps = PacketFaults(2, seed)
         mishaps.lose_packets(0.3, BOTH)
         got = []
         for _ in range(64):

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.boards.mishaps import KINDS
-from procs.boards.orders import Orders
+from procs.boards.orders import BoardCommands
 from procs.boards.robots.hand import Grip, Hands
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
@@ -54,7 +54,7 @@ class Asked:
 
 def _ask(name: str, values: list[float], text: str = "") -> tuple[list[tuple[Any, ...]], str]:
     recorder, command = Recorder(), Asked(name, values, text)
-    Orders(recorder, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
+    BoardCommands(recorder, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
     return recorder.told, command.outcome
 
 
@@ -162,7 +162,7 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
 def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
     plant = Rails(7)
     world = Emulation(two_buses(), plant, START)
-    incidents = Incidents(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    incidents = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
     command = Asked(name, values, text)
-    Orders(incidents, Recorder(), Hands(plant, ("PSM1",)), world.mishaps).carry_out(command)  # type: ignore[arg-type]
+    BoardCommands(incidents, Recorder(), Hands(plant, ("PSM1",)), world.mishaps).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 
 from procs.boards.emulation import Emulation, SensorErrors
-from procs.document.system import Controller, System
+from procs.document.system import Controller, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
 
 
-def _with(*controllers: Controller) -> System:
+def _with(*controllers: Controller) -> SystemConfig:
     """The usual two buses, the first with other controllers: ids 9 and 3."""
     system = two_buses()
     assert system.emulation is not None
@@ -24,7 +24,7 @@ def _with(*controllers: Controller) -> System:
 
 def _read(world: Emulation, node: int, address: int, now: int) -> int:
     reply = wire.decode_response(world.answer(0, wire.quadlet_read(node, address, 1, 1), now) or b"")
-    assert isinstance(reply, wire.Response)
+    assert isinstance(reply, wire.WireResponse)
     return reply.value
 
 

@@ -8,21 +8,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.boards.setup_joints import LIFT_M_S
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
 from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, Host, cart, described, with_arms
 from tests.boards.rails import Rails
 
 
 @pytest.fixture(scope="module")
-def plain() -> System:
+def plain() -> SystemConfig:
     return cart()
 
 
 @pytest.fixture
-def host(plain: System) -> Host:
+def host(plain: SystemConfig) -> Host:
     made = Host(plain)
     made.reset()
     return made
@@ -72,7 +72,7 @@ def test_the_ramp_of_the_original_releases_and_holds(host: Host) -> None:
     assert released[0] == pytest.approx(0.8 * 2.2, abs=0.05) and released[-1] == pytest.approx(0.5 * 2.2, abs=0.05)
 
 
-def test_the_sign_of_a_brake_current_does_not_matter(plain: System) -> None:
+def test_the_sign_of_a_brake_current_does_not_matter(plain: SystemConfig) -> None:
     arms = tuple(dataclasses.replace(arm, release_current=-2.2) for arm in described(plain).arms)
     host = Host(with_arms(plain, *arms))
     host.power_on()
@@ -80,7 +80,7 @@ def test_the_sign_of_a_brake_current_does_not_matter(plain: System) -> None:
     assert host.joints.is_released("PSM1") and not host.joints.is_released("PSM2")
 
 
-def test_brakes_without_a_release_current_always_hold(plain: System) -> None:
+def test_brakes_without_a_release_current_always_hold(plain: SystemConfig) -> None:
     joints = described(plain)
     arms = tuple(dataclasses.replace(arm, release_current=0.0) for arm in joints.arms)
     host = Host(with_arms(plain, *arms))
@@ -91,7 +91,7 @@ def test_brakes_without_a_release_current_always_hold(plain: System) -> None:
 
 
 def test_an_order_moves_a_set_up_arm_that_is_let_go(host: Host) -> None:
-    incidents = Incidents(host.world, Rails(4))
+    incidents = BoardFaults(host.world, Rails(4))
     there = np.array(PLACES["PSM2"])
     with pytest.raises(ValueError, match="brakes hold"):
         incidents.place("SUJ/PSM2", there)

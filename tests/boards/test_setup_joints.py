@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.boards.controllers.interface_board import FEW_CHANGES, InterfaceBoard
-from procs.boards.devices.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, Changes, Outputs
+from procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
+from procs.boards.devices.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, BoardOutputs, Changes
 from procs.boards.devices.waveform import VALID
 from procs.boards.emulation import Emulation
-from procs.boards.setup_joints import SetupJoints
-from procs.document.emulated import SetupArm
-from procs.document.emulated import SetupJoints as Described
-from procs.document.system import Controller, System
+from procs.boards.setup_joints import SetupJointsPlant
+from procs.document.emulated import EmulatedSetupArm
+from procs.document.emulated import EmulatedSetupJointsPlant as Described
+from procs.document.system import Controller, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests.boards.carts import (
@@ -38,12 +38,12 @@ from tests.boards.rails import START, Rails, two_buses
 
 
 @pytest.fixture(scope="module")
-def plain() -> System:
+def plain() -> SystemConfig:
     return cart()
 
 
 @pytest.fixture
-def host(plain: System) -> Host:
+def host(plain: SystemConfig) -> Host:
     made = Host(plain)
     made.reset()
     return made
@@ -87,7 +87,7 @@ def test_the_channel_is_in_the_position_words_of_a_dqla() -> None:
         assert sum((word >> 28 & 1) << k for k, word in enumerate(words)) == step % CHANNELS
 
 
-def test_arms_start_where_all_potentiometers_see_them(plain: System, host: Host) -> None:
+def test_arms_start_where_all_potentiometers_see_them(plain: SystemConfig, host: Host) -> None:
     host.sweep()
     both = [host.joints_of(described(plain), secondary) for secondary in (False, True)]
     for arm in host.joints.arms:
@@ -96,7 +96,7 @@ def test_arms_start_where_all_potentiometers_see_them(plain: System, host: Host)
     assert (host.volts[1:, : 2 * JOINTS] > 0.5).all() and (host.volts[1:, : 2 * JOINTS] < 4.0).all()
 
 
-def test_a_start_position_of_the_file_is_taken(plain: System) -> None:
+def test_a_start_position_of_the_file_is_taken(plain: SystemConfig) -> None:
     joints = described(plain)
     arms = (dataclasses.replace(joints.arms[0], position=PLACES["ECM"]), *joints.arms[1:])
     world = Emulation(with_arms(plain, *arms), Rails(4), START)
@@ -168,11 +168,11 @@ def test_the_channel_outlives_the_controller_alone(host: Host) -> None:
     host.wait(10)
     response = wire.decode_response(host.world.answer(0, wire.quadlet_read(0, reg.DIGITAL_INPUT, 1, 3), host.now)
                                     or b"")
-    assert isinstance(response, wire.Response)
+    assert isinstance(response, wire.WireResponse)
     assert response.value >> reg.INPUT_ENCODER_A_SHIFT & 0xF == 6, "its output went high as at power-up: one more"
 
 
-def test_plugs_pull_their_inputs_low(plain: System, host: Host) -> None:
+def test_plugs_pull_their_inputs_low(plain: SystemConfig, host: Host) -> None:
     assert host.read(reg.DIGITAL_INPUT) >> reg.INPUT_NEGATIVE_LIMIT_SHIFT & 0xF == 0
     two = Host(with_arms(plain, *described(plain).arms[:2]))
     assert two.read(reg.DIGITAL_INPUT) >> reg.INPUT_NEGATIVE_LIMIT_SHIFT & 0xF == 0b1100
@@ -189,7 +189,7 @@ DEEDS = st.one_of(
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 900), DEEDS), max_size=10), st.integers(1, 200))
 def test_nothing_depends_on_how_often_it_is_looked_at(deeds: list[tuple[int, tuple[object, ...]]], every: int) -> None:
-    rigs = [(InterfaceBoard(PINS, outputs), outputs) for outputs in (Outputs(), Outputs())]
+    rigs = [(EmulatedInterfaceBoard(PINS, outputs), outputs) for outputs in (BoardOutputs(), BoardOutputs())]
     now = 0
     for span, deed in [*deeds, (500, ("write", 1, 1))]:
         for tick in range(now, now + span, every):
@@ -218,8 +218,8 @@ def test_nothing_depends_on_how_often_it_is_looked_at(deeds: list[tuple[int, tup
     (614, 614, 0, 0.0), (98, 298, 0, -0.5), (298, 98, 1, 0.5),
     (0, 0, 0, 1.0), (0, 0, 1, -1.0), (0, 50, 1, 1.0), (50, 0, 0, -1.0)])
 def test_the_lift_has_the_mean_of_its_output(high: int, low: int, level: int, power: float) -> None:
-    outputs = Outputs()
-    board = InterfaceBoard(PINS, outputs)
+    outputs = BoardOutputs()
+    board = EmulatedInterfaceBoard(PINS, outputs)
     board.before_write(100)
     outputs.configure(PWM, low << 16 | high, 100)
     outputs.write(0xC00 | level << PWM, 100)
@@ -229,24 +229,24 @@ def test_the_lift_has_the_mean_of_its_output(high: int, low: int, level: int, po
     outputs.write(0xC00 | 1 << DISABLE | level << PWM, 1100)
     board.until(2100)
     assert board.driven == pytest.approx(1000 * power)
-    board.power_up(Outputs(), 3100)
+    board.power_up(BoardOutputs(), 3100)
     board.until(9000)
     assert board.driven == pytest.approx(2000 * power)
 
 
 def test_lines_show_the_channel_and_no_fault_after_power_up() -> None:
-    outputs = Outputs()
-    board = InterfaceBoard(PINS, outputs)
+    outputs = BoardOutputs()
+    board = EmulatedInterfaceBoard(PINS, outputs)
     for k in range(10):
         board.before_write(100 * k)
         outputs.write(0x200 | (k + 1) % 2 << INCREMENT, 100 * k)
-    board.power_up(Outputs(), 2000)
+    board.power_up(BoardOutputs(), 2000)
     words = np.zeros((5, PLUGS), dtype=np.uint32)
     assert board.fill(2100, 0xFFFF_FFFF, words[0], words[1:]) == 0xF50F_FFFF
     assert [int(word) >> 28 & 3 for word in words[0]] == [1, 0, 1, 0]
 
 
-class Watched(Outputs):
+class Watched(BoardOutputs):
     """Notes how many changes were looked at."""
 
     followed = 0
@@ -259,7 +259,7 @@ class Watched(Outputs):
 
 def test_outputs_that_switch_for_ever_are_not_followed_for_ever() -> None:
     outputs = Watched()
-    board = InterfaceBoard(PINS, outputs)
+    board = EmulatedInterfaceBoard(PINS, outputs)
     for output in (RESET, INCREMENT, DISABLE):
         outputs.configure(output, 1 << 16 | 1, 0)
     board.before_write(10)
@@ -289,8 +289,8 @@ def slow_counter(pins: list[tuple[int, int]]) -> int:
 
 @given(st.lists(st.tuples(st.sampled_from((0, 1, 1, 1, 1, 1)), st.integers(0, 1)), max_size=60))
 def test_the_counter_is_that_of_its_pins(pins: list[tuple[int, int]]) -> None:
-    outputs = Outputs()
-    board = InterfaceBoard(PINS, outputs)
+    outputs = BoardOutputs()
+    board = EmulatedInterfaceBoard(PINS, outputs)
     for k, (reset, increment) in enumerate(pins, 1):
         board.before_write(10 * k)
         outputs.write(0x300 | (not increment) << INCREMENT | (not reset) << RESET, 10 * k)
@@ -326,7 +326,7 @@ def test_systems_without_setup_joints_have_none() -> None:
     assert Emulation(two_buses(), Rails(7), START).setup_joints == {}
 
 
-def test_the_test_board_takes_their_place(plain: System) -> None:
+def test_the_test_board_takes_their_place(plain: SystemConfig) -> None:
     assert plain.emulation is not None
     bus = dataclasses.replace(plain.emulation.buses[0], testboard=True)
     emulation = dataclasses.replace(plain.emulation, buses=(bus,))
@@ -334,8 +334,8 @@ def test_the_test_board_takes_their_place(plain: System) -> None:
 
 
 def test_joints_without_potentiometers_show_nothing() -> None:
-    arm = SetupArm("X", 2, ((0.0, 0.0),) * 6, ((0.0, 0.0),) * 6)
-    board = InterfaceBoard(PINS, Outputs())
-    joints = SetupJoints(dataclasses.replace(PINS, arms=(arm,)), board, np.arange(4), np.zeros(1, dtype=np.uint32))
+    arm = EmulatedSetupArm("X", 2, ((0.0, 0.0),) * 6, ((0.0, 0.0),) * 6)
+    board = EmulatedInterfaceBoard(PINS, BoardOutputs())
+    joints = SetupJointsPlant(dataclasses.replace(PINS, arms=(arm,)), board, np.arange(4), np.zeros(1, dtype=np.uint32))
     joints.place("X", (1.0,) * 6, by_force=True)
     assert joints.step(np.zeros(4), np.zeros(4, dtype=np.bool_)).tolist() == [0.0] * 4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.rig import Rig
 
@@ -20,8 +20,8 @@ def psm() -> Rig:
 
 
 @pytest.fixture
-def faults(psm: Rig) -> Incidents:
-    return Incidents(psm.world, psm.plant)
+def faults(psm: Rig) -> BoardFaults:
+    return BoardFaults(psm.world, psm.plant)
 
 
 def _moved(rig: Rig, robot: str, by: float) -> np.ndarray:
@@ -34,7 +34,7 @@ def _moved(rig: Rig, robot: str, by: float) -> np.ndarray:
     return moved
 
 
-def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: Rig, faults: Incidents) -> None:
+def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: Rig, faults: BoardFaults) -> None:
     before = psm.record.pot_voltage.copy()
     faults.kill_pot("PSM1", 3, True)
     psm.run(0.02)
@@ -45,7 +45,7 @@ def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: Rig, faults:
     assert psm.record.pot_voltage[3] == pytest.approx(before[3], abs=1e-3)
 
 
-def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: Rig, faults: Incidents) -> None:
+def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: Rig, faults: BoardFaults) -> None:
     resting = psm.record.position.copy()
     faults.scale_encoder("PSM1", 0, 1.25)
     psm.run(0.02)
@@ -59,7 +59,7 @@ def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: Rig, faults: Inci
         faults.scale_encoder("PSM1", 0, 0.0)
 
 
-def test_swapped_motors_move_each_other_until_swapped_back(psm: Rig, faults: Incidents) -> None:
+def test_swapped_motors_move_each_other_until_swapped_back(psm: Rig, faults: BoardFaults) -> None:
     assert psm.do("power_on", "PSM1").outcome == "done"
     for moving, resting in ((1, 0), (0, 1)):
         faults.swap_motors("PSM1", 0, 1)
@@ -70,7 +70,7 @@ def test_swapped_motors_move_each_other_until_swapped_back(psm: Rig, faults: Inc
         assert moved[moving] > 10.0 * moved[resting]
 
 
-def test_a_jammed_axis_stands_still_whatever_pulls(psm: Rig, faults: Incidents) -> None:
+def test_a_jammed_axis_stands_still_whatever_pulls(psm: Rig, faults: BoardFaults) -> None:
     assert psm.do("power_on", "PSM1").outcome == "done"
     faults.jam("PSM1", 0, True)
     before = psm.record.position[0]

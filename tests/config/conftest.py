@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS, Loaded, Problem, load_system
+from procs.config import PROJECT_CONFIGS, FileProblem, Loaded, load_system
 
 SYSTEM = "systems/demo.yaml"
 Section = Mapping[str, object]
@@ -33,7 +33,7 @@ class Home:
     def load(self, file: str = SYSTEM, **options: object) -> Loaded:
         return load_system(self.path / file, configs=self.path, **options)  # type: ignore[arg-type]
 
-    def error(self, **options: object) -> Problem:
+    def error(self, **options: object) -> FileProblem:
         """The only error there is."""
         loaded = self.load(**options)
         assert loaded.system is None

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from procs.config import Problem, check_file, load_system
+from procs.config import FileProblem, check_file, load_system
 from tests import stock
 from tests.config.conftest import Home
 
@@ -47,7 +47,7 @@ def test_mistake_in_an_arm_file_is_named(
     assert (problem.file, problem.line, problem.key) in [(one.file, one.line, one.key) for one in loaded.errors]
 
 
-def spoilt(folder: Path, **changes: Any) -> tuple[Problem, ...]:
+def spoilt(folder: Path, **changes: Any) -> tuple[FileProblem, ...]:
     """What is wrong with a site's gravity file after these changes of its controller."""
     content = json.loads(stock.find("dvrk-site/jhu-dVRK/gc-MTML-22723.json").read_text())
     version = changes.pop("version", "2.0")

@@ -17,7 +17,7 @@ from tests import stock
 SHARE = "dvrk-share"
 
 
-def site_arm(system: str, arm: str) -> document.Arm:
+def site_arm(system: str, arm: str) -> document.ArmConfig:
     """An arm of a site's system, as its body is."""
     path = stock.find(f"dvrk-site/{system}.json")
     loaded = load_system(path, search=[stock.find(SHARE)], boards="emulated").system
@@ -26,7 +26,7 @@ def site_arm(system: str, arm: str) -> document.Arm:
     return loaded.emulated().arm(arm)
 
 
-def simulated_arm(folder: Path, family: str, **keys: object) -> document.Arm:
+def simulated_arm(folder: Path, family: str, **keys: object) -> document.ArmConfig:
     """A KINEMATIC arm from an arm file with these keys, as the emulation or the arm process would have it."""
     arm_file = {"$id": f"dvrk-{family.lower()}.schema.json", "$version": "1", **keys}
     (folder / "arm.json").write_text(json.dumps(arm_file))

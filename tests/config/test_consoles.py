@@ -10,7 +10,7 @@ from procs.config import load_system
 from procs.config.build.kinds import check_file
 from procs.document import system as document
 from procs.document.consoles import HidSensor
-from procs.document.system import System, WiredInput
+from procs.document.system import SystemConfig, WiredInput
 from tests import stock
 from tests.config.conftest import SYSTEM, Home
 
@@ -20,7 +20,7 @@ ARMS = [{"name": name, "type": name[:3], "simulation": "KINEMATIC", "serial": "0
         for name in ("MTMR", "MTML", "PSM1", "ECM")]
 
 
-def full() -> System:
+def full() -> SystemConfig:
     system = load_system(stock.find(FULL), search=[stock.find("dvrk-share")]).system
     assert system is not None
     return system
@@ -39,13 +39,13 @@ def test_full_system_has_one_console_and_four_teleops() -> None:
     (console,) = system.consoles
     assert console.teleops == ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"), "the endoscope's first"
     teleop = system.teleop("MTMR_PSM1")
-    assert isinstance(teleop, document.TeleopPsm) and teleop.start_gripper_threshold == 0.0
+    assert isinstance(teleop, document.TeleopPsmConfig) and teleop.start_gripper_threshold == 0.0
     assert teleop.scale == 0.2 and teleop.jaw_rate == pytest.approx(4 * math.pi)
     assert document.from_json(document.to_json(system)) == system
 
 
 def test_defaults_are_those_of_the_original() -> None:
-    bare = document.TeleopPsm("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console")
+    bare = document.TeleopPsmConfig("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console")
     made = full().teleop_psms[0]
     for name in bare.__slots__:
         wanted, found = getattr(bare, name), getattr(made, name)

@@ -15,7 +15,7 @@ from procs.document import system as document
 from tests.config.conftest import SYSTEM, Home, Section
 
 
-def _system(home: Home, section: Section, hardware: str = "QLA1", **keys: object) -> document.System:
+def _system(home: Home, section: Section, hardware: str = "QLA1", **keys: object) -> document.SystemConfig:
     loaded = home.emulate(section, hardware, **keys)
     system = loaded.system
     assert system is not None, [str(problem) for problem in loaded.errors]
@@ -23,7 +23,7 @@ def _system(home: Home, section: Section, hardware: str = "QLA1", **keys: object
     return system
 
 
-def _bus(home: Home, section: Section, hardware: str = "QLA1", **keys: object) -> document.Bus:
+def _bus(home: Home, section: Section, hardware: str = "QLA1", **keys: object) -> document.BusConfig:
     emulation = _system(home, section, hardware, **keys).emulation
     assert emulation is not None
     (bus,) = emulation.buses
@@ -47,7 +47,7 @@ IO_FILES = {  # boards of each file; hardware, FPGA and the Si arm's serial numb
 }
 
 
-def _with_files(home: Home, *files: Path) -> document.System:
+def _with_files(home: Home, *files: Path) -> document.SystemConfig:
     """A system whose only bus has these IO files and no arm."""
     bus = {"name": "bus", "port": "fw", "configuration_files": [str(file) for file in files]}
     loaded = home.load_made({"IOs": [bus]}, boards="emulated")
@@ -57,7 +57,7 @@ def _with_files(home: Home, *files: Path) -> document.System:
     return loaded.system
 
 
-def _emulation(system: document.System) -> document.Emulation:
+def _emulation(system: document.SystemConfig) -> document.EmulationConfig:
     assert system.emulation is not None
     return system.emulation
 

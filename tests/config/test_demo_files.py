@@ -17,14 +17,14 @@ COUNTS = (14400,) * 3 + (4000,) * 4
 
 
 @pytest.fixture
-def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> document.System:
+def demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> document.SystemConfig:
     monkeypatch.chdir(tmp_path)
     loaded = load_system(PROJECT_CONFIGS / "systems/demo.yaml")
     assert loaded.errors == () and loaded.warnings == () and loaded.system is not None
     return loaded.system
 
 
-def test_demo_needs_no_other_files(demo: document.System) -> None:
+def test_demo_needs_no_other_files(demo: document.SystemConfig) -> None:
     assert demo.name == "demo"
     arm = demo.arms[0]
     assert (arm.name, arm.tool_detection) == ("PSM1", "FIXED")
@@ -35,11 +35,11 @@ def test_demo_needs_no_other_files(demo: document.System) -> None:
     assert all(Path(source).is_relative_to(PROJECT_CONFIGS) for source in sources)
 
 
-def test_demo_survives_json(demo: document.System) -> None:
+def test_demo_survives_json(demo: document.SystemConfig) -> None:
     assert document.from_json(document.to_json(demo)) == demo
 
 
-def test_gains_are_those_of_the_specification(demo: document.System) -> None:
+def test_gains_are_those_of_the_specification(demo: document.SystemConfig) -> None:
     axes = demo.ios[0].pids[0].axes
     assert [axis.p_gain for axis in axes] == [120, 120, 6000, 6, 6, 6, 6]
     assert [axis.d_gain for axis in axes] == [6, 5, 200, 0.09, 0.09, 0.09, 0.09]
@@ -50,7 +50,7 @@ def test_gains_are_those_of_the_specification(demo: document.System) -> None:
     assert not any(axis.use_disturbance_observer for axis in axes)
 
 
-def test_scales_follow_from_gears_and_counts(demo: document.System) -> None:
+def test_scales_follow_from_gears_and_counts(demo: document.SystemConfig) -> None:
     for actuator, gear, counts in zip(demo.ios[0].robots[0].actuators, GEARS, COUNTS, strict=True):
         assert actuator.encoder is not None
         to_bits, from_bits = actuator.current_to_bits, actuator.bits_to_current
@@ -62,7 +62,7 @@ def test_scales_follow_from_gears_and_counts(demo: document.System) -> None:
         assert abs(from_bits.scale * to_bits.offset + from_bits.offset) < 0.05, "no current when none is asked for"
 
 
-def test_current_limits_give_the_efforts_of_the_kinematic_file(demo: document.System) -> None:
+def test_current_limits_give_the_efforts_of_the_kinematic_file(demo: document.SystemConfig) -> None:
     actuators = demo.ios[0].robots[0].actuators
     for actuator, link in zip(actuators[:3], demo.arms[0].chain.links, strict=True):
         assert actuator.maximum_current / actuator.effort_to_current == pytest.approx(link.effort_max, rel=1e-5)
@@ -70,7 +70,7 @@ def test_current_limits_give_the_efforts_of_the_kinematic_file(demo: document.Sy
         assert actuator.maximum_current / actuator.effort_to_current == pytest.approx(0.343642, rel=1e-5)
 
 
-def test_potentiometers_see_the_whole_range(demo: document.System) -> None:
+def test_potentiometers_see_the_whole_range(demo: document.SystemConfig) -> None:
     for actuator in demo.ios[0].robots[0].actuators:
         pot, encoder = actuator.potentiometer, actuator.encoder
         assert pot is not None and encoder is not None

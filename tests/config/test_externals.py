@@ -26,7 +26,7 @@ def components(**keys: tuple[str, str]) -> dict[str, object]:
             **{button: {"component": component, "interface": name} for button, (component, name) in keys.items()}}
 
 
-def made(home: Home, *arms: dict[str, object], console: dict[str, object], **keys: object) -> document.System:
+def made(home: Home, *arms: dict[str, object], console: dict[str, object], **keys: object) -> document.SystemConfig:
     loaded = home.load_made({"arms": list(arms), "consoles": [console], **keys})
     assert loaded.system is not None, loaded.errors
     return loaded.system

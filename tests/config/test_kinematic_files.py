@@ -28,7 +28,7 @@ REAL = {"name": "PSM1", "type": "PSM", "serial": "demo", "IO": "IO1", "arm_file"
 BUS = {"name": "IO1", "port": "udp"}
 
 
-def played(path: Path, **options: object) -> document.System:
+def played(path: Path, **options: object) -> document.SystemConfig:
     loaded = load_system(path, search=[stock.find("dvrk-share")], **options)  # type: ignore[arg-type]
     assert loaded.errors == () and loaded.warnings == () and loaded.system is not None
     return loaded.system

@@ -30,7 +30,7 @@ TOOLS = ("LARGE_NEEDLE_DRIVER_400006", "LARGE_NEEDLE_DRIVER_420006")
 GAINS = {"PSM": 7, "PSM-Si": 7, "ECM": 4, "ECM-Si": 4, "MTM": 7}
 
 
-def bodies(name: str) -> document.System:
+def bodies(name: str) -> document.SystemConfig:
     """A system of ours as its robots are, alone on the search path."""
     loaded = load_system(PROJECT_CONFIGS / f"systems/{name}.yaml", search=[], configs=PROJECT_CONFIGS)
     assert (loaded.errors, loaded.warnings) == ((), ())
@@ -38,7 +38,7 @@ def bodies(name: str) -> document.System:
     return loaded.system
 
 
-def own(name: str) -> list[document.Arm]:
+def own(name: str) -> list[document.ArmConfig]:
     """The arms of a system of ours."""
     return [bodies(name).emulated().arm(arm) for arm, *_ in SYSTEMS[name]]
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from procs.config import check_file, load_system
-from procs.config.read.problem import Problem
+from procs.config.read.problem import FileProblem
 from procs.document import system as document
 from tests import stock
 
@@ -174,7 +174,7 @@ def test_si_arms_bring_the_links_that_weigh_along() -> None:
 SI_IO = "dvrk-site/jhu-daVinci-Si/sawRobotIO1394-PSM1-292409"
 
 
-def _with_table(folder: Path, change: Callable[[dict[str, Any]], None], name: str = "") -> list[Problem]:
+def _with_table(folder: Path, change: Callable[[dict[str, Any]], None], name: str = "") -> list[FileProblem]:
     """Problems of an IO file whose table was changed, or has another name."""
     io = json.loads(stock.find(f"{SI_IO}.json").read_text(encoding="utf-8"))
     table = json.loads(stock.find(f"{SI_IO}-PotentiometerLookupTable.json").read_text(encoding="utf-8"))

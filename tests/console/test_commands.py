@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from procs.console.commands import LET_GO_NS, Commands
+from procs.console.commands import LET_GO_NS, ConsoleCommands
 from procs.console.logic import Logic
-from procs.console.selection import PSM, Member
+from procs.console.selection import PSM, Selectable
 from tests.console.test_logic import ALL, RIGHT, FakeDesk
 from tests.io.stand import FakeCommand
 
-OTHER = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+OTHER = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
 
 
-def asked(commands: Commands, name: str, *values: float, text: str = "", now_ns: int = 1) -> FakeCommand:
+def asked(commands: ConsoleCommands, name: str, *values: float, text: str = "", now_ns: int = 1) -> FakeCommand:
     command = FakeCommand(name, text, *values)
     commands.execute([command], now_ns)
     return command
@@ -21,7 +21,7 @@ def asked(commands: Commands, name: str, *values: float, text: str = "", now_ns:
 
 def test_commands_reach_the_logic() -> None:
     logic = Logic("c", ALL, FakeDesk(), 0.2)
-    commands = Commands(logic)
+    commands = ConsoleCommands(logic)
     for name, values in (("teleop_enable", 1.0), ("set_scale", 0.5), ("emulate_operator_present", 1.0),
                          ("emulate_clutch", 1.0), ("emulate_camera", 1.0)):
         assert asked(commands, name, values).outcome == "done"
@@ -38,7 +38,7 @@ def test_commands_reach_the_logic() -> None:
      ("select_teleop", (), "MTMR_PSM9"), ("unselect_teleop", (), "")],
 )
 def test_what_makes_no_sense_is_refused(name: str, values: tuple[float, ...], text: str) -> None:
-    command = asked(Commands(Logic("c", ALL, FakeDesk(), 0.2)), name, *values, text=text)
+    command = asked(ConsoleCommands(Logic("c", ALL, FakeDesk(), 0.2)), name, *values, text=text)
     assert command.outcome == "refused" and len(command.answers[0][1]) > len(name) + 10
 
 
@@ -46,7 +46,7 @@ def test_selection_waits_for_the_other_console_a_second() -> None:
     desk = FakeDesk()
     logic = Logic("d", (RIGHT, OTHER), desk, 0.2)
     logic.elsewhere = {RIGHT.name}
-    commands = Commands(logic)
+    commands = ConsoleCommands(logic)
     command = asked(commands, "select_teleop", text=OTHER.name)
     assert command.outcome == "accepted" and desk.freed == [RIGHT.name]
     commands.execute([], LET_GO_NS)

@@ -9,14 +9,14 @@ import pytest
 
 from procs.codes import Code
 from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
-from procs.console.selection import ECM, PSM, Member, at_load, tapped
+from procs.console.selection import ECM, PSM, Selectable, at_load, tapped
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import Origin
 
-RIGHT = Member("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
-LEFT = Member("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
-THIRD = Member("MTML_PSM3", "c", PSM, ("MTML", "PSM3"))
-SCOPE = Member("MTML_MTMR_ECM", "c", ECM, ("MTML", "MTMR", "ECM"))
+RIGHT = Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
+LEFT = Selectable("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
+THIRD = Selectable("MTML_PSM3", "c", PSM, ("MTML", "PSM3"))
+SCOPE = Selectable("MTML_MTMR_ECM", "c", ECM, ("MTML", "MTMR", "ECM"))
 ALL = (SCOPE, RIGHT, LEFT, THIRD)
 
 
@@ -60,7 +60,7 @@ class FakeDesk:
         return [text for name, command, _, text in self.asks if (name, command) == (teleop, "state_command")]
 
 
-def console(members: Sequence[Member] = ALL, name: str = "c") -> tuple[Logic, FakeDesk]:
+def console(members: Sequence[Selectable] = ALL, name: str = "c") -> tuple[Logic, FakeDesk]:
     desk = FakeDesk()
     return Logic(name, members, desk, 0.2), desk
 
@@ -141,7 +141,7 @@ def test_quick_tap_toggles_the_pair_of_a_master() -> None:
 
 
 def test_quick_tap_needs_exactly_two() -> None:
-    fourth = Member("MTML_PSM1", "c", PSM, ("MTML", "PSM1"))
+    fourth = Selectable("MTML_PSM1", "c", PSM, ("MTML", "PSM1"))
     assert tapped((RIGHT, LEFT, THIRD, fourth), {"MTML_PSM2"}) == ""
     assert tapped((LEFT, THIRD), set()) == "MTML_PSM2"
 
@@ -179,7 +179,7 @@ def test_selecting_frees_the_arm_within_a_console() -> None:
 
 
 def test_second_console_waits_until_the_first_has_let_go() -> None:
-    other = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+    other = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
     first, _ = console((RIGHT, other))
     second, desk = console((RIGHT, other), "d")
     assert first.selected == {"MTMR_PSM1"} and second.selected == set()
@@ -194,7 +194,7 @@ def test_second_console_waits_until_the_first_has_let_go() -> None:
 
 
 def test_two_consoles_selecting_at_once_end_with_one() -> None:
-    other = Member("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+    other = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
     first, _ = console((RIGHT, other))
     second, _ = console((RIGHT, other), "d")
     second.selected = {"MTMX_PSM1"}

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.boards.endpoints import Endpoints
 from procs.document import system as document
 from procs.document.system import Controller
@@ -57,7 +57,7 @@ class Bench:
         rows = tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
                      for board in range(2, 2 + count))
         self.network = "ethernet" if without else "bridge"
-        self.bus = Bus(rows, network=self.network)
+        self.bus = EmulatedBus(rows, network=self.network)
         self.ids = tuple(row.board_id for row in rows)
         self.fault: Fault = nothing_wrong
         self.requests: list[bytes] = []
@@ -76,7 +76,7 @@ class Bench:
         raw = word.startswith("eth")
         address = f"eth:{OTHER_END}" if raw else block_address()
         self.name = f"{word}:{OUR_END if raw else address}"
-        described = document.Bus("bench", address, self._controllers, network=self.network)
+        described = document.BusConfig("bench", address, self._controllers, network=self.network)
         return Endpoints((described,), self._answer, time.monotonic_ns, False)
 
     def _answer(self, _bus: int, data: wire.Buffer, _now_ns: int, to: int) -> wire.Buffer | None:

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import wire
 from tests.io.stub_bus import own_address
@@ -24,7 +24,7 @@ class ControllersBus:
     """A thread that answers for a bus of controllers, on a clock that follows the wall's."""
 
     def __init__(self, *controllers: Controller, port: int = 0) -> None:
-        self.bus = Bus(controllers)
+        self.bus = EmulatedBus(controllers)
         self.ids = sorted(c.board_id for c in controllers)
         self.address = own_address()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.boards.endpoints import ANY, Endpoints
 from procs.document import system as document
 from procs.document.system import Controller
@@ -39,13 +39,13 @@ def main() -> None:
         subprocess.run(["ip", *words], check=True)
     late = network == "ethernet"
     rows = tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2") for board in ids)
-    bus = Bus(rows, network=network)
+    bus = EmulatedBus(rows, network=network)
     start = time.monotonic_ns()
 
     def answer(_bus, data, _now_ns, to):
         return bus.answer(bytes(data), round((time.monotonic_ns() - start) * TICKS_PER_NS), to)
 
-    endpoints = Endpoints((document.Bus("far", ANY, rows, network=network),), answer, time.monotonic_ns, False,
+    endpoints = Endpoints((document.BusConfig("far", ANY, rows, network=network),), answer, time.monotonic_ns, False,
                           addressee=lambda _, address: bus.board_at(address))
     index = socket.if_nametoindex(interface)
     endpoints._doors[0].sock.setsockopt(

@@ -134,11 +134,11 @@ class FakeFirewire(Bench):
         data = ctypes.string_at(data_at, length) if tcode in (0, 1) else b""
         self.touched.add(path)
         if generation != self.kernel_generation:
-            self._tell(end, firewire.Response(closure, firewire.STALE_GENERATION).encode())
+            self._tell(end, firewire.CdevResponse(closure, firewire.STALE_GENERATION).encode())
             return
         code = self._done(path, node, tcode, offset, length, data, closure, end)
         if code is not None:
-            self._tell(end, firewire.Response(closure, code).encode())
+            self._tell(end, firewire.CdevResponse(closure, code).encode())
 
     @staticmethod
     def _check(good: bool, error: int) -> None:
@@ -181,7 +181,7 @@ class FakeFirewire(Bench):
                 else wire.block_read(target, offset, length, label, generation))
         for reply in self.answer(read):
             found = wire.decode_response(reply)
-            if isinstance(found, wire.Response):
+            if isinstance(found, wire.WireResponse):
                 whose, client = self._waiting.get(found.tl, (closure ^ 1 << 16, end))
-                self._tell(client, firewire.Response(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
+                self._tell(client, firewire.CdevResponse(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
         return None

@@ -12,12 +12,12 @@ from collections.abc import Iterable
 from procs.boards.controllers.bus import GROUP
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.fpga import registers, wire
 from procs.io.bus.bus_port import BusPort
 from procs.io.cycle import RobotIo
-from procs.io.record import Record
-from procs.io.reports import Event
+from procs.io.record import IoRecord
+from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from tests.io.stand import Clock, FakeCommand, FakeSource
@@ -87,7 +87,7 @@ class Direct:
 class Rig:
     """One io of a system as its emulated boards see it: every robot of its files, with or without an arm."""
 
-    def __init__(self, system: System, name: str = "", *, driven: bool = False) -> None:
+    def __init__(self, system: SystemConfig, name: str = "", *, driven: bool = False) -> None:
         """`driven`: as the system's io runs it, not as the boards see it."""
         whole = system.emulated()
         self.io = (system if driven else whole).io(name) if name else whole.ios[0]
@@ -102,13 +102,13 @@ class Rig:
                             real_time=False, first_control=POWER_OFF)
         self.preset = prepare(self.robots, self.port)
         brakes = sum(len(robot.brakes) for robot in self.io.robots)
-        self.record = Record.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
-                                     len(self.io.digital_outputs))
+        self.record = IoRecord.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
+                                       len(self.io.digital_outputs))
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
         self.core = RobotIo(self.io, self.port, self.clock, self.record, list(self.arms.values()),
                             self.preset)
         self.period_ns = round(self.io.period_s * 1e9)
-        self.events: list[Event] = []
+        self.events: list[IoEvent] = []
 
     def cycle(self, commands: Iterable[FakeCommand] = (), count: int = 1) -> None:
         for _ in range(count):

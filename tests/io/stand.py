@@ -10,10 +10,10 @@ from procs.document.system import (
     Actuator,
     DigitalInput,
     Encoder,
-    Io,
+    IoConfig,
     Linear,
-    Pid,
     PidAxis,
+    PidConfig,
     Potentiometer,
     Robot,
     Tolerance,
@@ -22,7 +22,7 @@ from procs.fpga import blocks, registers
 from procs.io.bus.port import BoardInfo, Counters
 from procs.io.cycle import RobotIo
 from procs.io.follow import WishFields
-from procs.io.record import Record, private
+from procs.io.record import IoRecord, private
 from procs.wishes import WISHES
 from shm.origins import Origin
 from shm.topics import SETPOINT
@@ -57,16 +57,16 @@ def robot(name: str, first_board: int, axes: int = 7, **changes) -> Robot:
     return Robot(**(values | changes))
 
 
-def document(robot_count: int = 1, **changes) -> Io:
+def document(robot_count: int = 1, **changes) -> IoConfig:
     names = [f"PSM{i + 1}" for i in range(robot_count)]
     values = {
         "name": "IO1", "port": "udp:127.1.2.3", "protocol": "broadcast-query-read-write", "period_s": 1 / 1500,
         "watchdog_s": 0.03, "close_all_relays": True,
         "robots": tuple(robot(n, 2 * i) for i, n in enumerate(names)),
-        "pids": tuple(Pid(n, n, tuple(gains() for _ in range(7))) for n in names),
+        "pids": tuple(PidConfig(n, n, tuple(gains() for _ in range(7))) for n in names),
         "digital_inputs": (DigitalInput("clutch", 0, 0, False, True, True, debounce_s=0.0),),
     }
-    return Io(**(values | changes))
+    return IoConfig(**(values | changes))
 
 
 class Clock:
@@ -255,8 +255,8 @@ class Stand:
         self.clock, self.port = Clock(), FakePort(tuple(boards))
         self.arms = [FakeSource() for _ in self.io.pids]
         axes = sum(len(r.actuators) for r in self.io.robots)
-        self.record = Record.private(axes, len(self.io.robots), len(self.io.digital_inputs),
-                                     sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
+        self.record = IoRecord.private(axes, len(self.io.robots), len(self.io.digital_inputs),
+                                       sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
         self.arms_alive, self.held_up = True, False
         self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, np.full(axes, preset),

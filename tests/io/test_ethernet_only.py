@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import blocks, registers, wire
 from procs.io.bus.bus_port import BusPort
@@ -23,7 +23,7 @@ class Boards:
     """Controllers that answer at once, and what they heard."""
 
     def __init__(self, *rows: Controller) -> None:
-        self.bus = Bus(rows, network="ethernet")
+        self.bus = EmulatedBus(rows, network="ethernet")
         self.ids = sorted(row.board_id for row in rows)
         self.heard: list[tuple[int, bytes]] = []
         self.change = lambda request, reply: reply

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.boards.devices.dallas import Dallas, instrument_memory
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.config import load_system
 from procs.document.system import InstrumentReader
 from procs.fpga import instrument, registers
 from procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
 from procs.io.bus.port import PortError
-from procs.io.instruments import LONGEST_NS, Instruments
-from procs.io.reports import Reports
+from procs.io.instruments import LONGEST_NS, InstrumentReaders
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from tests import stock
 from tests.io.rig import Rig
@@ -40,8 +40,8 @@ class Bench:
         self.now_ns = 1_000_000_000
         self.asked = self.waited = self.most_at_once = 0
         rows = tuple(InstrumentReader(f"PSM{1 + k}_dallas", 6 + k) for k in range(readers))
-        self.reports = Reports()
-        self.reader = Instruments(Robots(document(instrument_readers=rows)), self, self.reports)  # type: ignore[arg-type]
+        self.reports = IoReports()
+        self.reader = InstrumentReaders(Robots(document(instrument_readers=rows)), self, self.reports)  # type: ignore[arg-type]
 
     @property
     def chip(self) -> Dallas:
@@ -261,7 +261,7 @@ def test_a_real_site_reads_its_instrument_while_it_holds() -> None:
                          search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.system is not None
     rig = Rig(loaded.system)
-    bus, local = Incidents(rig.world, rig.plant).board(rig.world.wiring.rows["IO1", 7])
+    bus, local = BoardFaults(rig.world, rig.plant).board(rig.world.wiring.rows["IO1", 7])
     chip = bus.boards[local].dallas
     chip.insert(LND, bus.now)
     rig.bring_up("PSM1", 30)

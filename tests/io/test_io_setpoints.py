@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.document.system import Pid
+from procs.document.system import PidConfig
 from tests.io.stand import PERIOD_NS, Stand, actuator, gains, robot
 
 TIMEOUT = 30_000_000 // PERIOD_NS
@@ -170,7 +170,8 @@ def test_some_actuators_apply_efforts_while_the_others_follow() -> None:
 
 
 def test_an_actuator_back_from_effort_begins_where_the_set_point_is() -> None:
-    stand = Stand(pids=(Pid("PSM1", "PSM1", tuple(gains(i_gain=1.0, i_limit=1.0, p_gain=0.0) for _ in range(7))),))
+    stand = Stand(pids=(PidConfig("PSM1", "PSM1", tuple(gains(i_gain=1.0, i_limit=1.0, p_gain=0.0) for _ in range(7))),
+                        ))
     stand.control()
     stand.send(1, in_effort=True, position=-1.0)  # nobody looks at it, so nothing winds up
     for axis in range(7):

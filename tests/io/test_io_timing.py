@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.io.record import Record
-from procs.io.reports import Reports
+from procs.io.record import IoRecord
+from procs.io.reports import IoReports
 from procs.io.timing import Timing
 from tests.io.stand import Stand
 
@@ -18,7 +18,7 @@ class Loop:
     """Cycles of some length in which some time is work."""
 
     def __init__(self) -> None:
-        self.reports, self.record = Reports(), Record.private(7, 2, 0)
+        self.reports, self.record = IoReports(), IoRecord.private(7, 2, 0)
         self.record.power_wanted[1] = True
         self.now_ns = 5 * SECOND
         self.timing = Timing("IO1", PERIOD_S, self.record, self.reports, self.now_ns)

@@ -7,10 +7,10 @@ import pytest
 
 from procs.arm_types import ARM_TYPES
 from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import Io
+from procs.document.system import IoConfig
 from procs.io.follow import DRIVE
 from procs.io.kinematic import KinematicIo
-from procs.io.record import Record
+from procs.io.record import IoRecord
 from procs.kinematics.trajectory import Trajectory
 from tests.io.stand import Clock, FakeCommand, FakeSource
 
@@ -18,7 +18,7 @@ PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)
 
 
-def played_io() -> Io:
+def played_io() -> IoConfig:
     system = load_system(PROJECT_CONFIGS / "systems/kinematic.yaml").system
     assert system is not None
     return system.io("io")
@@ -27,9 +27,9 @@ def played_io() -> Io:
 class Stage:
     """The robot of the newcomers' file, its arm and a clock."""
 
-    def __init__(self, record: Record | None = None) -> None:
+    def __init__(self, record: IoRecord | None = None) -> None:
         self.io, self.clock, self.arm = played_io(), Clock(), FakeSource()
-        self.record = record or Record.private(7, 1, 0)
+        self.record = record or IoRecord.private(7, 1, 0)
         self.alive = True
         self.core = KinematicIo(self.io, self.clock, self.record, [self.arm])
 

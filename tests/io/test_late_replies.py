@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import blocks, registers, wire
 from procs.io.bus import discovery
@@ -65,8 +65,8 @@ class Line:
 
     def __init__(self, network: str, clock: Clock, ids: tuple[int, ...], *, has_ports: bool, seed: int) -> None:
         late = network == "ethernet"
-        self.bus = Bus(tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
-                             for board in ids), network=network)
+        self.bus = EmulatedBus(tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
+                                     for board in ids), network=network)
         self.clock, self.has_ports, self.dice = clock, has_ports, random.Random(seed)
         self.trouble = Trouble()
         self.newest: dict[object, int] = {}  # number of the newest request, by node; "query": of those

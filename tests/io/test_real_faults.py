@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import pytest
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.boards.robots.plant import Plant
 from tests.io.rig import Rig
 from tests.io.test_real_robots import rig_of
 
 pytestmark = pytest.mark.slow
 ROBOTS = (("jhu-dVRK/system-PSM1", "PSM1"), ("jhu-daVinci-Si/system-PSM1", "PSM1"))
-FAULTS: tuple[tuple[str, Callable[[Incidents, Rig], None], set[str]], ...] = (
+FAULTS: tuple[tuple[str, Callable[[BoardFaults, Rig], None], set[str]], ...] = (
     ("emergency stop", lambda hand, rig: hand.stop(True), {"power-lost"}),
     ("supply", lambda hand, rig: hand.lose_supply("PSM1", True), {"power-lost", "power-fault"}),
     ("amplifier", lambda hand, rig: hand.fail_amplifier("PSM1", 2, True), {"amplifier"}),
@@ -25,12 +25,12 @@ FAULTS: tuple[tuple[str, Callable[[Incidents, Rig], None], set[str]], ...] = (
 @pytest.mark.parametrize(("system", "robot"), ROBOTS)
 @pytest.mark.parametrize(("what", "breaks", "codes"), FAULTS, ids=[row[0] for row in FAULTS])
 def test_what_breaks_is_told_by_its_name(system: str, robot: str, what: str,
-                                         breaks: Callable[[Incidents, Rig], None], codes: set[str]) -> None:
+                                         breaks: Callable[[BoardFaults, Rig], None], codes: set[str]) -> None:
     rig = rig_of(system)
     rig.bring_up(robot)
     rig.run(3.1 if what == "emergency stop" else 0.1)  # with power just on it is no other than later
     assert rig.errors() == [] and isinstance(rig.plant, Plant)
-    breaks(Incidents(rig.world, rig.plant), rig)
+    breaks(BoardFaults(rig.world, rig.plant), rig)
     rig.run(0.3)
     told = [code for code, component in rig.errors() if component == robot]
     assert told and set(told) <= codes and len(set(told)) == len(told), told

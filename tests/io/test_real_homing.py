@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
-from procs.boards.instruments import Instruments
+from procs.boards.incidents import BoardFaults
+from procs.boards.instruments import EmulatedInstruments
 from procs.config import load_system
 from procs.kinematics.coupling import coupling
 from tests import stock
@@ -110,11 +110,11 @@ def loaded_psm(system: str, tool: str = "") -> tuple[Rig, Hand, np.ndarray]:
     hand.begin_here()
     rest = hand.arm.position[:7] * (1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     hand.go(rest, 1.0)
-    incidents = Incidents(rig.world, rig.plant)
+    incidents = BoardFaults(rig.world, rig.plant)
     if not tool:
         incidents.press("PSM1_adapter", True)
         return rig, hand, np.radians([[-171.0] * 4, [171.0] * 4])
-    Instruments(whole, rig.world, incidents, rig.plant).insert("PSM1", tool)
+    EmulatedInstruments(whole, rig.world, incidents, rig.plant).insert("PSM1", tool)
     held = next(one for one in whole.arm("PSM1").tools if one.name == tool)
     to_actuator = coupling(7, whole.arm("PSM1").chain, held).joint_to_actuator[3:, 3:]
     return rig, hand, np.array([held.engage_lower, held.engage_upper]) @ to_actuator.T

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.config import load_system
 from tests import stock
 from tests.io.rig import Rig
@@ -18,11 +18,11 @@ CONTACT = "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM2-contact-sensor.json"
 PEDALS = "dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"
 
 
-def rig_of(path: Path) -> tuple[Rig, Incidents]:
+def rig_of(path: Path) -> tuple[Rig, BoardFaults]:
     loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.errors == () and loaded.system is not None
     rig = Rig(loaded.system)
-    return rig, Incidents(rig.world, rig.plant)
+    return rig, BoardFaults(rig.world, rig.plant)
 
 
 def buttons(rig: Rig, name: str) -> list[str]:

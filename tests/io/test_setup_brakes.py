@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.document.system import DigitalInput, DigitalOutput
 from procs.fpga import registers
 from tests.io.stand import Stand
@@ -78,7 +78,7 @@ def test_the_button_of_a_real_si_arm_lets_them_go() -> None:
     assert rig.do("power_on", "PSM1").outcome == "done"
     place = [i.name for i in rig.io.digital_inputs].index("PSM1_SUJ_clutch_2")
     assert not rig.record.input[place] and not rig.record.output[0]
-    hand = Incidents(rig.world, rig.plant)
+    hand = BoardFaults(rig.world, rig.plant)
     hand.press("PSM1_SUJ_clutch_2", True)
     rig.run(0.1)
     assert rig.record.input[place] and rig.record.output[0], "an output that its controller does not show"

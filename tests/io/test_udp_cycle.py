@@ -173,7 +173,8 @@ def mangled(**changes):
     def kind(request, replies):
         response = wire.decode_response(replies[0])
         fields = {name: getattr(response, name) for name in ("tcode", "node", "tl", "data", "trailer")}
-        return [board_side.encode_response(wire.Response(**(fields | {k: v(fields[k]) for k, v in changes.items()})))]
+        return [board_side.encode_response(wire.WireResponse(**(fields | {k: v(fields[k]) for k,
+                                                                          v in changes.items()})))]
 
     return kind
 

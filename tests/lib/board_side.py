@@ -20,17 +20,17 @@ from procs.fpga.wire import (
     QUADLET_WRITE,
     Buffer,
     Dropped,
-    Request,
-    Response,
     Trailer,
     WireError,
+    WireRequest,
+    WireResponse,
     _block,
     _block_length,
     _fit,
 )
 
 
-def decode_request(data: Buffer) -> Request:
+def decode_request(data: Buffer) -> WireRequest:
     """The request in a datagram; raises WireError for anything else. CRCs are kept, not judged (`crc_ok`)."""
     size = len(data)
     if size < 18:
@@ -57,8 +57,8 @@ def decode_request(data: Buffer) -> Request:
     if size != end:
         raise WireError(f"{size} bytes with tcode {tcode}; allowed: {end}", "request")
     address = (q1 & 0xFFFF) << 32 | q2
-    return Request(tcode, q0 >> 16 & 0x3F, address, q0 >> 10 & 0x3F, generation, flags, payload, length, q0 >> 22,
-                   q1 >> 16, q0 >> 8 & 3, q0 & 0xF, _QUAD.unpack_from(data, crc_at)[0], data_crc)
+    return WireRequest(tcode, q0 >> 16 & 0x3F, address, q0 >> 10 & 0x3F, generation, flags, payload, length, q0 >> 22,
+                       q1 >> 16, q0 >> 8 & 3, q0 & 0xF, _QUAD.unpack_from(data, crc_at)[0], data_crc)
 
 
 def encode_trailer(trailer: Trailer) -> bytes:
@@ -68,7 +68,7 @@ def encode_trailer(trailer: Trailer) -> bytes:
                          _fit(trailer.receive_ticks, 16, "receive time"), _fit(trailer.total_ticks, 16, "total time"))
 
 
-def encode_response(response: Response | Dropped) -> bytes:
+def encode_response(response: WireResponse | Dropped) -> bytes:
     """The datagram of a response; raises WireError where a field does not fit."""
     if isinstance(response, Dropped):
         return encode_trailer(response.trailer)
@@ -92,12 +92,12 @@ def encode_response(response: Response | Dropped) -> bytes:
 
 def quadlet_response(node: int, tl: int, value: int, trailer: Trailer) -> bytes:
     """Datagram that answers a quadlet read."""
-    return encode_response(Response(QUADLET_RESPONSE, node, tl, _QUAD.pack(_fit(value, 32, "value")), trailer))
+    return encode_response(WireResponse(QUADLET_RESPONSE, node, tl, _QUAD.pack(_fit(value, 32, "value")), trailer))
 
 
 def block_response(node: int, tl: int, data: bytes, trailer: Trailer) -> bytes:
     """Datagram that answers a block read with `data` (big-endian quadlets)."""
-    return encode_response(Response(BLOCK_RESPONSE, node, tl, data, trailer))
+    return encode_response(WireResponse(BLOCK_RESPONSE, node, tl, data, trailer))
 
 
 def _words(data: Buffer, where: str) -> tuple[int, ...]:

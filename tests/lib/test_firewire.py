@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.io.bus import cdev as firewire
-from procs.io.bus.cdev import BusReset, Response
+from procs.io.bus.cdev import BusReset, CdevResponse
 
 HEADER = Path("/usr/include/linux/firewire-cdev.h")
 FACTS = {  # as the C compiler has it on x86-64
@@ -66,26 +66,26 @@ def test_bus_resets_survive_the_bytes(event: BusReset) -> None:
     assert firewire.decode_event(event.encode()) == event
 
 
-@given(st.builds(Response, st.integers(0, 2**64 - 1), st.integers(0, 0xFF), st.binary(max_size=2048)))
-def test_responses_survive_the_bytes(event: Response) -> None:
+@given(st.builds(CdevResponse, st.integers(0, 2**64 - 1), st.integers(0, 0xFF), st.binary(max_size=2048)))
+def test_responses_survive_the_bytes(event: CdevResponse) -> None:
     assert firewire.decode_event(event.encode()) == event
 
 
 @given(st.binary(max_size=64))
 def test_other_bytes_are_no_event_or_one(data: bytes) -> None:
     event = firewire.decode_event(data)
-    assert not isinstance(event, Response) or event.data == data[firewire.RESPONSE_DATA_AT :][: len(event.data)]
+    assert not isinstance(event, CdevResponse) or event.data == data[firewire.RESPONSE_DATA_AT :][: len(event.data)]
     assert event is None or len(event.encode()) >= firewire.RESPONSE_DATA_AT
 
 
 def test_short_reads_have_their_data_twice_as_the_kernel_sends_them() -> None:
-    event = Response(7, 0, b"QLA1").encode()
+    event = CdevResponse(7, 0, b"QLA1").encode()
     assert len(event) == 28 and event[20:24] == event[24:28] == b"QLA1"
 
 
 def test_truncated_events_are_none() -> None:
     assert firewire.decode_event(BusReset(1, 2, 3, 4, 5, 6).encode()[:30]) is None
-    assert firewire.decode_event(Response(1, 0, bytes(100)).encode()[:90]) is None
+    assert firewire.decode_event(CdevResponse(1, 0, bytes(100)).encode()[:90]) is None
     assert firewire.decode_event(b"") is None
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.inverse.arms import BENDS, inverse_of
 from procs.kinematics.inverse.master import Master
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import rotation_from_vector
 from tests import stock
 
@@ -37,7 +37,7 @@ MOST_STEPS = 40
 
 
 @cache
-def arm(name: str) -> tuple[Inverse, Kinematics]:
+def arm(name: str) -> tuple[InverseSolver, Kinematics]:
     """Solver and forward kinematics with the tip."""
     arm_type, chain_name, tool_name = ARMS[name]
     chain, tool = stock.chain(chain_name), stock.tool(tool_name) if tool_name else None
@@ -55,7 +55,7 @@ def spread(forward: Kinematics, parts: list[float]) -> Any:
     return BENDS @ q[:6] if forward.n == len(BENDS) else q
 
 
-def assert_reached(solver: Inverse, forward: Kinematics, goal: Any) -> None:
+def assert_reached(solver: InverseSolver, forward: Kinematics, goal: Any) -> None:
     tip = forward.fk(solver.q)
     assert np.abs(tip[:3, 3] - goal[:3, 3]).max() < 1e-7
     assert np.abs(tip[:3, :3] - goal[:3, :3]).max() < 1e-6

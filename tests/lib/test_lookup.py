@@ -43,7 +43,7 @@ def test_text_of_another_size_is_no_table() -> None:
 def test_readings_lead_back_to_where_they_came_from() -> None:
     wrapped = np.roll(ramp(-2.9, 2.9, slice(0, 400)), 1000).tolist()  # tables wrap around index 0
     table = lookup.unpack(lookup.pack([ramp(-3.0, 3.0), ramp(0.29, 0.0), wrapped]), 3)
-    inverse = lookup.Inverse(table)
+    inverse = lookup.InverseLookup(table)
     rng = np.random.default_rng(1)
     for _ in range(500):
         q = rng.uniform((-3.0, 0.0, -2.3), (3.0, 0.29, 2.9))
@@ -53,7 +53,7 @@ def test_readings_lead_back_to_where_they_came_from() -> None:
 
 def test_positions_beyond_a_table_read_as_its_ends_and_an_empty_row_as_0() -> None:
     table = lookup.unpack(lookup.pack([ramp(-1.0, 1.0), [MISSING] * 4096]), 2)
-    inverse = lookup.Inverse(table)
+    inverse = lookup.InverseLookup(table)
     assert inverse.readings(np.array([-5.0, 0.0])).tolist() == [0, 0]
     assert inverse.readings(np.array([5.0, 0.0])).tolist() == [4095, 0]
     assert inverse.readings(np.array([np.nan, np.nan])).shape == (2,)
@@ -64,7 +64,7 @@ def test_tables_of_real_arms_lead_back_to_a_milliradian(data: Callable[[str], Pa
     path = data(f"dvrk-site/jhu-daVinci-Si/sawRobotIO1394-{name}-PotentiometerLookupTable.json")
     rows = json.loads(path.read_text(encoding="utf-8"))["lookup"]
     table = lookup.unpack(lookup.pack(rows), len(rows))
-    inverse = lookup.Inverse(table)
+    inverse = lookup.InverseLookup(table)
     low, high = np.nanmin(table, axis=1), np.nanmax(table, axis=1)
     for share in np.linspace(0.02, 0.98, 200):
         q = low + share * (high - low)

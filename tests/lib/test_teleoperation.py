@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
-from procs.teleop.teleoperation import Follow, Jaw, Presence, Start, roll_between, waiting_for
+from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 
 DEGREE = math.pi / 180
 NEAR = st.floats(-0.3, 0.3)
@@ -32,7 +32,7 @@ poses = st.builds(pose, VECTOR, TURN)
 
 
 def test_a_fifth_of_the_master_s_way() -> None:
-    follow = Follow(0.2)
+    follow = PoseMapping(0.2)
     follow.begin(pose((0.1, 0.2, 0.3), (0.1, 0.2, 0.3)), pose((0.0, 0.0, -0.1), (1.0, 0.0, 0.5)))
     goal = follow.step(pose((0.11, 0.195, 0.32), (0.1, 0.2, 0.3)))
     assert goal[:3] == pytest.approx((0.002, -0.001, -0.096), abs=1e-12)
@@ -40,7 +40,7 @@ def test_a_fifth_of_the_master_s_way() -> None:
 
 @given(poses, poses, TURN)
 def test_orientation_is_followed_unscaled(master: np.ndarray, slave: np.ndarray, turn: tuple[float, ...]) -> None:
-    follow = Follow(0.2)
+    follow = PoseMapping(0.2)
     follow.begin(master, slave)
     change = rotation_from_vector(np.array(turn))
     moved = matrix_from_pose(master)
@@ -54,7 +54,7 @@ def test_orientation_is_followed_unscaled(master: np.ndarray, slave: np.ndarray,
 def test_changes_while_following_move_nothing(
     master: np.ndarray, slave: np.ndarray, later: np.ndarray, scale: float, turns: bool, translation: bool
 ) -> None:
-    follow = Follow(0.2)
+    follow = PoseMapping(0.2)
     follow.begin(master, slave)
     before = matrix_from_pose(follow.step(later))
     follow.scale, follow.rotation_locked, follow.translation_locked = scale, turns, translation
@@ -64,10 +64,10 @@ def test_changes_while_following_move_nothing(
 
 @given(poses, poses, poses)
 def test_locks_keep_what_they_lock(master: np.ndarray, slave: np.ndarray, later: np.ndarray) -> None:
-    follow = Follow(0.5, rotation_locked=True)
+    follow = PoseMapping(0.5, rotation_locked=True)
     follow.begin(master, slave)
     np.testing.assert_allclose(rotation(follow.step(later)), rotation(slave), atol=1e-9)
-    follow = Follow(0.5, translation_locked=True)
+    follow = PoseMapping(0.5, translation_locked=True)
     follow.begin(master, slave)
     np.testing.assert_allclose(follow.step(later)[:3], slave[:3], atol=1e-12)
 
@@ -77,7 +77,7 @@ def test_locks_keep_what_they_lock(master: np.ndarray, slave: np.ndarray, later:
 def test_a_base_that_moves_is_made_up_for(
     master: np.ndarray, slave: np.ndarray, later: np.ndarray, base: np.ndarray, moved: np.ndarray
 ) -> None:
-    follow, plain = Follow(0.2), Follow(0.2)
+    follow, plain = PoseMapping(0.2), PoseMapping(0.2)
     follow.begin(master, slave, base)
     plain.begin(master, slave)
     seen = matrix_from_pose(moved) @ matrix_from_pose(follow.step(later, moved))
@@ -90,7 +90,7 @@ def test_a_base_that_moves_is_made_up_for(
 
 
 def test_velocity_is_scaled_where_it_is_wanted() -> None:
-    follow, twist = Follow(0.2), np.arange(1.0, 7.0)
+    follow, twist = PoseMapping(0.2), np.arange(1.0, 7.0)
     assert follow.velocity(twist, linear=True, angular=False) == pytest.approx((0.2, 0.4, 0.6, 0, 0, 0))
     assert follow.velocity(twist, linear=False, angular=True) == (0, 0, 0, 4, 5, 6)
     follow.translation_locked = follow.rotation_locked = True
@@ -146,9 +146,9 @@ def test_the_reason_to_wait_is_in_plain_words() -> None:
     assert not waiting_for("MTMR", Start(4.9 * DEGREE, 5 * DEGREE, True, False))
 
 
-def lnd() -> Jaw:
+def lnd() -> JawMapping:
     """A large needle driver's jaw, 80° wide."""
-    jaw = Jaw(0.0, 60 * DEGREE, 4 * math.pi, 0.2 * math.pi)
+    jaw = JawMapping(0.0, 60 * DEGREE, 4 * math.pi, 0.2 * math.pi)
     jaw.use(-40 * DEGREE, 80 * DEGREE)
     return jaw
 

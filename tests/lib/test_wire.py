@@ -30,7 +30,7 @@ trailers = st.builds(wire.Trailer, bits(8), bits(8), bits(8), bits(16), bits(16)
 def requests(draw):
     tcode = draw(st.sampled_from([wire.QUADLET_WRITE, wire.BLOCK_WRITE, wire.QUADLET_READ, wire.BLOCK_READ]))
     data = {wire.QUADLET_WRITE: st.binary(min_size=4, max_size=4), wire.BLOCK_WRITE: quads}.get(tcode, st.just(b""))
-    return wire.Request(
+    return wire.WireRequest(
         tcode, draw(bits(6)), draw(bits(48)), draw(bits(6)), draw(bits(8)), draw(bits(8)), draw(data),
         draw(bits(16)) if tcode == wire.BLOCK_READ else 0, draw(bits(10)), draw(bits(16)), draw(bits(2)), draw(bits(4)),
         draw(bits(32)), draw(bits(32)) if tcode == wire.BLOCK_WRITE else None,
@@ -41,7 +41,7 @@ def requests(draw):
 def responses(draw):
     tcode = draw(st.sampled_from([wire.QUADLET_RESPONSE, wire.BLOCK_RESPONSE]))
     block = tcode == wire.BLOCK_RESPONSE
-    return wire.Response(
+    return wire.WireResponse(
         tcode, draw(bits(6)), draw(bits(6)), draw(quads if block else st.binary(min_size=4, max_size=4)),
         draw(trailers), draw(bits(4)), draw(bits(10)), draw(bits(16)), draw(bits(2)), draw(bits(4)), draw(bits(44)),
         draw(bits(32)), draw(bits(32)) if block else 0,
@@ -163,7 +163,7 @@ def test_mangled_recordings_decode_or_raise_wire_error(data):
         lambda: board_side.quadlet_response(0, 1, -1, wire.Trailer()),
         lambda: board_side.block_response(0, 1, b"", wire.Trailer()),
         lambda: board_side.encode_trailer(wire.Trailer(generation=256)),
-        lambda: wire.encode_request(wire.Request(9, 0, 0, 0, 0)),
+        lambda: wire.encode_request(wire.WireRequest(9, 0, 0, 0, 0)),
     ],
 )
 def test_values_that_do_not_fit_are_refused(build):

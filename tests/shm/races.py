@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.nap import Nap
+from shm.nap import Wakeup
 from shm.order import full_fence
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from tests.shm.witness import die_with_parent
 
 PHASES = 4096
@@ -103,7 +103,7 @@ def stores() -> None:
                       "first": int(both[0]) if len(both) else 0, "seconds": round((monotonic_ns() - begin) / 1e9, 2)}))
 
 
-def looked_too_early(self: Nap, news: Callable[[], bool], timeout_ns: int) -> bool:
+def looked_too_early(self: Wakeup, news: Callable[[], bool], timeout_ns: int) -> bool:
     """A mistake: P3 before P1, so that news between them are slept through."""
     if not news():
         self.begin()
@@ -117,12 +117,12 @@ def wakeups() -> None:
     datum is there; data come at random after the last was taken. Stops at the first wake-up that was lost."""
     system, count, timeout_ns = sys.argv[1], int(sys.argv[2]), round(1e9 * float(sys.argv[3]))
     if sys.argv[4] == "looked_too_early":
-        Nap.sleep = looked_too_early  # type: ignore[method-assign]
+        Wakeup.sleep = looked_too_early  # type: ignore[method-assign]
     notes = memoryview(mmap.mmap(-1, mmap.PAGESIZE)).cast("Q")
     taken, data, lost, slept = 0, 16, 32, 48
     begin = monotonic_ns()
 
-    def rouse(nap: Nap) -> None:
+    def rouse(nap: Wakeup) -> None:
         draw = random.Random(1)
         for n in range(1, count + 1):
             due = monotonic_ns() + draw.randrange(1000 * (NEAR_US if n % 2 else FAR_US))
@@ -134,7 +134,7 @@ def wakeups() -> None:
             if notes[lost]:
                 return
 
-    def sleep(nap: Nap) -> None:
+    def sleep(nap: Wakeup) -> None:
         for n in range(1, count + 1):
             n_is_there = Looks(notes, data, n)
             there = False
@@ -148,7 +148,7 @@ def wakeups() -> None:
                 return
 
     def side(i: int) -> None:
-        (rouse if i else sleep)(Pulse(system, "PSM1", write=True).nap())
+        (rouse if i else sleep)(ControlPage(system, "PSM1", write=True).nap())
 
     beside(side)
     print(json.dumps({"wakeups": notes[taken], "slept": notes[slept], "lost": notes[lost],

@@ -15,16 +15,16 @@ from shm.lockstep import LockstepClock, Table, Timekeeper
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.place import take_place
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.segment import Segment
 from shm.topics import SETPOINT
 
 Ends = tuple[Any, ...]
 
 
-def with_page(make: Callable[[Pulse], object]) -> Callable[[str], Ends]:
+def with_page(make: Callable[[ControlPage], object]) -> Callable[[str], Ends]:
     def both(system: str) -> Ends:
-        page = Pulse(system, "PSM1", write=True)
+        page = ControlPage(system, "PSM1", write=True)
         return make(page), page
 
     return both
@@ -36,7 +36,7 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
     "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
     "place": lambda system: (take_place(system, "PSM1"),),
-    "nap": with_page(Pulse.nap),
+    "nap": with_page(ControlPage.nap),
     "timekeeper": lambda system: (Timekeeper(system, TABLE),),
     "lock-step clock": lambda system: (Timekeeper(system, TABLE), LockstepClock(system, "PSM1")),
 }

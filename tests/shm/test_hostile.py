@@ -18,14 +18,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.document.system import System, from_json
+from procs.document.system import SystemConfig, from_json
 from shm import directory
 from shm.client import Client
 from shm.layout import LayoutError, schema_from_json
 from shm.lockstep import LockstepClock, Table, create_clock
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
 from shm.topics import SUPERVISOR_STATE
 
@@ -107,7 +107,7 @@ def use_mailbox() -> None:
 
 
 def use_control() -> None:
-    with contextlib.suppress(SegmentError), contextlib.closing(Pulse(SYSTEM, "PSM2", write=True)) as pulse:
+    with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(SYSTEM, "PSM2", write=True)) as pulse:
         assert isinstance(pulse.state + str(pulse.get("error")), str)
         pulse.nap().rouse()
         pulse.nap().sleep(lambda: False, 1000)
@@ -326,7 +326,8 @@ def test_any_schema_is_refused_or_harmless(templates: Templates, kind: str, sche
 
 
 @settings(deadline=None, max_examples=60)
-@given(content=st.one_of(JSON, st.dictionaries(st.sampled_from([f.name for f in dataclasses.fields(System)]), JSON)))
+@given(content=st.one_of(JSON,
+                         st.dictionaries(st.sampled_from([f.name for f in dataclasses.fields(SystemConfig)]), JSON)))
 def test_any_document_is_refused_or_harmless(templates: Templates, content: Any) -> None:
     name = segment_name(SYSTEM, OWNER, "document")
     directory.publish_document(SYSTEM, json.dumps(content).encode())

@@ -26,7 +26,7 @@ from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
 from shm.mailbox import Mailbox
 from shm.mailbox_map import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, create_mailbox
 from shm.place import take_place
-from shm.pulse import STATES, Pulse, create_control
+from shm.pulse import STATES, ControlPage, create_control
 from shm.ring import RingWriter
 from shm.segment import NAME, Segment, SegmentError, path_of, segment_name
 from shm.topics import TOPICS, Field, Topic
@@ -397,7 +397,7 @@ def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> No
 
 def test_a_sleeper_made_from_the_page_is_roused(system: str) -> None:
     create_control(system, "PSM1")
-    page, seen = Pulse(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
+    page, seen = ControlPage(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
     word = seen.first + offset(records(0), "nap")
     seen.map[word : word + 4] = struct.pack("<I", 1)
     page.nap().rouse()

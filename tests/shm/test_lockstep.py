@@ -12,7 +12,7 @@ import pytest
 
 from shm.clock import monotonic_ns
 from shm.lockstep import BEHIND_NS, EPOCH_NS, LockstepClock, Table, Timekeeper, wait_for_wakeup
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.segment import SegmentError
 
 MS = 1_000_000
@@ -109,7 +109,7 @@ def test_who_is_roused_runs_before_time_goes_on(world: Any, keeper: Make) -> Non
     time_.admit(["A", "B"])
     other.sleep_until(EPOCH_NS + MS, once())
     other._own.begin()  # as it is while it sleeps
-    page = Pulse(world.name, "B", write=True)
+    page = ControlPage(world.name, "B", write=True)
     page.nap().rouse()
     one.sleep_until(EPOCH_NS + MS, once())
     assert one.now_ns() == EPOCH_NS

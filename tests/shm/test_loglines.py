@@ -10,7 +10,7 @@ import pytest
 
 from shm.clock import monotonic_ns
 from shm.events import ERROR
-from shm.loglines import Line, Stamped, into, parsed
+from shm.loglines import LogLine, Stamped, into, parsed
 
 
 @pytest.fixture
@@ -46,4 +46,4 @@ def test_a_traceback_follows_its_line(log: tuple[logging.Logger, io.StringIO]) -
         logger.error("ended by an error", exc_info=sys.exc_info())
     first, *rest = out.getvalue().splitlines()
     assert parsed(first).text == "ended by an error" and rest[-1] == "ValueError: no"
-    assert parsed(rest[-1]) == Line("ValueError: no")
+    assert parsed(rest[-1]) == LogLine("ValueError: no")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from shm import mailbox as m
 from shm.client import LoopClient
-from shm.commands import COMMANDS, Command
+from shm.commands import COMMANDS, CommandRow
 from shm.mailbox import Mailbox
 from shm.mailbox_map import CLIENTS, create_mailbox
 from shm.place import MailboxFull, Place, take_place
@@ -392,7 +392,7 @@ def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
 
 def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = COMMANDS["io"]
-    monkeypatch.setitem(COMMANDS, "io", (rows[0], Command("new", "", "", "one more"), *rows[1:]))
+    monkeypatch.setitem(COMMANDS, "io", (rows[0], CommandRow("new", "", "", "one more"), *rows[1:]))
     for end in (lambda: take_place(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
         with pytest.raises(SegmentError, match="its commands are not those of this program"):
             end()

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
 LONG_S = 1800.0
@@ -30,17 +30,17 @@ for seen in range(int(sys.argv[2])):
 
 
 @pytest.fixture
-def pulse(world: Any) -> Iterator[Pulse]:
+def pulse(world: Any) -> Iterator[ControlPage]:
     """The control page of PSM1."""
     create_control(world.name, "PSM1")
-    page = Pulse(world.name, "PSM1", write=True)
+    page = ControlPage(world.name, "PSM1", write=True)
     yield page
     page.close()
     unlink(segment_name(world.name, "PSM1", "control"))
 
 
-def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: Pulse) -> None:
-    other = Pulse(world.name, "PSM1", write=True)
+def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: ControlPage) -> None:
+    other = ControlPage(world.name, "PSM1", write=True)
     naps, cycles, word = (pulse.nap(), other.nap()), pulse.field("cycles"), pulse.field("nap")
     child = world.start(NAPPER, "20")
     for i in range(1, 21):
@@ -52,28 +52,28 @@ def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: Pulse) -> No
     other.close()
 
 
-def test_a_nap_ends_by_itself_and_news_need_no_rousing(pulse: Pulse) -> None:
+def test_a_nap_ends_by_itself_and_news_need_no_rousing(pulse: ControlPage) -> None:
     nap, word = pulse.nap(), pulse.field("nap")
     nap.rouse()
     assert not nap.sleep(lambda: False, 1_000_000) and word == 0
     assert nap.sleep(lambda: True, 10**12) and word == 0
 
 
-def test_a_sleep_lasts_as_long_as_it_may(pulse: Pulse) -> None:
+def test_a_sleep_lasts_as_long_as_it_may(pulse: ControlPage) -> None:
     nap, begin = pulse.nap(), time.monotonic_ns()
     assert not nap.sleep(lambda: False, 20_000_000)
     assert time.monotonic_ns() - begin >= 19_000_000
     assert not nap.sleep(lambda: False, 0) and not nap.sleep(lambda: False, -5)
 
 
-def test_rousing_who_is_awake_changes_nothing(pulse: Pulse) -> None:
+def test_rousing_who_is_awake_changes_nothing(pulse: ControlPage) -> None:
     nap, before = pulse.nap(), bytes(pulse.segment.view)
     for _ in range(5):
         nap.rouse()
     assert bytes(pulse.segment.view) == before
 
 
-def test_news_between_look_and_sleep_are_not_slept_through(pulse: Pulse) -> None:
+def test_news_between_look_and_sleep_are_not_slept_through(pulse: ControlPage) -> None:
     nap, looks = pulse.nap(), iter((False, True))
 
     def news() -> bool:
@@ -85,13 +85,13 @@ def test_news_between_look_and_sleep_are_not_slept_through(pulse: Pulse) -> None
     assert nap.sleep(news, 60_000_000_000)
 
 
-def test_an_error_while_looking_leaves_nobody_asleep(pulse: Pulse) -> None:
+def test_an_error_while_looking_leaves_nobody_asleep(pulse: ControlPage) -> None:
     with pytest.raises(ZeroDivisionError):
         pulse.nap().sleep(lambda: 1 // 0 > 0, 10**9)
     assert pulse.get("nap") == 0
 
 
-def test_a_dead_sleeper_costs_one_wake_up(world: Any, pulse: Pulse) -> None:
+def test_a_dead_sleeper_costs_one_wake_up(world: Any, pulse: ControlPage) -> None:
     child = world.start(NAPPER, "1")
     world.until(lambda: pulse.get("nap") == 1, "it sleeps")
     world.kill(child)
@@ -99,8 +99,8 @@ def test_a_dead_sleeper_costs_one_wake_up(world: Any, pulse: Pulse) -> None:
     assert nap.sleeps and nap.wake() and not nap.wake()
 
 
-def test_napping_needs_write_access(world: Any, pulse: Pulse) -> None:
-    reader = Pulse(world.name, "PSM1")
+def test_napping_needs_write_access(world: Any, pulse: ControlPage) -> None:
+    reader = ControlPage(world.name, "PSM1")
     with pytest.raises(SegmentError, match="a futex needs write access"):
         reader.nap()
     reader.close()
@@ -139,19 +139,19 @@ def test_without_the_fence_both_miss_each_other(world: Any) -> None:
 
 
 @pytest.mark.slow
-def test_no_nap_sleeps_through_news(world: Any, pulse: Pulse) -> None:
+def test_no_nap_sleeps_through_news(world: Any, pulse: ControlPage) -> None:
     report = race(world, "wakeups", "2000", "10", "")
     assert (report["wakeups"], report["lost"]) == (2000, 0) and report["slept"] > 100, report
 
 
 @pytest.mark.soak
-def test_a_hundred_thousand_naps_sleep_through_no_news(world: Any, pulse: Pulse) -> None:
+def test_a_hundred_thousand_naps_sleep_through_no_news(world: Any, pulse: ControlPage) -> None:
     report = race(world, "wakeups", "100000", "10", "")
     assert (report["wakeups"], report["lost"]) == (100_000, 0) and report["slept"] > 5000, report
 
 
 @pytest.mark.slow
-def test_news_looked_for_too_early_are_slept_through(world: Any, pulse: Pulse) -> None:
+def test_news_looked_for_too_early_are_slept_through(world: Any, pulse: ControlPage) -> None:
     report = race(world, "wakeups", "100000", "0.3", "looked_too_early")
     assert report["lost"] == 1, report
 
@@ -186,7 +186,7 @@ def timespec(child: Any, at: int) -> tuple[int, int]:
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the numbers of system calls are those of x86-64")
 @pytest.mark.parametrize("how", SLEEPS)
-def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: Pulse, how: str) -> None:
+def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: ControlPage, how: str) -> None:
     child = world.start(SLEEPER + SLEEPS[how])
     wanted = FUTEX_ON_X86_64 if "nap" in how else CLOCK_NANOSLEEP
     world.until(lambda: call_of(child)[:1] == [wanted], "it sleeps")

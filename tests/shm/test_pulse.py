@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import SCHEMA, STATES, Pulse, create_control
+from shm.pulse import SCHEMA, STATES, ControlPage, create_control
 from shm.segment import SegmentError, segment_name
 
 
@@ -18,7 +18,7 @@ def page(world: Any) -> Any:
 
 
 def test_cells_are_live_between_attachments(page: str) -> None:
-    own, tool = Pulse(page, "PSM1", write=True), Pulse(page, "PSM1")
+    own, tool = ControlPage(page, "PSM1", write=True), ControlPage(page, "PSM1")
     cell = tool.field("missed")
     own.field("missed")[...] = 7
     own.field("policy")[...] = b"FIFO 80"
@@ -29,7 +29,7 @@ def test_cells_are_live_between_attachments(page: str) -> None:
 
 @pytest.mark.parametrize("state", STATES)
 def test_states_show_by_name(page: str, state: str) -> None:
-    own, tool = Pulse(page, "PSM1", write=True), Pulse(page, "PSM1")
+    own, tool = ControlPage(page, "PSM1", write=True), ControlPage(page, "PSM1")
     assert tool.state == "CREATED"
     own.show(state, "because")
     assert (tool.state, tool.get("error")) == (state, b"because")
@@ -38,21 +38,21 @@ def test_states_show_by_name(page: str, state: str) -> None:
 
 
 def test_a_long_error_is_cut(page: str) -> None:
-    own = Pulse(page, "PSM1", write=True)
+    own = ControlPage(page, "PSM1", write=True)
     own.show("FAILED", "ü" * 1000)
     assert own.get("error").decode() == "ü" * 198 + "…"
     own.close()
 
 
 def test_an_unknown_state_is_said_to_be_one(page: str) -> None:
-    own = Pulse(page, "PSM1", write=True)
+    own = ControlPage(page, "PSM1", write=True)
     own.field("state")[...] = 200
     assert own.state == "unknown (200)"
     own.close()
 
 
 def test_a_tool_cannot_write(page: str) -> None:
-    tool = Pulse(page, "PSM1")
+    tool = ControlPage(page, "PSM1")
     with pytest.raises(ValueError, match="read-only"):
         tool.field("missed")[...] = 1
     tool.close()
@@ -60,7 +60,7 @@ def test_a_tool_cannot_write(page: str) -> None:
 
 def test_an_absent_instance_is_an_error(page: str) -> None:
     with pytest.raises(SegmentError, match="no such segment"):
-        Pulse(page, "PSM9")
+        ControlPage(page, "PSM9")
 
 
 def test_one_segment_is_not_another(page: str, world: Any) -> None:
@@ -70,7 +70,7 @@ def test_one_segment_is_not_another(page: str, world: Any) -> None:
         schema = segment.header.schema
     create(segment_name(page, "PSM2", "control"), "ring", schema, 1)
     with pytest.raises(SegmentError, match="is a ring, not a control"):
-        Pulse(page, "PSM2")
+        ControlPage(page, "PSM2")
 
 
 def test_the_futex_word_is_aligned() -> None:

@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from shm.directory import create_ring
 from shm.lockstep import SCHEMA, LockstepClock, Table, Timekeeper
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 from shm.topics import Field, Topic
@@ -182,7 +182,7 @@ def test_a_long_life_of_scribbles_leaves_rings_usable() -> None:
 @given(at=st.integers(0, 4096), data=st.binary(min_size=1, max_size=1200))
 def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
     create_control(SYSTEM, "PSM1")
-    pulse, other = Pulse(SYSTEM, "PSM1", write=True), Pulse(SYSTEM, "PSM1", write=True)
+    pulse, other = ControlPage(SYSTEM, "PSM1", write=True), ControlPage(SYSTEM, "PSM1", write=True)
     try:
         ours, theirs = pulse.nap(), other.nap()
         end = min(len(pulse.segment.view), 4096 + at + len(data))

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from shm.directory import create_ring
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from tests.shm.witness import Author, Lives, Notes, Violation, Witness, holds, topic
@@ -123,7 +123,7 @@ class ReaderVictim:
         self._system, self._notes = system, notes.words
         self._name = segment_name(system, "io", "telling")
         self._author = Author(RingWriter(Segment(self._name, write=True), "io"), 1)
-        self._page = Pulse(system, "io", write=True)
+        self._page = ControlPage(system, "io", write=True)
         self._nap = self._page.nap()
         self._due = self._steady = 0
         self.figures = {"records": 0, "reads": 0, "lost": 0, "naps": 0, "left_asleep": 0}
@@ -131,7 +131,7 @@ class ReaderVictim:
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Attach, and read for ever: by `next`, by `newest`, or history."""
         witness = Witness(RingReader(Segment(self._name)), Lives())
-        nap = Pulse(self._system, "io", write=True).nap()
+        nap = ControlPage(self._system, "io", write=True).nap()
         notes, reader, seen = self._notes, witness.reader, 0
 
         def ready_to_read() -> bool:

@@ -19,7 +19,7 @@ from shm.mailbox import (
     Received,
 )
 from shm.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
-from shm.nap import Nap
+from shm.nap import Wakeup
 from shm.place import MailboxFull, Place
 from shm.ring import HEAD, RingReader, RingWriter
 
@@ -80,7 +80,7 @@ def same_epoch() -> None:
 
 def deep_sleep() -> None:
     """No Q4: who sleeps is left asleep."""
-    Nap.rouse = lambda self: None  # type: ignore[method-assign]
+    Wakeup.rouse = lambda self: None  # type: ignore[method-assign]
 
 
 def run_then_taken() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Arm, System
+from procs.document.system import ArmConfig, SystemConfig
 from procs.kinematics.coupling import coupling
 from procs.kinematics.forward import Kinematics
 
@@ -50,7 +50,7 @@ class Motion:
 class Robot:
     """Where a robot lies in the boards' record, and its kinematics."""
 
-    def __init__(self, system: System, arm: Arm) -> None:
+    def __init__(self, system: SystemConfig, arm: ArmConfig) -> None:
         """`arm` has a robot and, a PSM, its one instrument."""
         first = 0
         for io in system.ios:

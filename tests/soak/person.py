@@ -18,10 +18,10 @@ from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tests.soak.diary import Asking, Diary
 from tests.soak.system import System
-from tools.arms import DISABLED, HOMED, Climb
+from tools.arms import DISABLED, HOMED, ArmBringUp
 from tools.errors import Problem, Refused
 from tools.examples.hand import Hand, figure_eight
-from tools.examples.surgeon import Seat
+from tools.examples.surgeon import OperatorSim
 from tools.inspect.amplifiers import Amplifiers
 from tools.inspect.watch import Watch
 from tools.remote import Remote
@@ -92,8 +92,9 @@ class Person:
         try:
             with contextlib.ExitStack() as stack:
                 watches = [stack.enter_context(Watch(system, robot)) for robot in robots]
-                climbs = [Climb(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
-                                stack.enter_context(Amplifiers(system, watch.name)), goal, 0.0) for watch in watches]
+                climbs = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
+                                     stack.enter_context(Amplifiers(system, watch.name)), goal,
+                                     0.0) for watch in watches]
                 while not all(climb.over for climb in climbs):
                     for climb in climbs:
                         if not climb.over:
@@ -159,7 +160,7 @@ class Drawing:
         """Take the master, and begin; what keeps it from following."""
         name = self._system.name
         try:
-            seat = self._stack.enter_context(Seat(name, CONSOLE))
+            seat = self._stack.enter_context(OperatorSim(name, CONSOLE))
             self._hand = self._stack.enter_context(Hand(name, seat, seat.teleops[0]))
             self._teleop = seat.teleops[0]
             self._seen = directory.reader(name, MASTER, "state", "arm")

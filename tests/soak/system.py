@@ -12,14 +12,14 @@ from pathlib import Path
 
 import psutil
 
-from procs.document.system import System as Document
+from procs.document.system import SystemConfig as Document
 from procs.document.system import from_json
 from shm import directory
 from shm.clock import monotonic_ns, pause
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import SegmentError, names_of
 from tools.errors import Problem
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
 
 FILE = ROOT / "configs" / "systems" / "demo-teleop.yaml"
@@ -50,7 +50,7 @@ class System:
 
     def start(self) -> None:
         """`up`, and the witness beside it; Problem when it does not come up."""
-        self._background = Background(Request(FILE, self.name, "emulated", sets=("clock=wall",)), tied=True)
+        self._background = Background(StartRequest(FILE, self.name, "emulated", sets=("clock=wall",)), tied=True)
         self._background.wait_until_up(lambda text, fraction: None)
         self.document = from_json(directory.document(self.name))
         self.records.append(self.folder / f"truth-{len(self.records)}.bin")
@@ -82,7 +82,7 @@ class System:
         if instance == "supervisor":
             return self.supervisor
         try:
-            pulse = Pulse(self.name, instance)
+            pulse = ControlPage(self.name, instance)
         except SegmentError:
             return 0
         pid = int(pulse.get("pid"))
@@ -96,7 +96,7 @@ class System:
         for name in self.instances:
             pid = self.pid(name)
             with contextlib.suppress(SegmentError):
-                pulse = Pulse(self.name, name)
+                pulse = ControlPage(self.name, name)
                 state, age_ns = pulse.state, monotonic_ns() - int(pulse.get("heartbeat_ns"))
                 pulse.close()
                 if state != "RUNNING" or not _lives(pid):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procs.config import load_system
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from tests.soak.diary import Diary
 from tests.soak.judge import LAG_NS, Ask, Command, Loss, powered_by_nobody, too_fast
 from tests.soak.motion import Robot
@@ -21,7 +21,7 @@ INSERTION, YAW, ROLL = 2, 0, 3
 
 
 @pytest.fixture(scope="module")
-def document() -> System:
+def document() -> SystemConfig:
     loaded = load_system(SYSTEM, boards="emulated", name="judged").system
     assert loaded is not None
     return loaded
@@ -30,7 +30,7 @@ def document() -> System:
 class World:
     """A second of truth in which both robots stand with power; tests change it."""
 
-    def __init__(self, document: System) -> None:
+    def __init__(self, document: SystemConfig) -> None:
         self.robots = {name: Robot(document, document.arm(name)) for name in ("MTMR", "PSM1")}
         axes = sum(len(robot.actuators) for io in document.ios for robot in io.robots)
         self.truth: Any = np.zeros(SECOND, dtype=[
@@ -58,7 +58,7 @@ class World:
 
 
 @pytest.fixture
-def world(document: System) -> World:
+def world(document: SystemConfig) -> World:
     return World(document)
 
 

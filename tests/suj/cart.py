@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from procs.boards.incidents import Incidents
-from procs.boards.setup_joints import SetupJoints as Plant
+from procs.boards.incidents import BoardFaults
+from procs.boards.setup_joints import SetupJointsPlant as Plant
 from procs.config import load_system
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
@@ -124,7 +124,7 @@ class Cart(Stand):
         bus.power.lose_supply(0, lost, bus.now)
 
     def press(self, name: str, on: bool) -> None:
-        Incidents(self.rig.world, Rails(4)).press(name, on)
+        BoardFaults(self.rig.world, Rails(4)).press(name, on)
 
     def valid(self) -> list[bool]:
         return self.field("setup_valid").tolist()

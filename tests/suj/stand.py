@@ -8,7 +8,7 @@ import numpy as np
 
 from procs.codes import Code
 from procs.config import load_system
-from procs.document.system import Cart, System
+from procs.document.system import Cart, SystemConfig
 from procs.kinematics import poses
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
@@ -23,7 +23,8 @@ MS = 1_000_000
 HEAD = '{"$id": "dvrk-system.schema.json", "$version": "1", '
 
 
-def system_of(tmp_path, arms: str, ios: str = "", *, boards: str | None = None, folder: str = "dvrk-share") -> System:
+def system_of(tmp_path, arms: str, ios: str = "", *, boards: str | None = None,
+              folder: str = "dvrk-share") -> SystemConfig:
     """A system of these arms, whose files are the stock ones."""
     file = tmp_path / "system.json"
     file.write_text(f'{HEAD}{ios}"arms": [{arms}]}}')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.suj.machine import State
+from procs.suj.machine import SetupState
 from tests.suj.cart import PLACES, Cart
 
 ROUND_S, WHOLE_S = (16 * (settle + samples / 1500) for settle, samples in ((0.005, 6), (0.03, 60)))
@@ -46,7 +46,7 @@ def test_three_whole_rounds_at_rest_make_all_arms_known() -> None:
     cart.run(3.9 * WHOLE_S)
     assert cart.field("rounds").item() == 3 and cart.valid() == [False] * 4
     cart.run(0.3 * WHOLE_S)
-    assert cart.valid() == [True] * 4 and cart.joints.machine.state is State.DISABLED, "brakes hold without power"
+    assert cart.valid() == [True] * 4 and cart.joints.machine.state is SetupState.DISABLED, "brakes hold without power"
     for name, place in PLACES.items():
         assert miss(cart, name, place) < CLOSE
         local = cart.joints._setups.local[cart.row(name)].copy()
@@ -111,7 +111,7 @@ def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
     again = Cart(memory=known.memory, rig=known.rig)
     again.press("SUJ_clutch_3", False)
     again.run(0.3)
-    assert again.joints.machine.state is State.ENABLED and again.joints.machine.is_homed
+    assert again.joints.machine.state is SetupState.ENABLED and again.joints.machine.is_homed
     assert not any(name == "power_off" for name, _, _ in again.orders.log) and known.rig.record.powered[0]
     assert again.valid() == [False] * 4, "anybody may have moved them"
     again.run(4.2 * ROUND_S)
@@ -123,13 +123,13 @@ def test_lost_power_is_a_fault_and_brakes_hold(known: Cart) -> None:
     known.run(0.4)
     known.lose_supply(True)
     known.run(0.3)
-    assert known.joints.machine.state is State.FAULT and not any(released(known))
+    assert known.joints.machine.state is SetupState.FAULT and not any(released(known))
     assert known.reports.of("error") and known.reports.states[-1][0] == "FAULT"
     known.press("SUJ_clutch_1", False)
     known.lose_supply(False)
     known.run(0.2)
     known.enable()
-    assert known.joints.machine.state is State.ENABLED
+    assert known.joints.machine.state is SetupState.ENABLED
 
 
 def test_potentiometers_that_disagree_make_an_arm_unknown(known: Cart) -> None:
@@ -177,7 +177,7 @@ def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
     for _ in range(40):
         known.now_ns += 2_000_000
         known.joints.step(known.now_ns, ())
-    assert known.valid() == [False] * 4 and known.joints.machine.state is State.FAULT
+    assert known.valid() == [False] * 4 and known.joints.machine.state is SetupState.FAULT
     assert known.reports.of("error") == ["SUJ: io does not answer"]
 
 
@@ -260,5 +260,5 @@ def test_power_that_does_not_come_is_told(cart: Cart) -> None:
     cart.lose_supply(True)
     request = cart.say("state_command", "enable")
     cart.run(3.5)
-    assert cart.joints.machine.state is State.FAULT and request.outcome == "failed"
+    assert cart.joints.machine.state is SetupState.FAULT and request.outcome == "failed"
     assert cart.reports.of("error") == ["SUJ: fault 11"] and request.answers[-1][1] == "fault 11"

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.cart import Cart, SetupArm
+from procs.document.cart import Cart, CartArm
 from procs.suj import bluetooth
-from procs.suj.brakes import Brakes
+from procs.suj.brakes import SetupArmBrakes
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from procs.suj.si import EmulatedBoards, Si, counts
@@ -78,10 +78,10 @@ def test_missed_samples_begin_the_channel_anew() -> None:
     assert cycles == SAMPLES - 1 and np.array_equal(counter.multiplexer._current[:, 0], np.ones(4))
 
 
-def arm(**changes) -> SetupArm:
+def arm(**changes) -> CartArm:
     values = {"name": "PSM1", "joints": 3, "primary": ((0.25, -0.1), (1.0, -2.0), (0.0, 0.0)),
               "secondary": ((0.26, -0.12), (-1.1, 2.5), (0.0, 0.0)), "weight": (0.5, 0.5, 0.5)}
-    return SetupArm(**(values | changes))
+    return CartArm(**(values | changes))
 
 
 @given(st.floats(0, 1), st.floats(-1, 1), st.floats(0, 1))
@@ -103,7 +103,7 @@ def test_potentiometers_too_far_apart_are_told_with_their_joint(apart: tuple[flo
 
 
 def test_brakes_ramp_with_the_sign_of_the_file_and_hold_with_theirs() -> None:
-    brakes = Brakes((arm(release_current=-2.0, engaged_current=0.1), arm(release_current=1.0)))
+    brakes = SetupArmBrakes((arm(release_current=-2.0, engaged_current=0.1), arm(release_current=1.0)))
     clutched = np.array([True, False])
     brakes.step(0.05, clutched)
     assert np.allclose(brakes.current, (-0.4, 0.0)) and brakes.engaged.tolist() == [False, True]

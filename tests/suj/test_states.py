@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.suj.machine import Machine, NoPower, State
+from procs.suj.machine import NoPower, SetupState, SetupStates
 from tests.io.stand import FakeCommand
 from tests.suj.stand import FakeReports
 
@@ -32,9 +32,9 @@ class FakePower(NoPower):
 class Bench:
     """A machine in a state."""
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: SetupState) -> None:
         self.reports, self.power = FakeReports(), FakePower()
-        self.machine = Machine("SUJ", self.reports, self.power, lambda state: None)
+        self.machine = SetupStates("SUJ", self.reports, self.power, lambda state: None)
         self.machine.begin(state, False, 0)
         self.reports.states.clear()
 
@@ -45,30 +45,30 @@ class Bench:
 
 
 AFTER = {
-    (State.DISABLED, "enable"): State.POWERING, (State.DISABLED, "home"): State.POWERING,
-    (State.DISABLED, "disable"): State.DISABLED, (State.DISABLED, "unhome"): State.DISABLED,
-    (State.POWERING, "enable"): State.POWERING, (State.POWERING, "home"): State.POWERING,
-    (State.POWERING, "disable"): State.DISABLED, (State.POWERING, "unhome"): State.POWERING,
-    (State.ENABLED, "enable"): State.ENABLED, (State.ENABLED, "home"): State.ENABLED,
-    (State.ENABLED, "disable"): State.DISABLED, (State.ENABLED, "unhome"): State.ENABLED,
-    (State.FAULT, "enable"): State.POWERING, (State.FAULT, "home"): State.POWERING,
-    (State.FAULT, "disable"): State.DISABLED, (State.FAULT, "unhome"): State.FAULT,
+    (SetupState.DISABLED, "enable"): SetupState.POWERING, (SetupState.DISABLED, "home"): SetupState.POWERING,
+    (SetupState.DISABLED, "disable"): SetupState.DISABLED, (SetupState.DISABLED, "unhome"): SetupState.DISABLED,
+    (SetupState.POWERING, "enable"): SetupState.POWERING, (SetupState.POWERING, "home"): SetupState.POWERING,
+    (SetupState.POWERING, "disable"): SetupState.DISABLED, (SetupState.POWERING, "unhome"): SetupState.POWERING,
+    (SetupState.ENABLED, "enable"): SetupState.ENABLED, (SetupState.ENABLED, "home"): SetupState.ENABLED,
+    (SetupState.ENABLED, "disable"): SetupState.DISABLED, (SetupState.ENABLED, "unhome"): SetupState.ENABLED,
+    (SetupState.FAULT, "enable"): SetupState.POWERING, (SetupState.FAULT, "home"): SetupState.POWERING,
+    (SetupState.FAULT, "disable"): SetupState.DISABLED, (SetupState.FAULT, "unhome"): SetupState.FAULT,
 }
 
 
 @pytest.mark.parametrize(("state", "word"), AFTER)
-def test_every_word_leads_where_it_should(state: State, word: str) -> None:
+def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
     bench = Bench(state)
     request = bench.say(word)
     assert bench.machine.state is AFTER[state, word]
     assert len(bench.reports.states) >= 2, "the operating state is told before and after, even if nothing changes"
-    waits = bench.machine.state is State.POWERING
+    waits = bench.machine.state is SetupState.POWERING
     assert request.outcome == ("accepted" if waits else "done")
 
 
-@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("state", SetupState)
 @pytest.mark.parametrize("word", ["pause", "resume", "", "Enable", "fly"])
-def test_other_words_are_refused_with_a_reason(state: State, word: str) -> None:
+def test_other_words_are_refused_with_a_reason(state: SetupState, word: str) -> None:
     bench = Bench(state)
     request = bench.say(word)
     assert request.outcome == "refused" and bench.machine.state is state
@@ -76,38 +76,38 @@ def test_other_words_are_refused_with_a_reason(state: State, word: str) -> None:
 
 
 def test_power_comes_and_home_makes_it_homed() -> None:
-    bench = Bench(State.DISABLED)
+    bench = Bench(SetupState.DISABLED)
     request = bench.say("home")
     assert (bench.machine.published, bench.machine.is_busy, bench.machine.is_homed) == ("DISABLED", True, False)
     assert bench.power.log == ["on"]
     bench.power.there = True
     bench.machine.step(1)
-    assert (bench.machine.state, bench.machine.is_homed, request.outcome) == (State.ENABLED, True, "done")
+    assert (bench.machine.state, bench.machine.is_homed, request.outcome) == (SetupState.ENABLED, True, "done")
     bench.say("unhome")
-    assert (bench.machine.state, bench.machine.is_homed) == (State.ENABLED, False)
+    assert (bench.machine.state, bench.machine.is_homed) == (SetupState.ENABLED, False)
     bench.say("disable")
     assert bench.power.log[-1] == "off" and not bench.machine.is_homed
 
 
-@pytest.mark.parametrize("state", [State.POWERING, State.ENABLED])
-def test_trouble_is_a_fault_with_its_reason(state: State) -> None:
-    bench = Bench(State.DISABLED)
+@pytest.mark.parametrize("state", [SetupState.POWERING, SetupState.ENABLED])
+def test_trouble_is_a_fault_with_its_reason(state: SetupState) -> None:
+    bench = Bench(SetupState.DISABLED)
     request = bench.say("enable")
-    if state is State.ENABLED:
+    if state is SetupState.ENABLED:
         bench.power.there = True
         bench.machine.step(1)
     bench.power.wrong = "detected power loss"
     bench.machine.step(2)
-    assert bench.machine.state is State.FAULT and bench.power.log[-1] == "off"
+    assert bench.machine.state is SetupState.FAULT and bench.power.log[-1] == "off"
     assert bench.reports.of("error") == ["SUJ: detected power loss"]
-    assert request.outcome == ("failed" if state is State.POWERING else "done")
+    assert request.outcome == ("failed" if state is SetupState.POWERING else "done")
     bench.power.wrong = ""
     bench.say("enable")
-    assert bench.machine.state is State.ENABLED if bench.power.there else State.POWERING
+    assert bench.machine.state is SetupState.ENABLED if bench.power.there else SetupState.POWERING
 
 
 def test_a_newer_word_answers_the_one_under_way() -> None:
-    bench = Bench(State.DISABLED)
+    bench = Bench(SetupState.DISABLED)
     request = bench.say("enable")
     bench.say("disable")
     assert request.answers[-1] == ("failed", "disable was asked for")
@@ -115,7 +115,7 @@ def test_a_newer_word_answers_the_one_under_way() -> None:
 
 def test_setup_joints_that_were_never_restarted_are_switched_off_as_well() -> None:
     power = FakePower()
-    machine = Machine("SUJ", FakeReports(), power, lambda state: None)
+    machine = SetupStates("SUJ", FakeReports(), power, lambda state: None)
     for word in ("enable", "disable"):
         machine.command(FakeCommand("state_command", word), 0)
     assert power.log == ["on", "off"]

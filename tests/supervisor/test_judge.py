@@ -14,7 +14,7 @@ import pytest
 from procs.document.system import Process
 from procs.manifest import hung_s, late_s
 from procs.supervisor.cores import IDLE, core_time_ns
-from procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, Member
+from procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, JudgedProcess
 
 BEAT_NS = 20_000_000
 Marks = Callable[[int], int]
@@ -28,7 +28,7 @@ def judged(seconds: float, *marks: Marks, beat_ns: int = BEAT_NS, held_up: Itera
     judge, now_ns, found = Judge(), 0, []
     for k in range(round(seconds * 1e9 / beat_ns)):
         now_ns += beat_ns + (2_000_000_000 if k in held_up else 0)
-        members = [Member(name, mark(now_ns), 30e6, 1e9) for name, mark in zip("AB", marks, strict=False)]
+        members = [JudgedProcess(name, mark(now_ns), 30e6, 1e9) for name, mark in zip("AB", marks, strict=False)]
         found += [(k, f"{verdict.name} {verdict.what}") for verdict in judge.beat(now_ns, members)]
     return found
 
@@ -78,7 +78,7 @@ def test_a_stopped_process_is_found_by_a_supervisor_that_is_often_late() -> None
 def test_who_is_not_to_be_judged_is_forgotten() -> None:
     judge = Judge()
     for k in range(200):
-        members = [Member("A", 7, 30e6, 1e9)] if k % 40 else []
+        members = [JudgedProcess("A", 7, 30e6, 1e9)] if k % 40 else []
         assert HUNG not in [verdict.what for verdict in judge.beat(k * BEAT_NS, members)]
 
 
@@ -86,7 +86,7 @@ def hung_after_s(core_ns: Callable[[int], int]) -> float:
     """When one that is silent from the beginning is killed, having had a core for so long; inf: not in 20 s."""
     judge = Judge()
     for now_ns in range(0, 20_000_000_000, BEAT_NS):
-        member = Member("A", 7, math.inf, 1e9, lambda now_ns=now_ns: core_ns(now_ns))
+        member = JudgedProcess("A", 7, math.inf, 1e9, lambda now_ns=now_ns: core_ns(now_ns))
         if any(verdict.what == HUNG for verdict in judge.beat(now_ns, [member])):
             return now_ns * 1e-9
     return math.inf
@@ -102,7 +102,8 @@ def test_who_waits_for_a_core_does_not_hang() -> None:
 def test_who_waits_for_one_that_hangs_is_spared() -> None:
     judge, found = Judge(), []
     for k in range(100):
-        members = [Member("boards", 7, math.inf, 1e9), Member("IO1", 7 if k > 3 else k, math.inf, 1e9, None, "boards")]
+        members = [JudgedProcess("boards", 7, math.inf, 1e9),
+                   JudgedProcess("IO1", 7 if k > 3 else k, math.inf, 1e9, None, "boards")]
         found += [f"{verdict.name} {verdict.what}" for verdict in judge.beat(k * BEAT_NS, members)]
     assert found == [f"boards {HUNG}"]
 

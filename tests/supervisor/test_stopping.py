@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from procs import lifecycle
-from procs.document.system import Process, System
+from procs.document.system import Process, SystemConfig
 from procs.supervisor import loop, memory
 from procs.supervisor.children import Child
 from procs.supervisor.loop import Supervisor
 from shm.clock import monotonic_ns
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.segment import SegmentError, names_of
 
 SLOW = """
@@ -33,7 +33,7 @@ def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     """A supervisor of one process, which takes 0.3 s to end well."""
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
     monkeypatch.setattr(loop, "realtime", lambda *_, **__: "other")
-    made = Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
+    made = Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     child = world.start(SLOW)
     assert child.stdout.readline() == "up\n"
     made.children[0].popen, made.children[0].state = child, lifecycle.RUNNING
@@ -64,7 +64,7 @@ def test_a_name_has_one_supervisor_and_is_free_again_after_it(world: Any) -> Non
 def test_memory_of_processes_that_still_run_is_not_cleared(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
     create_control(world.name, "IO1")
-    orphan = Pulse(world.name, "IO1", write=True)
+    orphan = ControlPage(world.name, "IO1", write=True)
     orphan.segment.claim("IO1")
     with pytest.raises(SegmentError, match=r"still run: IO1 \(pid \d+\)"):
         memory.clear_left_over(world.name)
@@ -76,7 +76,7 @@ def test_memory_of_processes_that_still_run_is_not_cleared(world: Any, monkeypat
 def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "ORPHANS_NS", 100_000_000)
     create_control(world.name, "IO1")
-    orphan = Pulse(world.name, "IO1", write=True)
+    orphan = ControlPage(world.name, "IO1", write=True)
     orphan.segment.claim("IO1")
     orphan.segment.view[8:12] = (1).to_bytes(4, "little")  # the header's version
     with pytest.raises(SegmentError, match=r"still run: IO1 \(of another version"):
@@ -105,7 +105,7 @@ def test_a_supervisor_that_cannot_begin_leaves_no_memory(
 
     monkeypatch.setattr(loop, "realtime", full)
     with pytest.raises(OSError, match="no space"):
-        Supervisor(System(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
+        Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     assert names_of(world.name) == []
 
 

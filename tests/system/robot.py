@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from shm import directory
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import SegmentError, names_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +65,8 @@ class Robot:
         if self.supervisor.poll() is not None:
             pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
         try:
-            pulse = Pulse(self.name, "supervisor")  # one page for both: the next supervisor clears a dead one's page
+            pulse = ControlPage(self.name,
+                                "supervisor")  # one page for both: the next supervisor clears a dead one's page
         except SegmentError:
             return False
         running = pulse.state == "RUNNING" and int(pulse.get("pid")) == self.supervisor.pid
@@ -75,7 +76,7 @@ class Robot:
     def state(self, instance: str) -> str:
         """Lifecycle state an instance shows, empty when it has no control page."""
         try:
-            pulse = Pulse(self.name, instance)
+            pulse = ControlPage(self.name, instance)
         except SegmentError:
             return ""
         state = pulse.state
@@ -84,7 +85,7 @@ class Robot:
 
     def cell(self, instance: str, name: str) -> float:
         """One number of an instance's control page."""
-        pulse = Pulse(self.name, instance)
+        pulse = ControlPage(self.name, instance)
         value = pulse.get(name)
         pulse.close()
         return value

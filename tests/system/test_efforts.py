@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.arm.joints import Joints, joints
+from procs.arm.joints import JointSpace, joints
 from procs.config import load_system
 from procs.document.system import from_json
 from shm import directory
@@ -49,7 +49,7 @@ class Pushed:
         system = load_system(FILE).system
         assert system is not None
         arm = system.arm(name)
-        self.space: Joints = joints(arm, arm.tool)
+        self.space: JointSpace = joints(arm, arm.tool)
         robots = [row for io in from_json(directory.document(robot.name)).emulated().ios for row in io.robots]
         first = sum(len(row.actuators) for row in robots[: [row.name for row in robots].index(arm.robot)])
         self.axes = slice(first, first + self.space.axes)

@@ -21,13 +21,13 @@ import pytest
 
 import tools.systems
 from procs.config import load_system
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from procs.supervisor import memory
 from shm.directory import systems
 from shm.layout import schema_of
 from shm.lockstep import Timekeeper
 from shm.owners import SERVICE_USER
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import FOLDER, Segment, SegmentError, SegmentFull, create, names_of, path_of, segment_name, unlink
 from shm.topics import ARM_STATE
 from tests.system.robot import DEMO, ROOT, Robot
@@ -45,7 +45,7 @@ exit $code
 
 
 @pytest.fixture
-def system(world: Any) -> System:
+def system(world: Any) -> SystemConfig:
     """The demo's document under this world's name."""
     loaded = load_system(DEMO, name=world.name, sets=["clock=wall"])
     assert loaded.system is not None
@@ -75,14 +75,14 @@ def of_stranger(name: str) -> Iterator[None]:
             os.chown(path, 0, -1)
 
 
-def test_the_total_is_known_before(system: System) -> None:
+def test_the_total_is_known_before(system: SystemConfig) -> None:
     needed = memory.needed(system)
     assert names_of(system.name) == []
     assert memory.create_all(system) == needed == sum(path.stat().st_size for path in paths(system.name))
     memory.remove_all(system.name)
 
 
-def test_the_clock_of_a_lock_step_counts_too(system: System) -> None:
+def test_the_clock_of_a_lock_step_counts_too(system: SystemConfig) -> None:
     simulated = dataclasses.replace(system, clock="lockstep")
     total = memory.create_all(simulated)
     keeper = Timekeeper(system.name, memory.simulated(simulated))
@@ -91,7 +91,7 @@ def test_the_clock_of_a_lock_step_counts_too(system: System) -> None:
     assert memory.needed(simulated) == total + keeper.size
 
 
-def test_too_little_room_is_said_before_anything_is_made(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_little_room_is_said_before_anything_is_made(system: SystemConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*arguments: object) -> int:
         raise AssertionError("made")
 
@@ -108,7 +108,7 @@ def test_too_little_room_is_said_before_anything_is_made(system: System, monkeyp
 
 
 @pytest.mark.parametrize("after", [0, 1, 5, 11])
-def test_room_that_runs_out_leaves_nothing(system: System, monkeypatch: pytest.MonkeyPatch, after: int) -> None:
+def test_room_that_runs_out_leaves_nothing(system: SystemConfig, monkeypatch: pytest.MonkeyPatch, after: int) -> None:
     fill, calls = os.posix_fallocate, []
 
     def fill_some(fd: int, offset: int, size: int) -> None:
@@ -137,7 +137,7 @@ def in_small_memory(size: int, command: str, state: Path) -> subprocess.Complete
 
 
 @pytest.mark.slow
-def test_up_in_a_full_shared_memory_says_what_to_do(system: System, tmp_path: Path) -> None:
+def test_up_in_a_full_shared_memory_says_what_to_do(system: SystemConfig, tmp_path: Path) -> None:
     needed = memory.needed(system)
     up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock wall --for 0.1"
     done = in_small_memory(needed - 4096, up, tmp_path)
@@ -147,7 +147,7 @@ def test_up_in_a_full_shared_memory_says_what_to_do(system: System, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_up_fits_into_exactly_what_it_says(system: System, tmp_path: Path) -> None:
+def test_up_fits_into_exactly_what_it_says(system: SystemConfig, tmp_path: Path) -> None:
     needed = memory.needed(system)
     up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock wall --for 0.1"
     done = in_small_memory(needed, up, tmp_path)
@@ -168,7 +168,7 @@ def test_memory_another_program_takes_meanwhile_is_no_harm(tmp_path: Path, world
 
 @pytest.mark.parametrize("umask", [0, 0o077, 0o777])
 @pytest.mark.parametrize("shared", [False, True])
-def test_modes_and_group_are_those_configured(system: System, umask: int, shared: bool) -> None:
+def test_modes_and_group_are_those_configured(system: SystemConfig, umask: int, shared: bool) -> None:
     group = next(g for g in grp.getgrall() if os.getuid() == 0 or g.gr_gid in os.getgroups())
     make = memory.maker(group.gr_name if shared else "")
     before = os.umask(umask)
@@ -196,7 +196,7 @@ def test_the_whole_running_system_has_its_group(robot: Robot) -> None:
     assert robot.down() == 0
 
 
-def test_a_configured_service_user_is_trusted(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_configured_service_user_is_trusted(system: SystemConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     as_root()
     monkeypatch.setenv(SERVICE_USER, "nobody")
     memory.trust("")
@@ -211,7 +211,7 @@ def test_a_configured_service_user_is_trusted(system: System, monkeypatch: pytes
     memory.remove_all(system.name)
 
 
-def test_what_a_stranger_left_is_refused_and_not_touched(system: System) -> None:
+def test_what_a_stranger_left_is_refused_and_not_touched(system: SystemConfig) -> None:
     memory.create_all(system)
     with of_stranger(system.name):
         before = {path: path.read_bytes() for path in sorted(FOLDER.glob(f"trocar~{system.name}~*"))}
@@ -221,11 +221,11 @@ def test_what_a_stranger_left_is_refused_and_not_touched(system: System) -> None
         assert before == {path: path.read_bytes() for path in sorted(FOLDER.glob(f"trocar~{system.name}~*"))}
         assert left_over(system.name) == []
         with pytest.raises(SegmentError, match=f"belongs to user {STRANGER}; accepted are root and"):
-            Pulse(system.name, "PSM1")
+            ControlPage(system.name, "PSM1")
     memory.remove_all(system.name)
 
 
-def test_systems_of_others_do_not_confuse_the_tools(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_systems_of_others_do_not_confuse_the_tools(system: SystemConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     memory.create_all(system)
     with of_stranger(system.name):
         assert system.name not in systems()
@@ -238,7 +238,7 @@ def test_systems_of_others_do_not_confuse_the_tools(system: System, monkeypatch:
     memory.remove_all(system.name)
 
 
-def test_a_strangers_file_among_ours_is_overlooked(system: System) -> None:
+def test_a_strangers_file_among_ours_is_overlooked(system: SystemConfig) -> None:
     memory.create_all(system)
     ours = names_of(system.name)
     intruder = segment_name(system.name, "PSM9", "state")
@@ -257,12 +257,12 @@ def of_intruder(name: str) -> Iterator[None]:
     os.chown(path_of(name), 0, -1)
 
 
-def test_a_held_name_says_who_has_it(system: System) -> None:
+def test_a_held_name_says_who_has_it(system: SystemConfig) -> None:
     with memory.hold_name(system.name):
         with pytest.raises(SegmentError, match=r"is up already \(it is just starting or ending, or another program"):
             memory.hold_name(system.name)
         memory.create_all(system)
-        with Pulse(system.name, "supervisor", write=True).segment as control:
+        with ControlPage(system.name, "supervisor", write=True).segment as control:
             control.claim("supervisor")
             with pytest.raises(SegmentError, match=rf"\(supervisor pid {os.getpid()}\); trocar down stops it"):
                 memory.hold_name(system.name)
@@ -310,7 +310,7 @@ def attached(name: str) -> str:
 
 
 @pytest.mark.parametrize("group", ["", "daemon"])
-def test_another_user_attaches_only_by_the_group(system: System, group: str) -> None:
+def test_another_user_attaches_only_by_the_group(system: SystemConfig, group: str) -> None:
     as_root()
     memory.create_all(system, memory.maker(group))
     said = as_user("daemon", lambda: attached(segment_name(system.name, "PSM1", "state")))
@@ -319,7 +319,7 @@ def test_another_user_attaches_only_by_the_group(system: System, group: str) -> 
     assert said == "attached" if group else refused in said
 
 
-def test_a_system_of_another_user_is_seen_when_trusted(system: System, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_of_another_user_is_seen_when_trusted(system: SystemConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     try:
         assert int(as_user("daemon", lambda: memory.create_all(system))) == memory.needed(system)
         assert names_of(system.name) == []
@@ -332,13 +332,13 @@ def test_a_system_of_another_user_is_seen_when_trusted(system: System, monkeypat
             path.unlink()
 
 
-def test_a_group_one_is_not_in_is_an_error_at_the_start(system: System) -> None:
+def test_a_group_one_is_not_in_is_an_error_at_the_start(system: SystemConfig) -> None:
     said = as_user("daemon", lambda: memory.create_all(system, memory.maker("root")))
     assert "SegmentError: " in said and "cannot be given to group 0: Operation not permitted; a member of the" in said
     assert not list(FOLDER.glob(f"trocar~{system.name}~*"))
 
 
-def test_what_may_not_be_removed_stops_the_start_plainly(system: System) -> None:
+def test_what_may_not_be_removed_stops_the_start_plainly(system: SystemConfig) -> None:
     as_root()
     memory.create_all(system)
 
@@ -354,7 +354,7 @@ def test_what_may_not_be_removed_stops_the_start_plainly(system: System) -> None
 
 
 @pytest.mark.slow
-def test_up_names_the_file_in_its_way_and_whose_it_is(system: System, tmp_path: Path) -> None:
+def test_up_names_the_file_in_its_way_and_whose_it_is(system: SystemConfig, tmp_path: Path) -> None:
     as_root()
     path = path_of(segment_name(system.name, "PSM1", "state"))
     for make in (os.mkfifo, Path.mkdir):

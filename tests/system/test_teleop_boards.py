@@ -11,7 +11,7 @@ import pytest
 
 from shm import directory
 from tests.system.robot import Robot, wait_for
-from tools.examples.surgeon import Seat, Seen
+from tools.examples.surgeon import OperatorSim, Seen
 from tools.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -30,7 +30,7 @@ class Surgeon:
         self.robot, name = robot, robot.name
         self.boards = Remote(name, "boards")
         self.master, self.slave = Seen(name, "MTML", "arm"), Seen(name, "PSM1", "arm")
-        self.seat = Seat(name, "console1")
+        self.seat = OperatorSim(name, "console1")
         self.teleop = self.seat.teleops[0]
         self._is_open = True
         self.gripper = float(self.master.value("gripper_position"))

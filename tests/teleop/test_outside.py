@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.teleop.arms import Arm
-from procs.teleop.outside import Outsider
+from procs.teleop.arms import TeleopArm
+from procs.teleop.outside import ThirdPartyArm
 from shm.operation import EXTERNAL_STATE
 from tests.teleop.theatre import EcmTheatre, FakeArm, Ring, Theatre
 
@@ -24,8 +24,8 @@ class Program(FakeArm):
         self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
-    def seen(self) -> Arm:
-        return Outsider(self.name, self.ring, self.events, self)
+    def seen(self) -> TeleopArm:
+        return ThirdPartyArm(self.name, self.ring, self.events, self)
 
 
 class Stage(Theatre):

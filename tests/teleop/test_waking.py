@@ -10,10 +10,10 @@ import pytest
 from procs import runtime
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.supervisor.memory import create_all, remove_all
-from procs.teleop.loop import IDLE_PERIODS, Loop
+from procs.teleop.loop import IDLE_PERIODS, TeleopLoop
 from shm.client import Client, LoopClient
 from shm.clock import monotonic_ns, pause
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from tests.conftest import World
 
 PERIOD_NS = 6_000_000_000
@@ -32,7 +32,7 @@ def system(world: World) -> Iterator[str]:
 @pytest.mark.parametrize("kind", [Client, LoopClient])
 @pytest.mark.parametrize(("name", "command"), [("MTMR_PSM1", "clutch"), ("console", "emulate_clutch")])
 def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, command: str) -> None:
-    page, client = Pulse(system, name, write=True), kind(system, name)
+    page, client = ControlPage(system, name, write=True), kind(system, name)
     page.field("nap")[...] = 1  # it sleeps
     assert client.send(command, (1.0,))
     assert page.get("nap") == 0
@@ -41,8 +41,8 @@ def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, 
 
 
 def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
-    me = runtime.Me("teleop", system, "MTMR_PSM1")
-    loop, client = Loop(me), Client(system, "MTMR_PSM1")
+    me = runtime.Node("teleop", system, "MTMR_PSM1")
+    loop, client = TeleopLoop(me), Client(system, "MTMR_PSM1")
     me._pacing.period_ns = PERIOD_NS
     me.ready()
 

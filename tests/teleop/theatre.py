@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from procs.codes import Code
-from procs.document.consoles import TeleopEcm as EcmSettings
-from procs.document.consoles import TeleopPsm as PsmSettings
+from procs.document.consoles import TeleopEcmConfig as EcmSettings
+from procs.document.consoles import TeleopPsmConfig as PsmSettings
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from procs.teleop.arms import Arm, BaseFrame
+from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.ecm import TeleopEcm
 from procs.teleop.presence import Operator
 from procs.teleop.psm import TeleopPsm
@@ -146,8 +146,8 @@ class FakeArm:
     def words(self) -> list[str]:
         return [text or name for name, _, text in self.sent]
 
-    def seen(self) -> Arm:
-        return Arm(self.name, self.ring, self.events, self)
+    def seen(self) -> TeleopArm:
+        return TeleopArm(self.name, self.ring, self.events, self)
 
 
 class Reports:

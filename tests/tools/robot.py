@@ -11,17 +11,17 @@ import pytest
 
 from procs.document.system import (
     Actuator,
-    Arm,
+    ArmConfig,
     Chain,
-    Io,
-    Jaw,
+    DhLink,
+    IoConfig,
+    JawConfig,
     Linear,
-    Link,
-    Pid,
     PidAxis,
+    PidConfig,
     Process,
     Robot,
-    System,
+    SystemConfig,
     Tool,
 )
 from procs.supervisor import memory
@@ -29,27 +29,27 @@ from shm import directory
 from shm.clock import monotonic_ns
 from shm.events import Events
 from shm.mailbox import Mailbox
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import names_of, segment_name, unlink
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 IDENTITY = tuple(tuple(float(i == k) for k in range(4)) for i in range(4))
 
 
-def _link(name: str) -> Link:
-    return Link(name, "revolute", 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 1.0)
+def _link(name: str) -> DhLink:
+    return DhLink(name, "revolute", 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 1.0)
 
 
-def _document(name: str) -> System:
+def _document(name: str) -> SystemConfig:
     actuator = Actuator(3, 0, "REVOLUTE", 1.0, Linear(1.0), Linear(1.0), 1.0)
     robot = Robot("PSM1", "1", "QLA1", (actuator,) * 7)
-    pid = Pid("PSM1", "PSM1", tuple(PidAxis(joint, "REVOLUTE", 1.0, 0.0, 0.0) for joint in (*JOINTS, "jaw")))
-    tool = Tool("TEST:1", tuple(_link(j) for j in JOINTS[3:]), Jaw(-0.5, 1.0, 0.16), IDENTITY, IDENTITY, (), ())
-    io = Io("IO1", "udp:127.0.0.1", "broadcast-query-read-write", 1 / 1500, 0.03, False, (robot,), (pid,), ())
+    pid = PidConfig("PSM1", "PSM1", tuple(PidAxis(joint, "REVOLUTE", 1.0, 0.0, 0.0) for joint in (*JOINTS, "jaw")))
+    tool = Tool("TEST:1", tuple(_link(j) for j in JOINTS[3:]), JawConfig(-0.5, 1.0, 0.16), IDENTITY, IDENTITY, (), ())
+    io = IoConfig("IO1", "udp:127.0.0.1", "broadcast-query-read-write", 1 / 1500, 0.03, False, (robot,), (pid,), ())
     chain = Chain("modified", tuple(_link(j) for j in JOINTS[:3]))
-    arm = Arm("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1 / 1500, chain, tool=tool)
+    arm = ArmConfig("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1 / 1500, chain, tool=tool)
     processes = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
-    return System(name, "made by a test", "wall", (io,), (arm,), None, processes)
+    return SystemConfig(name, "made by a test", "wall", (io,), (arm,), None, processes)
 
 
 class Played:
@@ -58,7 +58,7 @@ class Played:
     def __init__(self, name: str) -> None:
         self.name = name
         memory.create_all(_document(name))
-        self.pulses = {i: Pulse(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
+        self.pulses = {i: ControlPage(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
         for instance, pulse in self.pulses.items():
             pulse.segment.claim(instance)
             pulse.field("pid")[...] = os.getpid()

@@ -27,7 +27,7 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
 
 
 def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
-    with bench_arm.Bench("kinematic") as bench:
+    with bench_arm.ArmBench("kinematic") as bench:
         loop = bench._loop
         for _ in range(AT_REST + 3):
             bench.step()
@@ -41,7 +41,7 @@ def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
 
 
 def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once() -> None:
-    with bench_arm.Bench("kinematic") as bench:
+    with bench_arm.ArmBench("kinematic") as bench:
         loop = bench._loop
         told = directory.reader(bench.name, "PSM1", "events")
         assert [loop.periods(short, bench.now_ns) for short in (False, True, True)] == [1, SHORT_PERIODS, SHORT_PERIODS]

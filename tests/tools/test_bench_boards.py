@@ -13,7 +13,7 @@ import pytest
 
 from shm.segment import names_of
 from tools.bench import boards as bench_boards
-from tools.bench.boards import FIGURES, Found, Said
+from tools.bench.boards import FIGURES, BoardsResult, Said
 from tools.bench.children import ROOT
 from tools.errors import Problem
 
@@ -24,7 +24,7 @@ def turn(p50: int) -> Said:
 
 
 def test_ratios_are_formed_with_both_neighbours() -> None:
-    found = Found()
+    found = BoardsResult()
     found.keep_round(turn(40_000), turn(80_000), turn(80_000))  # 2 and 1
     found.keep_round(turn(80_000), turn(120_000), turn(20_000))  # 1.5 and 6
     figures = found.figures()

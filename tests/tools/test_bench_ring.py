@@ -23,7 +23,7 @@ from shm.topics import PROBE, PROBE_4K
 from tools.bench import parts as bench_parts
 from tools.bench import peers as bench_peers
 from tools.bench import ring as bench_ring
-from tools.bench.ring import FIGURES, PEERS, SOURCE, Found
+from tools.bench.ring import FIGURES, PEERS, SOURCE, RingResult
 from tools.errors import Problem
 
 Left = Callable[[], list[str]]
@@ -40,7 +40,7 @@ def others() -> dict[str, dict[str, int]]:
 
 
 def test_ratios_are_formed_of_turns_side_by_side() -> None:
-    found = Found()
+    found = RingResult()
     near, far, farther = trip(1000), trip(2000), trip(8000)  # three moods of the machine
     for ours in (near, near, far, far, farther, farther):
         found.keep(ours)
@@ -54,7 +54,7 @@ def test_ratios_are_formed_of_turns_side_by_side() -> None:
 
 
 def test_both_neighbours_of_a_turn_count() -> None:
-    found = Found()
+    found = RingResult()
     found.keep(trip(1000) | others())
     found.keep_peer("pipe", trip(1000), trip(12000), trip(2000))
     found.keep_peer("c", trip(1000), trip(500), trip(2000))
@@ -63,7 +63,7 @@ def test_both_neighbours_of_a_turn_count() -> None:
 
 
 def test_a_peer_that_was_dropped_has_no_figure() -> None:
-    found = Found()
+    found = RingResult()
     found.keep(trip(1000) | others())
     found.keep_peer("queue", trip(1000), trip(50000), trip(1000))
     found.drop("queue")
@@ -89,7 +89,7 @@ def test_a_missing_or_failing_gcc_is_told(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_all_send_records_of_the_same_size() -> None:
-    sizes = {schema_of(PROBE).dtype.itemsize - 16, ctypes.sizeof(bench_peers.Record), bench_peers.PAYLOAD,
+    sizes = {schema_of(PROBE).dtype.itemsize - 16, ctypes.sizeof(bench_peers.PeerRecord), bench_peers.PAYLOAD,
              len(bench_peers.QUESTION), len(bench_peers.END)}
     assert sizes == {216}
     assert schema_of(PROBE_4K).dtype.itemsize - 16 == 4096

@@ -23,13 +23,13 @@ from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from tests.lib import board_side
 from tools import cli
-from tools.desk import Board
+from tools.desk import FoundBoard
 from tools.errors import Misuse, Problem
 from tools.inspect import meanings, samples, serials
 from tools.verbs import bus
 
 APP = cli.build("bus")
-QLA, DQLA, DRA = (Board(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
+QLA, DQLA, DRA = (FoundBoard(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
 WRITES = (wire.QUADLET_WRITE, wire.BLOCK_WRITE)
 
 
@@ -38,7 +38,7 @@ class Recorded(ControllersBus):
 
     def __init__(self, *controllers: Controller) -> None:
         super().__init__(*controllers, port=wire.UDP_PORT)
-        self.requests: list[wire.Request] = []
+        self.requests: list[wire.WireRequest] = []
         answer = self.bus.answer
         self.bus.answer = lambda data, tick: (
             self.requests.append(board_side.decode_request(data)), answer(data, tick))[1]
@@ -48,11 +48,11 @@ class Recorded(ControllersBus):
         return f"udp:{self.address}"
 
     @property
-    def writes(self) -> list[wire.Request]:
+    def writes(self) -> list[wire.WireRequest]:
         return [request for request in self.requests if request.tcode in WRITES]
 
     @property
-    def samples(self) -> list[wire.Request]:
+    def samples(self) -> list[wire.WireRequest]:
         return [r for r in self.requests if r.tcode == wire.BLOCK_READ and r.address == registers.REAL_TIME]
 
 
@@ -372,7 +372,7 @@ def test_rev_7_amplifiers_come_from_the_status() -> None:
 
 def test_unknown_controllers_cannot_be_watched() -> None:
     with pytest.raises(Problem, match="cannot be watched; allowed: QLA1, DQLA, dRA1"):
-        samples.layout(Board(0, 0, "BCFG", 9, 3, 0, True))
+        samples.layout(FoundBoard(0, 0, "BCFG", 9, 3, 0, True))
 
 
 def test_sample_tells_velocity_and_overflow() -> None:

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from procs.udp_holders import Holder
+from procs.udp_holders import SocketHolder
 from tools import cli, machine
-from tools.machine import BAD, NOTE, OK, Busy, Finding
+from tools.machine import BAD, NOTE, OK, Busy, MachineFinding
 
 
 def file(root: Path, name: str, text: str) -> None:
@@ -58,15 +58,15 @@ def test_shared_memory_without_room_is_bad(tmp_path: Path, monkeypatch: pytest.M
         monkeypatch.setattr(machine, "left_over", list)
         assert machine.shared_memory(tmp_path).state == state
     monkeypatch.setattr(machine, "left_over", lambda: ["old"])
-    assert machine.shared_memory(tmp_path) == Finding(
+    assert machine.shared_memory(tmp_path) == MachineFinding(
         "shared memory", NOTE, f"1000 MB free in {tmp_path}; dead systems have left something: old", "trocar down")
 
 
 def test_who_has_the_boards_port_is_named() -> None:
-    assert machine.ports([Holder("127.3.4.16", 1394, "me", 7, "boards of system demo")]).state == OK
-    found = machine.ports([Holder("0.0.0.0", 1394, "me", 8, "qladisp")])
+    assert machine.ports([SocketHolder("127.3.4.16", 1394, "me", 7, "boards of system demo")]).state == OK
+    found = machine.ports([SocketHolder("0.0.0.0", 1394, "me", 8, "qladisp")])
     assert (found.state, found.mend) == (BAD, "kill 8") and "qladisp (pid 8)" in found.found
-    assert "fuser" in machine.ports([Holder("::", 1394, "somebody")]).mend
+    assert "fuser" in machine.ports([SocketHolder("::", 1394, "somebody")]).mend
 
 
 def test_an_interface_among_the_boards_is_looked_for(tmp_path: Path) -> None:
@@ -97,7 +97,8 @@ def test_busy_programs_are_named_and_our_own_never_slowed() -> None:
     assert (found.state, found.mend) == (BAD, "sudo renice 19 -p 5")
     assert "hog (pid 5) 99 %, IO1 of system lab (pid 6) 60 %" in found.found and "sh" not in found.found.split()
     assert machine.free_cpu(1.4, [own]).mend == "trocar down --system lab"
-    assert machine.urgent([(9, "jackd")]) == Finding("other real time", NOTE, "jackd (pid 9)", "sudo chrt -o -p 0 9")
+    assert machine.urgent([(9, "jackd")]) == MachineFinding("other real time", NOTE, "jackd (pid 9)",
+                                                            "sudo chrt -o -p 0 9")
 
 
 def test_the_verb_prints_one_object_a_finding_and_mends_what_is_amiss() -> None:

@@ -32,7 +32,7 @@ from tools.examples.gamepad import (
     OPEN_RAD,
     SYN_DROPPED,
     Gamepad,
-    Hand,
+    GamepadTip,
     is_gamepad,
 )
 
@@ -71,8 +71,8 @@ class FakePad:
         yield from waiting
 
 
-def moved(pad: FakePad, seconds: float = 1.0) -> tuple[np.ndarray, Hand]:
-    gamepad, hand = Gamepad(pad), Hand(0.05, 0.5)
+def moved(pad: FakePad, seconds: float = 1.0) -> tuple[np.ndarray, GamepadTip]:
+    gamepad, hand = Gamepad(pad), GamepadTip(0.05, 0.5)
     for _ in range(round(seconds * 100)):
         pose = hand.step(gamepad.poll(), 0.01)
     return pose, hand
@@ -123,7 +123,7 @@ def test_the_tip_rolls_about_its_own_axis_and_says_so_in_the_base_s() -> None:
 
 def test_the_trigger_is_the_gripper() -> None:
     pad = FakePad()
-    gamepad, hand = Gamepad(pad), Hand(0.05, 0.5)
+    gamepad, hand = Gamepad(pad), GamepadTip(0.05, 0.5)
     hand.step(gamepad.poll(), 0.01)
     assert hand.gripper == OPEN_RAD
     pad.tell(EV_ABS, ABS_RZ, 255)
@@ -140,7 +140,7 @@ def test_what_was_held_up_does_not_become_a_jump() -> None:
     pad = FakePad()
     pad.pressed = [BTN_TL]
     pad.info[ABS_X].value = 32767
-    assert Hand(0.05, 0.5).step(Gamepad(pad).poll(), 5.0)[0] == pytest.approx(0.001, abs=1e-5)
+    assert GamepadTip(0.05, 0.5).step(Gamepad(pad).poll(), 5.0)[0] == pytest.approx(0.001, abs=1e-5)
 
 
 def test_events_that_the_kernel_dropped_are_looked_up() -> None:
@@ -182,10 +182,10 @@ class FakeMaster:
 def test_the_console_s_buttons_are_those_it_asks_for() -> None:
     pad, master, said = FakePad(), FakeMaster(("clutch", "operator_present")), list[str]()
     pad.tell(EV_KEY, BTN_EAST, 1)
-    gamepad_master.drive(master, Gamepad(pad), Hand(0.05, 0.5), said.append)  # type: ignore[arg-type]
+    gamepad_master.drive(master, Gamepad(pad), GamepadTip(0.05, 0.5), said.append)  # type: ignore[arg-type]
     assert master.pressed == {"operator_present": False, "clutch": True} and len(master.written) == 3 and not said
     other = FakeMaster(())
-    gamepad_master.drive(other, Gamepad(pad), Hand(0.05, 0.5), said.append)  # type: ignore[arg-type]
+    gamepad_master.drive(other, Gamepad(pad), GamepadTip(0.05, 0.5), said.append)  # type: ignore[arg-type]
     assert not other.pressed and "does not take operator_present" in said[0]
 
 
@@ -194,7 +194,7 @@ def test_a_gamepad_that_is_pulled_out_ends_it() -> None:
     gamepad = Gamepad(pad)
     pad.gone = True
     with pytest.raises(Problem, match="the gamepad is gone"):
-        gamepad_master.drive(master, gamepad, Hand(0.05, 0.5), lambda text: None)  # type: ignore[arg-type]
+        gamepad_master.drive(master, gamepad, GamepadTip(0.05, 0.5), lambda text: None)  # type: ignore[arg-type]
     assert not master.written
 
 

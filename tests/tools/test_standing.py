@@ -14,7 +14,7 @@ from procs import codes
 from shm.clock import monotonic_ns, pause
 from tests.tools.robot import Played, nothing_ages, robot
 from tools import cli
-from tools.arms import Climb
+from tools.arms import ArmBringUp
 from tools.inspect import standing
 from tools.inspect.processes import Life
 from tools.inspect.standing import Standing, first_thing, next_step
@@ -142,7 +142,7 @@ class Waiting:
 def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
     watch: Any = Waiting()
     none: Any = None
-    climb, second = Climb(watch, none, none, "homed", 0.0), 10**9
+    climb, second = ArmBringUp(watch, none, none, "homed", 0.0), 10**9
     watch.reason = "brakes to let go"
     now = monotonic_ns()
     assert climb.news(now) == "" and climb.news(now + second // 2) == ""

@@ -10,15 +10,15 @@ import pytest
 from tools.bench.teleop import EVERY_S, LONGEST_NS, NUDGE_RAD, PART, STEP_NS, edges, reactions
 from tools.examples.hand import figure_eight
 from tools.inspect.tracing import STEP_NS as OUT_NS
-from tools.inspect.tracing import Io, errors, latencies
+from tools.inspect.tracing import IoTrace, errors, latencies
 from tools.verbs.demo import MOST, too_much
 
 PERIOD = 666_667
 
 
-def io_cycles(count: int) -> Io:
+def io_cycles(count: int) -> IoTrace:
     begin = np.arange(1, count + 1) * PERIOD
-    return Io(begin, begin + 200_000, begin + 300_000)
+    return IoTrace(begin, begin + 200_000, begin + 300_000)
 
 
 def test_latency_is_from_read_request_to_the_write_with_its_set_point() -> None:

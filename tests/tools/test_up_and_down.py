@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import SegmentError, names_of
-from tools.supervising import Request
+from tools.supervising import StartRequest
 from tools.systems import ROOT
 
 
@@ -28,7 +28,7 @@ def trocar(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def beats(system: str) -> bool:
     """The supervisor has got to where it starts processes."""
     try:
-        pulse = Pulse(system, "supervisor")
+        pulse = ControlPage(system, "supervisor")
     except SegmentError:
         return False
     state = pulse.state
@@ -37,7 +37,7 @@ def beats(system: str) -> bool:
 
 
 def test_options_are_passed_on_to_the_supervisor() -> None:
-    request = Request(Path("a.yaml"), "s", "emulated", (Path("p"), Path("q")), ("clock=wall",), 3.5)
+    request = StartRequest(Path("a.yaml"), "s", "emulated", (Path("p"), Path("q")), ("clock=wall",), 3.5)
     words = request.command()[4:]
     assert words == ["a.yaml", "--system", "s", "--boards", "emulated", "--path", "p", "--path", "q",
                      "--set", "clock=wall", "--for", "3.5"]

@@ -15,8 +15,9 @@ from procs.system import loop as system_loop
 from procs.teleop import loop as teleop_loop
 from shm.lockstep import Timekeeper
 
-LOOPS = {"io": io_loop.Loop, "arm": arm_loop.Loop, "teleop": teleop_loop.Loop, "console": console_loop.Loop,
-         "system": system_loop.Loop}
+LOOPS = {"io": io_loop.IoLoop, "arm": arm_loop.ArmLoop, "teleop": teleop_loop.TeleopLoop,
+         "console": console_loop.ConsoleLoop,
+         "system": system_loop.SystemLoop}
 STEP_NS = 5_000_000
 
 
@@ -29,7 +30,7 @@ class Host:
         self.name, self.document = name, loaded.system
         memory.create_all(loaded.system)
         self._clock = Timekeeper(name, memory.simulated(loaded.system))
-        self.me = {row.name: runtime.Me(row.kind, name, row.name) for row in loaded.system.processes}
+        self.me = {row.name: runtime.Node(row.kind, name, row.name) for row in loaded.system.processes}
         self.loops = {name: LOOPS[me.kind](me) for name, me in self.me.items()}
 
     def restart(self, instance: str) -> None:

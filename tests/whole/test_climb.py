@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.system.climb import HOME, POWER_OFF, POWER_ON, Climb
+from procs.system.climb import HOME, POWER_OFF, POWER_ON, BringUp
 from shm.origins import Origin
 
 SECOND = 1_000_000_000
@@ -39,8 +39,8 @@ class FakeArm:
             self.is_homed = self.words[-1] == "home"
 
 
-def climbed(goal: str, *arms: FakeArm, limit_s: float = 100.0) -> tuple[Climb, float]:
-    climb, now = Climb(goal, arms, SECOND, PERSON), 0.0
+def climbed(goal: str, *arms: FakeArm, limit_s: float = 100.0) -> tuple[BringUp, float]:
+    climb, now = BringUp(goal, arms, SECOND, PERSON), 0.0
     while not climb.is_over and now < limit_s:
         climb.step(round((1.0 + now) * SECOND))
         for arm in arms:
@@ -90,7 +90,7 @@ def test_power_that_does_not_come_is_told_after_seven_seconds() -> None:
 def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
     stuck = FakeArm("PSM1", "ENABLED", takes_s=500.0)
     stuck.reason = "instrument not named"
-    climb = Climb(HOME, [stuck], SECOND, PERSON)
+    climb = BringUp(HOME, [stuck], SECOND, PERSON)
     climb.step(SECOND)
     assert climb.waiting == "waiting for PSM1 (ENABLED: instrument not named)"
     climb.step(100 * SECOND)
@@ -99,7 +99,7 @@ def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
 
 def test_an_arm_that_went_to_fault_tells_why() -> None:
     broken = FakeArm("PSM1")
-    climb = Climb(POWER_ON, [broken], SECOND, PERSON)
+    climb = BringUp(POWER_ON, [broken], SECOND, PERSON)
     climb.step(SECOND)
     broken.state, broken.reason = "FAULT", "PSM1 axis 2 (insertion), board 6: off"
     climb.step(2 * SECOND)
@@ -128,6 +128,6 @@ def test_power_off_disables_every_arm(state: str) -> None:
 
 
 def test_waiting_names_who_is_missing() -> None:
-    climb = Climb(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND, PERSON)
+    climb = BringUp(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND, PERSON)
     climb.step(SECOND)
     assert climb.waiting == "waiting for PSM1 (DISABLED)"

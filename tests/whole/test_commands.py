@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from procs.codes import Code
-from procs.system.centre import BEEP_NS, Centre, Source
-from procs.system.commands import Commands
+from procs.system.centre import BEEP_NS, MessageHub, MessageSource
+from procs.system.commands import SystemCommands
 from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
 from shm.events import SEVERITIES
 from shm.layout import schema_of
@@ -62,7 +62,7 @@ class Stage:
         self.sound = Sound(lambda name: None)
         events: Any = self.events
         consoles: Any = [self.console]
-        self.commands = Commands(arms, consoles, events, self.sound, 0.5)
+        self.commands = SystemCommands(arms, consoles, events, self.sound, 0.5)
 
     def ask(self, name: str, *values: float, text: str = "") -> FakeCommand:
         command = FakeCommand(name, text, *values)
@@ -135,7 +135,7 @@ def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
 
     events, beeps = FakeEvents(), []
     told: Any = events
-    centre = Centre([Source("PSM1", Ring())], told, lambda: beeps.append(1))
+    centre = MessageHub([MessageSource("PSM1", Ring())], told, lambda: beeps.append(1))
     waiting += [(3, "a"), (0, "no message"), (3, "b"), (2, "c"), (1, "d")]
     centre.step(1)
     assert events.told == [("error", "a"), ("error", "b"), ("warning", "c"), ("status", "d")]

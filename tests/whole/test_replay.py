@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.arm import Surroundings
-from procs.arm.psm.psm import Psm
+from procs.arm.psm.psm import PsmLogic
 from procs.faults import FaultReport
 from procs.io.kinematic import KinematicIo
-from procs.io.record import Record as IoRecord
+from procs.io.record import IoRecord as IoRecord
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record, View
@@ -67,7 +67,7 @@ class ArmAlone:
 
     def __init__(self, io: Record) -> None:
         self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
-        self.arm = Psm(played_system().arms[0], Surroundings(
+        self.arm = PsmLogic(played_system().arms[0], Surroundings(
             io.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, FakeReports(),
             lambda number: FaultReport(codes.IO_FAULT, f"fault number {number}")))
 

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import runtime
-from procs.arm.arm import Arm as RunningArm
-from procs.arm.loop import Loop
+from procs.arm.arm import ArmLogic as RunningArm
+from procs.arm.loop import ArmLoop
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.io.kinematic import KinematicIo
 from procs.io.loop import RingSource
-from procs.io.record import Record
+from procs.io.record import IoRecord
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.supervisor import memory
 from shm.client import Client
@@ -44,7 +44,7 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     figures: dict[str, float] = {}
     for suffix, file in FILES.items():
-        with Bench(file) as bench:
+        with ArmBench(file) as bench:
             bench.home()
             figures |= {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
             if not suffix:
@@ -57,7 +57,7 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
     return {"bench": "arm", "figures": figures, "conditions": conditions}
 
 
-class Bench:
+class ArmBench:
     """One arm of a system file, and the io that plays its robot, cycle by cycle."""
 
     def __init__(self, file: str) -> None:
@@ -70,12 +70,12 @@ class Bench:
         row = self._system.arms[0]
         self._keeper = Keeper(self.name)
         memory.create_all(self._system)
-        self._io_process = runtime.Me("io", self.name, row.io)
-        self._arm_process = runtime.Me("arm", self.name, row.name)
+        self._io_process = runtime.Node("io", self.name, row.io)
+        self._arm_process = runtime.Node("arm", self.name, row.name)
         self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
         sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in self._system.io(row.io).pids]
-        self._core = KinematicIo(self._system.io(row.io), lambda: self.now_ns, Record(self._out.field), sources)
-        self._loop = Loop(self._arm_process)
+        self._core = KinematicIo(self._system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources)
+        self._loop = ArmLoop(self._arm_process)
         self._client = Client(self.name, row.name)
 
     @property
@@ -83,7 +83,7 @@ class Bench:
         """The arm itself."""
         return self._loop.arm
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> ArmBench:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -123,7 +123,7 @@ class Bench:
             self.step()
 
 
-def _measure(bench: Bench, cycles: int) -> dict[str, float]:
+def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     holding = [bench.step() for _ in range(cycles)]
     n = bench.arm.joints.count
     wave = np.full(n, AMPLITUDE)

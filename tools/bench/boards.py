@@ -22,7 +22,7 @@ import numpy as np
 import psutil
 
 from procs.config import load_system
-from procs.document.system import System, to_json
+from procs.document.system import SystemConfig, to_json
 from shm.directory import create_ring
 from shm.topics import BOARDS_STATE
 from tools.bench.children import Team
@@ -66,7 +66,7 @@ Said = dict[str, dict[str, int]]
 
 
 @dataclass
-class Found:
+class BoardsResult:
     """What the turns gave, by number of boards."""
 
     turns: dict[int, list[Said]] = field(default_factory=lambda: {boards: [] for boards in PSMS})
@@ -94,7 +94,7 @@ class Found:
 
 def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
     """Measure; one object with `bench`, `figures` and `conditions`."""
-    found = Found()
+    found = BoardsResult()
     with contextlib.ExitStack() as stack, progress("bench boards") as say:
         say("starting", None)
         teams = {boards: stack.enter_context(_team(boards)) for boards in PSMS}
@@ -130,7 +130,7 @@ def _team(boards: int) -> Iterator[Team]:
             yield team
 
 
-def _system(folder: Path, boards: int, name: str) -> System:
+def _system(folder: Path, boards: int, name: str) -> SystemConfig:
     loaded = load_system(write_system(folder, PSMS[boards]), boards="emulated", name=name)
     if loaded.errors or loaded.system is None:
         raise Problem(f"bench boards: {'; '.join(str(error) for error in loaded.errors)}")

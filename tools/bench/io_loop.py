@@ -26,7 +26,7 @@ from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.inspect.processes import Life, lives
 from tools.inspect.watch import arm_names
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
 
 PSMS = 4
@@ -102,7 +102,8 @@ def write_system(folder: Path, psms: int) -> Path:
 
 
 def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")), tied=True)
+    background = Background(StartRequest(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")),
+                            tied=True)
     try:
         background.wait_until_up(_silent)
         _home_all(background.system)
@@ -113,7 +114,8 @@ def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
 
 def _part_missed(file: Path, seconds: float, *sets: str) -> float:
     """Part of the deadlines that io misses, in the first window in which it keeps nearly all, else the best one."""
-    background = Background(Request(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")), tied=True)
+    background = Background(StartRequest(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")),
+                            tied=True)
     least = 1.0
     try:
         background.wait_until_up(_silent)

@@ -15,7 +15,7 @@ from shm.clock import pause
 from shm.directory import create_ring
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
-from shm.pulse import Pulse, create_control
+from shm.pulse import ControlPage, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from shm.topics import PROBE, PROBE_4K, Topic
@@ -233,7 +233,7 @@ def client(system: str) -> Turn:
 
 def sleeper(system: str) -> Turn:
     """Times from the rouser's call to the sleeper running."""
-    page = Pulse(system, "sleeper", write=True)
+    page = ControlPage(system, "sleeper", write=True)
     nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
     seen = 0
 
@@ -260,7 +260,7 @@ def sleeper(system: str) -> Turn:
 
 def rouser(system: str) -> Turn:
     """Rouse the sleeper when it has heard the last news and gone to sleep."""
-    page = Pulse(system, "sleeper", write=True)
+    page = ControlPage(system, "sleeper", write=True)
     nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
     count = 0
 

@@ -42,7 +42,7 @@ SETTINGS = {
 MODULES = {"iceoryx2": "iceoryx2", "iceoryx2_tuned": "iceoryx2", "pyzmq": "zmq"}  # the others are Python's own
 
 
-class Record(ctypes.Structure):
+class PeerRecord(ctypes.Structure):
     """What iceoryx2 sends: a number and what else makes 216 bytes."""
 
     _fields_ = [("number", ctypes.c_int64), ("values", ctypes.c_double * 26)]  # ctypes asks for a list
@@ -64,7 +64,7 @@ def _iceoryx2(place: str, way: str, first: bool) -> tuple[Any, Any]:
     config.global_cfg.creation_timeout = iox2.Duration.from_secs(int(PATIENCE_S))  # of whoever came second
     node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
     questions, answers = (
-        node.service_builder(iox2.ServiceName.new(f"{way}/{which}")).publish_subscribe(Record)
+        node.service_builder(iox2.ServiceName.new(f"{way}/{which}")).publish_subscribe(PeerRecord)
         .max_publishers(1).max_subscribers(1).history_size(0).subscriber_max_buffer_size(1).enable_safe_overflow(True)
         .open_or_create()
         for which in ("questions", "answers")
@@ -76,7 +76,7 @@ def _iceoryx2(place: str, way: str, first: bool) -> tuple[Any, Any]:
 def iceoryx2_ping(place: str) -> Turn:
     """Round trips with the calls of iceoryx2's examples."""
     publisher, subscriber = _iceoryx2(place, "plain", True)
-    loan, receive, record = publisher.loan_uninit, subscriber.receive, Record()
+    loan, receive, record = publisher.loan_uninit, subscriber.receive, PeerRecord()
 
     def turn(seconds: float) -> Times:
         times: list[int] = []
@@ -94,7 +94,7 @@ def iceoryx2_ping(place: str) -> Turn:
             if answer != begin:
                 raise Problem("iceoryx2: this is not the answer to our question")
             times.append(now - begin)
-        publisher.send_copy(Record(number=LAST))
+        publisher.send_copy(PeerRecord(number=LAST))
         return {"trip": times}
 
     return turn
@@ -103,7 +103,7 @@ def iceoryx2_ping(place: str) -> Turn:
 def iceoryx2_pong(place: str) -> Turn:
     """The other end of `iceoryx2_ping`."""
     publisher, subscriber = _iceoryx2(place, "plain", False)
-    loan, receive, record = publisher.loan_uninit, subscriber.receive, Record()
+    loan, receive, record = publisher.loan_uninit, subscriber.receive, PeerRecord()
 
     def turn(seconds: float) -> Times:
         while True:
@@ -121,7 +121,7 @@ def iceoryx2_pong(place: str) -> Turn:
 def iceoryx2_tuned_ping(place: str) -> Turn:
     """Round trips with whatever can be done earlier or later done so."""
     publisher, subscriber = _iceoryx2(place, "tuned", True)
-    loan, receive, record = publisher.loan_uninit, subscriber.receive, Record()
+    loan, receive, record = publisher.loan_uninit, subscriber.receive, PeerRecord()
     copy, source, number_at = ctypes.memmove, ctypes.addressof(record), ctypes.c_int64.from_address
 
     def turn(seconds: float) -> Times:
@@ -145,7 +145,7 @@ def iceoryx2_tuned_ping(place: str) -> Turn:
             if answer != begin:
                 raise Problem("iceoryx2: this is not the answer to our question")
             times.append(now - begin)
-        publisher.send_copy(Record(number=LAST))
+        publisher.send_copy(PeerRecord(number=LAST))
         return {"trip": times}
 
     return turn
@@ -154,7 +154,7 @@ def iceoryx2_tuned_ping(place: str) -> Turn:
 def iceoryx2_tuned_pong(place: str) -> Turn:
     """The other end of `iceoryx2_tuned_ping`."""
     publisher, subscriber = _iceoryx2(place, "tuned", False)
-    loan, receive, record = publisher.loan_uninit, subscriber.receive, Record()
+    loan, receive, record = publisher.loan_uninit, subscriber.receive, PeerRecord()
     copy, source, number_at = ctypes.memmove, ctypes.addressof(record), ctypes.c_int64.from_address
 
     def turn(seconds: float) -> Times:

@@ -62,7 +62,7 @@ Commands = dict[str, list[str]]  # of a team: role and command line
 
 
 @dataclass
-class Found:
+class RingResult:
     """What the turns gave, by what was measured; of a peer also its time by ours, from turns side by side."""
 
     turns: dict[str, list[Mapping[str, int]]] = field(default_factory=dict)
@@ -105,7 +105,7 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
     """Measure; one object with `bench`, `figures` and `conditions`."""
     cores = _pair(psutil.Process().cpu_affinity() or [0])
     about: dict[str, str] = {}  # the peers: settings, or why one was left out
-    found = Found()
+    found = RingResult()
     with _world() as (system, folder), contextlib.ExitStack() as stack, progress("bench ring") as say:
         say("starting", None)
         own = {name: stack.enter_context(Team("ring", commands)) for name, commands in _own(system, cores).items()}
@@ -131,7 +131,8 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
     return {"bench": "ring", "figures": found.figures(), "conditions": conditions}
 
 
-def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: dict[str, str], found: Found) -> None:
+def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: dict[str, str],
+           found: RingResult) -> None:
     """A turn of ours before and behind each peer's, then one of every other part."""
     before = own["trip"].measure(turn_s)
     found.keep(before)

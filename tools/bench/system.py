@@ -23,16 +23,16 @@ import psutil
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.events import ERROR, WARNING
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.ring import RingReader
 from tools.arms import home, power_off
 from tools.errors import Problem
-from tools.examples.surgeon import Seat, Seen, Sway, seats
+from tools.examples.surgeon import OperatorSim, Seen, Sway, seats
 from tools.following import beats
 from tools.inspect.processes import lives
 from tools.inspect.watch import Watch, powered_names
 from tools.printing import number, plain, table
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import ROOT, instances_of_kind, system_file
 
 FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
@@ -48,7 +48,8 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
         sets: tuple[str, ...] = ()) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-system-{os.getpid()}"
-    background = Background(Request(system_file(file, paths), name, boards, paths, (*sets, "clock=wall")), tied=True)
+    background = Background(StartRequest(system_file(file, paths), name, boards, paths, (*sets, "clock=wall")),
+                            tied=True)
     try:
         background.wait_until_up(_silent)
         begin = monotonic_ns()
@@ -121,7 +122,7 @@ class Told:
         self._ring.close()
 
 
-def _measure(system: str, taken: list[Seat], seconds: float) -> dict[str, Any]:
+def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str, Any]:
     chosen = [teleop for seat in taken for teleop in seat.expected()]
     with contextlib.ExitStack() as stack:
         sways = [Sway(system, name) for name in _played(system, [m for teleop in chosen for m in teleop.masters])]
@@ -154,7 +155,7 @@ def marks(system: str) -> dict[str, Mark]:
     """Every process of a system as it is now."""
     found = {}
     for life in lives(system):
-        pulse = Pulse(system, life.name)
+        pulse = ControlPage(system, life.name)
         beat_ns, cycles = int(pulse.get("heartbeat_ns")), int(pulse.get("cycles"))
         found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(pulse.get("missed")),
                                 int(pulse.get("overruns")), _cpu_s(life.pid), life.scheduling)

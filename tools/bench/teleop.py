@@ -33,11 +33,11 @@ from tools.arms import home, power_off, silent
 from tools.bench.system import Told
 from tools.errors import Problem
 from tools.examples.hand import Hand
-from tools.examples.surgeon import Seat, Teleop
+from tools.examples.surgeon import OperatorSim, SimTeleop
 from tools.inspect.processes import lives
 from tools.inspect.tracing import Column, Trace
 from tools.inspect.watch import arm_document
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
@@ -60,11 +60,11 @@ Stamps = NDArray[np.int64]
 def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-teleop-{os.getpid()}"
-    background = Background(Request(SYSTEM, name, "emulated", sets=(*sets, "clock=wall")), tied=True)
+    background = Background(StartRequest(SYSTEM, name, "emulated", sets=(*sets, "clock=wall")), tied=True)
     try:
         background.wait_until_up(silent)
         home(name)
-        with Seat(name, "console") as seat:
+        with OperatorSim(name, "console") as seat:
             told = [Told(name, life.name) for life in lives(name) if life.kind not in ("supervisor", "system")]
             try:
                 found, problems = _measure(name, seat, seconds), []
@@ -92,11 +92,11 @@ def show(result: dict[str, Any]) -> None:
         print(f"PROBLEM: {problem}")
 
 
-def _missing(seat: Seat) -> list[str]:
+def _missing(seat: OperatorSim) -> list[str]:
     return [teleop.told for teleop in seat.teleops if not teleop.is_following]
 
 
-def _measure(system: str, seat: Seat, seconds: float) -> dict[str, Any]:
+def _measure(system: str, seat: OperatorSim, seconds: float) -> dict[str, Any]:
     teleop = seat.teleops[0]
     master, slave = teleop.masters[0], teleop.slave
     io = arm_document(system, slave).io
@@ -133,7 +133,7 @@ def _measure(system: str, seat: Seat, seconds: float) -> dict[str, Any]:
     }
 
 
-def _nudge(hand: Hand, teleop: Teleop, seconds: float, place: Array, columns: tuple[Any, ...]) -> None:
+def _nudge(hand: Hand, teleop: SimTeleop, seconds: float, place: Array, columns: tuple[Any, ...]) -> None:
     """To and fro about `place`, the actuators of the master, at random moments, as long as the slave follows."""
     chance, further = random.Random(SEED), False
     end = collected = monotonic_ns()

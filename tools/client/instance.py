@@ -7,7 +7,7 @@ from typing import Self
 
 from tools import arms
 from tools.client.moves import until
-from tools.client.record import Record
+from tools.client.record import InstanceRecord
 from tools.inspect.processes import lives
 from tools.remote import Remote
 
@@ -19,7 +19,7 @@ class Instance:
         """Attach; Problem or SegmentError when it is not there (yet)."""
         self.name, self.system = name, system
         with contextlib.ExitStack() as stack:
-            self._record = Record(system, name)
+            self._record = InstanceRecord(system, name)
             stack.callback(self._record.close)
             self._remote = stack.enter_context(Remote(system, name))
             self._open = stack.pop_all()

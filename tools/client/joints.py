@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from tools.client.record import JointState, Record, Stamped
+from tools.client.record import InstanceRecord, JointState, Stamped
 
 
 class Measured:
     """Where joints are."""
 
-    def __init__(self, record: Record, prefix: str) -> None:
+    def __init__(self, record: InstanceRecord, prefix: str) -> None:
         """`prefix` of the names of their views."""
         self._record, self._prefix = record, prefix
 
@@ -36,7 +36,7 @@ class Measured:
 class Setpoint:
     """What the joint controller was last given."""
 
-    def __init__(self, record: Record, prefix: str) -> None:
+    def __init__(self, record: InstanceRecord, prefix: str) -> None:
         """`prefix` of the names of their views."""
         self._record, self._prefix = record, prefix
 

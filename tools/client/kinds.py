@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from tools.client.arm import Arm
 from tools.client.joints import Joints, Measured
 from tools.client.moves import MoveHandle, move
-from tools.client.record import Record
+from tools.client.record import InstanceRecord
 from tools.client.values import numbers, rotation_numbers
 from tools.inspect.watch import arm_document
 from tools.remote import Remote
@@ -21,7 +21,7 @@ INSERTION = 2
 class Jaw(Joints):
     """The jaw of an instrument: angles in rad, shapes (1,)."""
 
-    def __init__(self, record: Record, remote: Remote) -> None:
+    def __init__(self, record: InstanceRecord, remote: Remote) -> None:
         """Made by `Psm`."""
         super().__init__(record, "jaw/")
         self._remote = remote
@@ -98,7 +98,7 @@ class Ecm(Arm):
 class Gripper(Measured):
     """The gripper of a master: angles in rad, shapes (1,), valid without power as well."""
 
-    def __init__(self, record: Record, zero: float) -> None:
+    def __init__(self, record: InstanceRecord, zero: float) -> None:
         """`zero` is the angle (rad) above which it is open; made by `Mtm`."""
         super().__init__(record, "gripper/")
         self._zero = zero

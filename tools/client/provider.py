@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from procs import codes
-from procs.document.system import System, from_json
+from procs.document.system import SystemConfig, from_json
 from procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
 from procs.manifest import late_s
 from procs.pacing import Pacing
@@ -24,7 +24,7 @@ from shm.commands import COMMANDS
 from shm.events import Events
 from shm.mailbox import PER_CYCLE, Mailbox
 from shm.mailbox_map import COMMANDS_DEPTH
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.received import Received
 from shm.topics import EXTERNAL_STATE
 from tools.client.values import Array, numbers, six_numbers
@@ -63,10 +63,10 @@ class Provider:
         self._pauses = Pauses(round(self._late_s * 1e9))
         self._handlers = _checked(name, rate, commands or {})
         with contextlib.ExitStack() as stack:
-            self._pulse = Pulse(system, name, write=True)
+            self._pulse = ControlPage(system, name, write=True)
             stack.callback(self._pulse.close)
             self._pulse.segment.claim(name)
-            self._supervisor = Pulse(system, "supervisor")
+            self._supervisor = ControlPage(system, "supervisor")
             stack.callback(self._supervisor.close)
             self._take_ring()
             stack.callback(lambda: self._ring.close())
@@ -76,7 +76,7 @@ class Provider:
             stack.callback(self._mailbox.close)
             self._consoles = []
             for console in [row.name for row in document.consoles if row.is_wired_to(name)]:
-                page = Pulse(system, console, write=True)
+                page = ControlPage(system, console, write=True)
                 stack.callback(page.close)
                 self._consoles.append(page.nap())
             self._open = stack.pop_all()
@@ -279,7 +279,7 @@ class Provider:
         self.close()
 
 
-def _document(system: str) -> System:
+def _document(system: str) -> SystemConfig:
     try:
         return from_json(directory.document(system))
     except ValueError as error:

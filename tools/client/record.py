@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from procs.kinematics.poses import matrix_from_pose
 from tools.errors import Problem
 from tools.inspect.topics import EVENT, catalogue
-from tools.inspect.views import Source
+from tools.inspect.views import OpenTopic
 from tools.inspect.watch import Watch
 
 Array = NDArray[np.float64]
@@ -27,17 +27,17 @@ class JointState(NamedTuple):
     effort: Array
 
 
-class Record:
+class InstanceRecord:
     """All that one arm, or set of set-up joints, shows; every read looks for the newest record."""
 
     def __init__(self, system: str, instance: str) -> None:
         """Attach; SegmentError when there is no such record."""
         self.watch = Watch(system, instance)
         self._system, self._name = system, instance
-        self._events: dict[str, Source] = {}  # opened when asked for
+        self._events: dict[str, OpenTopic] = {}  # opened when asked for
         try:
             entries = [entry for entry in catalogue(system) if entry.instance == instance]
-            self._views = {entry.name: Source(system, entry, self.watch.reader) for entry in entries if entry.view}
+            self._views = {entry.name: OpenTopic(system, entry, self.watch.reader) for entry in entries if entry.view}
             self._flags = {entry.name: entry for entry in entries if entry.kind == EVENT}
         except BaseException:
             self.watch.close()
@@ -78,10 +78,10 @@ class Record:
         """The flag that an event of this name told last; False when there was none."""
         source = self._events.get(event)
         if source is None:
-            source = self._events[event] = Source(self._system, self._flags[f"{self._name}/{event}"])
+            source = self._events[event] = OpenTopic(self._system, self._flags[f"{self._name}/{event}"])
         return source.newest() and bool(source.part("value")[0])
 
-    def _newest(self, view: str) -> Source:
+    def _newest(self, view: str) -> OpenTopic:
         source = self._views.get(f"{self._name}/{view}")
         if source is None:
             raise Problem(f"{self._name} does not show {view}")

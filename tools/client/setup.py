@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from tools.client.instance import Instance
 from tools.client.joints import Measured
 from tools.client.moves import MoveHandle, move
-from tools.client.record import Record, Stamped
+from tools.client.record import InstanceRecord, Stamped
 from tools.client.values import numbers, pose_numbers
 from tools.remote import Remote
 from tools.systems import unknown
@@ -16,7 +16,7 @@ from tools.systems import unknown
 class SetupArm(Measured):
     """One set-up arm; its poses are those of the base of the arm that it carries."""
 
-    def __init__(self, record: Record, remote: Remote, name: str) -> None:
+    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
         """Made by `Suj`."""
         super().__init__(record, f"{name}/")
         self._remote, self.name = remote, name
@@ -44,7 +44,7 @@ class SetupArm(Measured):
 class SetupLocal:
     """A set-up arm seen from the cart."""
 
-    def __init__(self, record: Record, remote: Remote, name: str) -> None:
+    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
         """Made by `SetupArm`."""
         self._record, self._remote, self._name = record, remote, name
 

@@ -7,7 +7,7 @@ import json
 from numpy.typing import ArrayLike
 
 from procs.kinematics.poses import matrix_from_pose
-from tools.client.record import Record, Stamped
+from tools.client.record import InstanceRecord, Stamped
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem
 from tools.remote import Remote
@@ -16,7 +16,7 @@ from tools.remote import Remote
 class Frame:
     """Wrenches and Jacobian seen from the tip in its axes, or from the origin of the arm's base in that one's."""
 
-    def __init__(self, record: Record, remote: Remote, name: str) -> None:
+    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
         """`name` is body or spatial; made by `Arm`."""
         self._record, self._remote, self._name = record, remote, name
 
@@ -44,7 +44,7 @@ class Body(Frame):
 class Local:
     """Seen from the arm's base."""
 
-    def __init__(self, record: Record, remote: Remote) -> None:
+    def __init__(self, record: InstanceRecord, remote: Remote) -> None:
         """Made by `Arm`."""
         self._record, self._remote = record, remote
 

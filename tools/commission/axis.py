@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from tools.commission.bench import Answer, Bench
+from tools.commission.bench import CommandOutcome, RobotBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Floats, Window
@@ -32,14 +32,14 @@ CURRENT_WITHIN: Final = 0.5  # measured against requested, while it changes
 class Drive:
     """One drive of an axis: the answer, and by what encoders and potentiometers (n,) moved (rad, m)."""
 
-    answer: Answer
+    answer: CommandOutcome
     moved: Floats
     pots: Floats
     requested_a: float  # at its largest
     measured: float  # A measured for one A requested
 
     @classmethod
-    def of(cls, answer: Answer, window: Window, subject: Subject, axis: int) -> Drive:
+    def of(cls, answer: CommandOutcome, window: Window, subject: Subject, axis: int) -> Drive:
         """From what io showed meanwhile."""
         request, current = (window.drives(name, subject)[:, axis] for name in ("current_request", "current"))
         return cls(answer, window.moved("position", subject), window.moved("pot_position", subject),
@@ -53,7 +53,7 @@ def _gain(request: Floats, current: Floats) -> float:
     return float(asked @ seen) / power if power > 0.0 else float("nan")
 
 
-def run(bench: Bench) -> Outcome:
+def run(bench: RobotBench) -> Outcome:
     """One arm after the other; the first problem stops."""
     outcome = Outcome()
     for subject in bench.subjects:
@@ -79,7 +79,7 @@ def travel_text() -> str:
     return f"{np.degrees(TRAVEL_RAD):.0f}° or {TRAVEL_M * 1e3:.0f} mm"
 
 
-def _one(bench: Bench, subject: Subject, axis: int, figures: dict[str, object]) -> list[Finding]:
+def _one(bench: RobotBench, subject: Subject, axis: int, figures: dict[str, object]) -> list[Finding]:
     found = []
     if subject.has_brake(axis):
         held = _drive(bench, subject, axis, 1.0, release=False)
@@ -97,7 +97,7 @@ def _one(bench: Bench, subject: Subject, axis: int, figures: dict[str, object]) 
     return found
 
 
-def _drive(bench: Bench, subject: Subject, axis: int, sign: float, *, release: bool) -> Drive:
+def _drive(bench: RobotBench, subject: Subject, axis: int, sign: float, *, release: bool) -> Drive:
     bench.sample(subject.io, REST_S)
     current = sign * share_of(subject, axis) * subject.actuator(axis).maximum_current
     values = (float(axis), current, RISE_S, travel_of(subject, axis), float(release))

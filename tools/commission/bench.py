@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.ring import RingReader
@@ -24,7 +24,7 @@ OFF_S: Final = 0.2  # amplifiers are off long before
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CommandOutcome:
     """What became of a command: done, refused or failed, and why."""
 
     outcome: str
@@ -36,10 +36,10 @@ class Answer:
         return self.outcome == "done"
 
 
-class Bench(Protocol):
+class RobotBench(Protocol):
     """See the module."""
 
-    document: System
+    document: SystemConfig
     subjects: tuple[Subject, ...]
     person: Person
 
@@ -47,7 +47,7 @@ class Bench(Protocol):
         """So much of the time to come, of one io."""
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
-            tuple[Answer, Window]:
+            tuple[CommandOutcome, Window]:
         """Ask an io for something, and what its record showed until it answered for good."""
 
     def enable(self, subject: Subject) -> None:
@@ -60,7 +60,7 @@ class Bench(Protocol):
 class RunningBench:
     """A running system; a context manager."""
 
-    def __init__(self, document: System, person: Person, chosen: list[str] | None = None) -> None:
+    def __init__(self, document: SystemConfig, person: Person, chosen: list[str] | None = None) -> None:
         """Attach; SegmentError when it does not run."""
         self.document, self.person = document, person
         self.system = document.name
@@ -74,7 +74,7 @@ class RunningBench:
             self._remotes[io] = self._open.enter_context(Remote(self.system, io))
 
     def sample(self, io: str, seconds: float) -> Window:
-        """See Bench; Problem when nothing comes."""
+        """See RobotBench; Problem when nothing comes."""
         end, parts = monotonic_ns() + round(seconds * 1e9), []
         since = monotonic_ns()
         while monotonic_ns() < end:
@@ -90,8 +90,8 @@ class RunningBench:
         return Window.of_rows(self._readers[io].since(stamp_ns))
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
-            tuple[Answer, Window]:
-        """See Bench."""
+            tuple[CommandOutcome, Window]:
+        """See RobotBench."""
         remote, since, parts = self._remotes[io], monotonic_ns(), []
         number, end = remote.post(command, np.array(values), text), monotonic_ns() + round(timeout * 1e9)
         while True:
@@ -100,16 +100,16 @@ class RunningBench:
             parts.append(self._since(io, since))
             since = round(parts[-1].stamp_s[-1] * 1e9) + 1 if len(parts[-1]) else since
             if ended:
-                return Answer(ended[-1].outcome, ended[-1].text), Window.joined(parts)
+                return CommandOutcome(ended[-1].outcome, ended[-1].text), Window.joined(parts)
             if monotonic_ns() >= end:
-                return Answer("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
+                return CommandOutcome("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
 
     def enable(self, subject: Subject) -> None:
-        """See Bench."""
+        """See RobotBench."""
         arms.power_on(self.system, [subject.arm])
 
     def disable(self, subject: Subject) -> None:
-        """See Bench. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
+        """See RobotBench. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
         with contextlib.suppress(Problem):
             arms.power_off(self.system, [subject.arm])
         self.asked(subject.io, "power_off", (), subject.name, 2.0)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from tools.commission import io_file
-from tools.commission.bench import Bench
+from tools.commission.bench import RobotBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import Put, Squeeze
 from tools.commission.read import carried
@@ -33,7 +33,7 @@ LOOK_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class FittedLine:
     """position = scale · V + offset, and by how much (rms) it missed."""
 
     scale: float
@@ -41,10 +41,10 @@ class Line:
     residual: float
 
 
-def run(bench: Bench, folder: Path, *, write: bool = False) -> Outcome:
+def run(bench: RobotBench, folder: Path, *, write: bool = False) -> Outcome:
     """Robot after robot; files that change are written at the end, when nothing has stopped it."""
     outcome = Outcome()
-    changes: dict[str, dict[str, dict[int, Line]]] = {}
+    changes: dict[str, dict[str, dict[int, FittedLine]]] = {}
     for subject in bench.subjects:
         if subject.robot.potentiometers != "ANALOG":
             outcome.notes.append(f"{subject.name}: its potentiometers are {subject.robot.potentiometers}, nothing to "
@@ -73,14 +73,14 @@ def _old(subject: Subject, axis: int) -> tuple[float, float]:
     return pot.voltage_to_position.scale, pot.voltage_to_position.offset
 
 
-def _robot(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
+def _robot(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
     """Scales by carrying each axis, offsets in the zero position."""
     axes = [axis for axis in range(len(subject.robot.actuators))
             if subject.has_pot(axis) and not subject.has_brake(axis)]
     if len(axes) < len(subject.robot.actuators):
         outcome.notes.append(f"{subject.name}: only axes {', '.join(map(str, axes)) or 'none'} can be moved by hand "
                              "and have a potentiometer that tells where they are")
-    lines: dict[int, Line] = {}
+    lines: dict[int, FittedLine] = {}
     for axis in axes:
         by = way_of(subject, axis)
         line = fitted(carried(bench, subject, axis, by), subject, axis)
@@ -90,14 +90,15 @@ def _robot(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
     chosen = bench.person.chosen(f"Hold {subject.name} in its zero position (all joints at 0). Which axes are there?",
                                  axes)
     if not chosen:
-        return {axis: Line(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
+        return {axis: FittedLine(line.scale, _old(subject, axis)[1], 0.0) for axis, line in lines.items()}
     volts = _held(bench, subject, Put(subject, (0.0,) * len(subject.robot.actuators)),
                   f"Hold {subject.name} in its zero position, still.")
-    return {axis: Line(line.scale, -line.scale * float(volts[axis]) if axis in chosen else _old(subject, axis)[1], 0.0)
+    return {axis: FittedLine(line.scale,
+                             -line.scale * float(volts[axis]) if axis in chosen else _old(subject, axis)[1], 0.0)
             for axis, line in lines.items()}
 
 
-def _held(bench: Bench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
+def _held(bench: RobotBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
     """Mean voltages (n,) while a person holds it."""
     parts: list[Window] = []
     for _ in bench.person.doing(act, text):
@@ -114,19 +115,19 @@ def way_of(subject: Subject, axis: int) -> float:
     return min(MAX_WAY_M if subject.slides(axis) else MAX_WAY_RAD, SHARE * (high - low) or MAX_WAY_RAD)
 
 
-def fitted(window: Window, subject: Subject, axis: int) -> Line:
+def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
     """Where the potentiometer sits, as encoders saw it move, as a straight line over its voltage."""
     position = window.axes("position", subject)
     matrix = subject.robot.joint_to_actuator_position
     seen = position @ np.linalg.inv(np.array(matrix)).T if matrix is not None else position
     volts = window.axes("pot_voltage", subject)[:, axis]
     if np.ptp(volts) == 0.0:
-        return Line(0.0, 0.0, float("nan"))
+        return FittedLine(0.0, 0.0, float("nan"))
     scale, offset = (float(value) for value in np.polyfit(volts, seen[:, axis], 1))
-    return Line(scale, offset, float(np.sqrt(np.mean((scale * volts + offset - seen[:, axis]) ** 2))))
+    return FittedLine(scale, offset, float(np.sqrt(np.mean((scale * volts + offset - seen[:, axis]) ** 2))))
 
 
-def judge(line: Line, subject: Subject, axis: int, by: float) -> list[Finding]:
+def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Finding]:
     """A line that can be believed."""
     where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
     if not line.residual <= RESIDUAL * by:
@@ -139,7 +140,7 @@ def judge(line: Line, subject: Subject, axis: int, by: float) -> list[Finding]:
     return []
 
 
-def _gripper(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line]:
+def _gripper(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
     """0 closed, 60° open."""
     closed = _held(bench, subject, Squeeze(subject, True),
                    f"Close {subject.name} lightly, until you feel its second spring and no further, and hold it.")
@@ -151,9 +152,9 @@ def _gripper(bench: Bench, subject: Subject, outcome: Outcome) -> dict[int, Line
     return {} if outcome.add(found) or line is None else {0: line}
 
 
-def gripper_line(closed_v: float, open_v: float) -> Line | None:
+def gripper_line(closed_v: float, open_v: float) -> FittedLine | None:
     """From the voltages of a closed and an open gripper; None where they cannot be told apart."""
     if not abs(open_v - closed_v) >= LEAST_V:
         return None
     scale = OPEN_RAD / (open_v - closed_v)
-    return Line(scale, -scale * closed_v, 0.0)
+    return FittedLine(scale, -scale * closed_v, 0.0)

@@ -22,7 +22,7 @@ DIGITS: Final = 9  # of what is written
 
 
 @dataclass(slots=True)
-class Saved:
+class SavedIoFile:
     """The file that was written, the lines that changed, what is to be known of it."""
 
     path: Path
@@ -30,7 +30,7 @@ class Saved:
     notes: list[str] = field(default_factory=list)
 
 
-def save(source: Path, values: Values, folder: Path, *, write: bool) -> Saved:
+def save(source: Path, values: Values, folder: Path, *, write: bool) -> SavedIoFile:
     """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
 
     Problem where that cannot be done; then nothing has changed.
@@ -45,7 +45,7 @@ def save(source: Path, values: Values, folder: Path, *, write: bool) -> Saved:
     old, new = to_json(read.data), to_json(data)
     path = source if write else folder / f"{source.stem}-calibrated.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
-    saved = Saved(path, diff)
+    saved = SavedIoFile(path, diff)
     try:
         _write(path, new, saved)
     except OSError as bad:
@@ -72,7 +72,7 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def _write(path: Path, text: str, saved: Saved) -> None:
+def _write(path: Path, text: str, saved: SavedIoFile) -> None:
     """Whole or not at all, and only what the check accepts; what was there is kept."""
     fresh = path.with_name(f".{path.stem}.{os.getpid()}.json")
     try:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from shm import directory
 from tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
 from tools.commission.subject import Subject
@@ -85,7 +85,7 @@ class Played:
 class AtBoards(Played):
     """Of a running system; a context manager."""
 
-    def __init__(self, document: System) -> None:
+    def __init__(self, document: SystemConfig) -> None:
         """Attach to its emulated boards."""
         self._remote = Remote(document.name, "boards")
         self._reader = directory.reader(document.name, "boards", "state", "boards")

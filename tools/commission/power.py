@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from tools.commission.bench import Bench
+from tools.commission.bench import RobotBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Window
@@ -17,7 +17,7 @@ LOOK_S: Final = 1.0
 IDLE_A: Final = 0.1
 
 
-def run(bench: Bench) -> Outcome:
+def run(bench: RobotBench) -> Outcome:
     """One arm after the other."""
     outcome = Outcome()
     for subject in bench.subjects:
@@ -31,7 +31,7 @@ def run(bench: Bench) -> Outcome:
     return outcome
 
 
-def _one(bench: Bench, subject: Subject, outcome: Outcome) -> list[Finding]:
+def _one(bench: RobotBench, subject: Subject, outcome: Outcome) -> list[Finding]:
     answer, window = bench.asked(subject.io, "supply_on", (SUPPLY_S,), subject.name, 2.0)
     if not answer.is_done:
         return [Finding(subject.whole(), f"io: {answer.text}", "done", "what keeps it from that?")]

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from procs.document.system import System
+from procs.document.system import SystemConfig
 from tools.commission.finding import Outcome
 from tools.errors import Problem
 from tools.printing import plain
@@ -36,7 +36,7 @@ class Try:
     figures: dict[str, Any]
 
 
-class Report:
+class CommissionReport:
     """All tries; saved after each."""
 
     def __init__(self, path: Path, system: str) -> None:
@@ -87,7 +87,7 @@ class Report:
             raise Problem(f"{self.path} cannot be written: {bad.strerror or bad}") from None
 
 
-def fingerprint(system: System) -> str:
+def fingerprint(system: SystemConfig) -> str:
     """Of all that the files say of robots, but what calibrating potentiometers changes, and names of files."""
     rows = [dataclasses.asdict(robot) for io in system.ios if io.port for robot in io.robots]
     for row in rows:

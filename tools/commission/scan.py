@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
-from procs.document.system import Io, Robot, System
+from procs.document.system import IoConfig, Robot, SystemConfig
 from procs.fpga import registers
 from tools.commission.finding import Finding, Outcome
-from tools.desk import Board, Desk
+from tools.desk import BusClient, FoundBoard
 from tools.inspect import serials
 
 UNKNOWN: Final = "HARDWARE_UNDEFINED"
@@ -17,14 +17,14 @@ UNKNOWN: Final = "HARDWARE_UNDEFINED"
 class Scanned(Protocol):
     """What this stage needs: it runs before there is a system, but for emulated boards."""
 
-    document: System
+    document: SystemConfig
 
 
 def run(bench: Scanned) -> Outcome:
     """Every bus, one after the other."""
     outcome = Outcome()
     for io in (io for io in bench.document.ios if io.port):
-        with Desk(io.port) as desk:
+        with BusClient(io.port) as desk:
             asks = not desk.driver()
             outcome.figures[io.name] = [_figures(desk, board, asks) for board in desk.boards]
             outcome.add(judge(io, desk.boards))
@@ -36,13 +36,13 @@ def run(bench: Scanned) -> Outcome:
     return outcome
 
 
-def _figures(desk: Desk, board: Board, asks: bool) -> dict[str, Any]:
+def _figures(desk: BusClient, board: FoundBoard, asks: bool) -> dict[str, Any]:
     return {"board": board.board, "node": board.node, "hardware": board.hardware, "firmware": board.firmware,
             "fpga": board.fpga, "fpga_serial": serials.of_fpga(desk, board) if asks else "",
             "qla_serial": serials.of_qla(desk, board) if asks else ""}
 
 
-def boards_of(io: Io) -> dict[int, str]:
+def boards_of(io: IoConfig) -> dict[int, str]:
     """Board ids that a bus needs, each with what needs it."""
     needed: dict[int, str] = {}
     for robot in io.robots:
@@ -59,7 +59,7 @@ def boards_of_robot(robot: Robot) -> set[int]:
     return {a.board_id for a in robot.actuators} | {b.board_id for b in robot.brakes}
 
 
-def judge(io: Io, boards: Sequence[Board]) -> list[Finding]:
+def judge(io: IoConfig, boards: Sequence[FoundBoard]) -> list[Finding]:
     """Boards found against those of the files."""
     found, needed = [], boards_of(io)
     hardware = {number: robot.hardware for robot in io.robots for number in boards_of_robot(robot)}

@@ -11,7 +11,7 @@ from tools.commission.finding import Outcome
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class CommissionStage:
     """One stage: its module has `run(bench)`. `live`: io runs meanwhile, else (on real boards) there is no system."""
 
     name: str
@@ -27,21 +27,21 @@ class Stage:
 
 
 STAGES: Final = (
-    Stage("scan", "tools.commission.scan", "boards on the bus, their hardware, firmware and serial numbers",
-          "a board that is missing, double, or of another kind than its file says", live=False),
-    Stage("read", "tools.commission.read", "sensors and switches without power, every axis moved by hand",
-          "bad samples, a dead or noisy sensor, currents without power, wrong signs and scales"),
-    Stage("power", "tools.commission.power", "relays and motor supplies, all amplifiers off",
-          "a supply that does not come up or go away, an amplifier that is on"),
-    Stage("axis", "tools.commission.axis", "one motor at a time, a small current, a little way",
-          "an axis that moves wrongly, another, or not; a brake that slips or sticks"),
-    Stage("stop", "tools.commission.stop", "emergency stop and watchdog",
-          "an amplifier that stays on, or comes back by itself"),
-    Stage("calibrate", "tools.commission.calibrate", "potentiometers and grippers, into an IO file",
-          "a potentiometer that is not linear or far from its file"),
-    Stage("home", "tools.commission.home", "every arm homed",
-          "a fault on the way, potentiometers that disagree with encoders"),
-    Stage("move", "tools.commission.move", "every joint a little way, slowly, and one to its limit",
-          "a joint that does not follow, does not arrive, or passes its limit"),
+    CommissionStage("scan", "tools.commission.scan", "boards on the bus, their hardware, firmware and serial numbers",
+                    "a board that is missing, double, or of another kind than its file says", live=False),
+    CommissionStage("read", "tools.commission.read", "sensors and switches without power, every axis moved by hand",
+                    "bad samples, a dead or noisy sensor, currents without power, wrong signs and scales"),
+    CommissionStage("power", "tools.commission.power", "relays and motor supplies, all amplifiers off",
+                    "a supply that does not come up or go away, an amplifier that is on"),
+    CommissionStage("axis", "tools.commission.axis", "one motor at a time, a small current, a little way",
+                    "an axis that moves wrongly, another, or not; a brake that slips or sticks"),
+    CommissionStage("stop", "tools.commission.stop", "emergency stop and watchdog",
+                    "an amplifier that stays on, or comes back by itself"),
+    CommissionStage("calibrate", "tools.commission.calibrate", "potentiometers and grippers, into an IO file",
+                    "a potentiometer that is not linear or far from its file"),
+    CommissionStage("home", "tools.commission.home", "every arm homed",
+                    "a fault on the way, potentiometers that disagree with encoders"),
+    CommissionStage("move", "tools.commission.move", "every joint a little way, slowly, and one to its limit",
+                    "a joint that does not follow, does not arrive, or passes its limit"),
 )
 NAMES: Final = tuple(stage.name for stage in STAGES)

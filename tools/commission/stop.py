@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import Io
+from procs.document.system import IoConfig
 from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
 from tools.commission.bench import RunningBench
@@ -16,9 +16,9 @@ from tools.commission.finding import Finding, Outcome
 from tools.commission.person import Stop
 from tools.commission.subject import Subject
 from tools.commission.window import Window
-from tools.desk import Board, Desk
+from tools.desk import BusClient, FoundBoard
 from tools.inspect import samples
-from tools.running import CONTINUE, Running, running
+from tools.running import CONTINUE, RunningProcess, running
 
 STOP: Final = 19  # signal: the process stands still
 STOP_S: Final = 0.1  # from the safety chain to the last amplifier
@@ -114,14 +114,14 @@ class Silence:
     still_on: tuple[tuple[int, int], ...]  # board, axis on it from 1
 
 
-def _watchdog(bench: RunningBench, io: Io, arms: list[Subject], outcome: Outcome) -> list[Finding]:
+def _watchdog(bench: RunningBench, io: IoConfig, arms: list[Subject], outcome: Outcome) -> list[Finding]:
     if not io.watchdog_s:
         return judge_silence(io, (), Silence({}, ()))
     bench.person.confirm(f"{io.name} is made silent for a moment, with amplifiers on: the boards have to cut them by "
                          "themselves. Support what may sag.", "watchdog")
     numbers = sorted({a.board_id for subject in arms for a in subject.robot.actuators})
     try:
-        with Desk(io.port) as desk:
+        with BusClient(io.port) as desk:
             boards = [desk.board(number) for number in numbers]
             _enable(bench, arms)
             process = next(each for each in running(bench.system) if each.instance == io.name)
@@ -136,7 +136,7 @@ def _watchdog(bench: RunningBench, io: Io, arms: list[Subject], outcome: Outcome
             bench.disable(subject)
 
 
-def _silenced(desk: Desk, boards: Sequence[Board], process: Running, limit_s: float) -> Silence:
+def _silenced(desk: BusClient, boards: Sequence[FoundBoard], process: RunningProcess, limit_s: float) -> Silence:
     """Stop the io, look at its boards by reads, which refresh no watchdog, and let it go on, whatever happens."""
     cut: dict[int, float] = {}
     begin_ns = monotonic_ns()
@@ -153,7 +153,7 @@ def _silenced(desk: Desk, boards: Sequence[Board], process: Running, limit_s: fl
     return Silence(cut, tuple(still))
 
 
-def judge_silence(io: Io, boards: Sequence[int], silence: Silence) -> list[Finding]:
+def judge_silence(io: IoConfig, boards: Sequence[int], silence: Silence) -> list[Finding]:
     """Whether every board has cut its amplifiers in time."""
     if not io.watchdog_s:
         return [Finding(io.name, "its watchdog is switched off (watchdog_timeout 0)", "0.03 s",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.document.system import Actuator, Io, Robot, System
+from procs.document.system import Actuator, IoConfig, Robot, SystemConfig
 
 UNITS = {"PRISMATIC": "m"}
 
@@ -80,13 +80,13 @@ class Subject:
         return (encoder.lower, encoder.upper) if encoder is not None else (0.0, 0.0)
 
 
-def subjects_of(system: System, arms: list[str] | None = None) -> tuple[Subject, ...]:
+def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Subject, ...]:
     """All robots of arms and grippers, or those of some arms; set-up joints and KINEMATIC ones are none."""
     return tuple(subject for io in system.ios if io.port for subject in _of(system, io)
                  if not arms or _owner(system, subject) in arms)
 
 
-def _of(system: System, io: Io) -> list[Subject]:
+def _of(system: SystemConfig, io: IoConfig) -> list[Subject]:
     found, first = [], 0
     brake = sum(len(robot.actuators) for robot in io.robots)
     driven = {pid.robot: pid for pid in io.pids}
@@ -106,6 +106,6 @@ def _of(system: System, io: Io) -> list[Subject]:
     return found
 
 
-def _owner(system: System, subject: Subject) -> str:
+def _owner(system: SystemConfig, subject: Subject) -> str:
     """The arm that a robot belongs to."""
     return subject.arm or next((arm.name for arm in system.arms if arm.gripper == subject.name), "")

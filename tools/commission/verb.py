@@ -12,20 +12,20 @@ from typing import Annotated, Final
 import typer
 
 from procs.config import load_system
-from procs.document.system import System, from_json
+from procs.document.system import SystemConfig, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import AtTerminal, Declined, Person
 from tools.commission.played import AtBoards
-from tools.commission.report import Report, fingerprint
-from tools.commission.stages import NAMES, STAGES, Stage
+from tools.commission.report import CommissionReport, fingerprint
+from tools.commission.stages import NAMES, STAGES, CommissionStage
 from tools.commission.subject import subjects_of
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, note, progress, table
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import system_file
 
 NAME: Final = "commission"
@@ -38,8 +38,8 @@ EASY_LATE: Final = "late_s=0.5"
 class Job:
     """What is commissioned and how."""
 
-    request: Request
-    document: System
+    request: StartRequest
+    document: SystemConfig
     arms: list[str]
     person: Person | None  # None: one is played
     write: bool
@@ -50,12 +50,12 @@ class Job:
         return boards_of(self.document)
 
 
-def _eased(document: System) -> list[str]:
+def _eased(document: SystemConfig) -> list[str]:
     """What lets a rehearsal run on a machine that others use, too; what the person sets comes after it and counts."""
     return [*EASY, *(f"processes.{row.name}.{EASY_LATE}" for row in document.processes if row.kind in ("io", "arm"))]
 
 
-def boards_of(document: System) -> str:
+def boards_of(document: SystemConfig) -> str:
     """What a system runs on: real or emulated."""
     return "real" if document.emulation is None else "emulated"
 
@@ -79,7 +79,7 @@ def commission(
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """
-    request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
+    request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
     document = _document(request)
     if document.emulation is not None:
         request = dataclasses.replace(request, sets=(*_eased(document), *request.sets))
@@ -89,7 +89,7 @@ def commission(
         raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
     if yes and document.emulation is None:
         raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
-    book = Report(report or Path(f"commission-{file.stem}.json"), file.name)
+    book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)
     files = fingerprint(document) + "".join(f" {name}" for name in sorted(arm or []))
     if listed:
         return _list(book, boards_of(document), files, as_json)
@@ -101,7 +101,7 @@ def commission(
         return 1
 
 
-def _document(request: Request) -> System:
+def _document(request: StartRequest) -> SystemConfig:
     """The system as its files say; Problem with all that is wrong."""
     loaded = load_system(request.file, search=request.paths, boards=request.boards or None, sets=request.sets,
                          name=request.system)
@@ -110,7 +110,7 @@ def _document(request: Request) -> System:
     return loaded.system
 
 
-def _list(book: Report, boards: str, files: str, as_json: bool) -> int:
+def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int:
     rows = []
     for row in STAGES:
         tried = book.last(row.name, boards, files)
@@ -123,7 +123,7 @@ def _list(book: Report, boards: str, files: str, as_json: bool) -> int:
     return 0
 
 
-def _due(book: Report, boards: str, files: str, wanted: str) -> list[Stage]:
+def _due(book: CommissionReport, boards: str, files: str, wanted: str) -> list[CommissionStage]:
     """What is to be done: one stage again, or all after the last that passed."""
     left = [row for row in STAGES if not book.passed(row.name, boards, files)]
     if not wanted:
@@ -135,7 +135,7 @@ def _due(book: Report, boards: str, files: str, wanted: str) -> list[Stage]:
     return [row]
 
 
-def _go(job: Job, book: Report, files: str, due: list[Stage], as_json: bool) -> int:
+def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage], as_json: bool) -> int:
     if not due:
         note(f"all stages have passed: {book.path}; --stage NAME repeats one")
         return 0
@@ -167,7 +167,7 @@ def _go(job: Job, book: Report, files: str, due: list[Stage], as_json: bool) -> 
     return 0
 
 
-def _tried(row: Stage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
+def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
     """One stage; what the system refuses is a finding like any other."""
     run = row.load()
     try:

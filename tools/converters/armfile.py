@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 
 from procs.config.read.jsontext import Parsed
 from tools.converters.keys import Keys
-from tools.converters.report import Report
+from tools.converters.report import ConversionReport
 
 Json = dict[str, object]
 
@@ -35,7 +35,7 @@ def looks_like_arm(data: dict[str, object]) -> bool:
     return isinstance(data.get("kinematic"), str) and not {"$id", "DH", "arms"} & set(data)
 
 
-def convert_arm(parsed: Parsed, file: str, report: Report) -> Json:
+def convert_arm(parsed: Parsed, file: str, report: ConversionReport) -> Json:
     """The new arm file; `file` is the old one's name. Of no use when the report has problems."""
     keys = Keys(parsed.data, parsed.lines, report)
     old = keys.text("kinematic")

@@ -10,7 +10,7 @@ from procs.fpga.ports import PortName, PortNameError
 from tools.converters.consolearm import Arms
 from tools.converters.keys import Keys
 from tools.converters.names import today
-from tools.converters.report import Report
+from tools.converters.report import ConversionReport
 from tools.converters.teleops import ecm_teleop, psm_teleop
 
 Json = dict[str, object]
@@ -51,7 +51,7 @@ class ConsoleFiles:
     arms: dict[str, Json] = field(default_factory=dict)
 
 
-def convert_console(parsed: Parsed, system_name: str, report: Report) -> ConsoleFiles:
+def convert_console(parsed: Parsed, system_name: str, report: ConversionReport) -> ConsoleFiles:
     """The new files; `system_name` is the name of the first, without suffix. Of no use when the report has problems."""
     for key, line in parsed.repeated:
         report.dropped(line, ".".join(str(part) for part in key), "", "the key occurs twice: the last one counts")

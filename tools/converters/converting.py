@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from procs.config import PROJECT_CONFIGS, Checked, check_file
-from procs.config.read.problem import WARNING, Problem
+from procs.config.read.problem import WARNING, FileProblem
 from procs.config.read.search import search_path
 from procs.config.read.source import read_source, unreadable
 from tools.converters import OTHER, Converted, Reference, convert_file, differences, to_json, with_arm_file
@@ -26,7 +26,7 @@ class Result:
     converted: Converted
     written: list[Path] = field(default_factory=list)
     equal: list[Path] = field(default_factory=list)
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[FileProblem] = field(default_factory=list)
     checks: list[Checked] = field(default_factory=list)
 
     @property
@@ -45,7 +45,7 @@ class Old:
     found: bool
 
 
-class Run:
+class Conversion:
     """All files of one call."""
 
     def __init__(self, files: Sequence[Path], to: Path | None, force: bool, path: Sequence[Path]) -> None:
@@ -80,7 +80,7 @@ class Run:
         except OSError as bad:
             wrong = f"cannot be read: {bad.strerror or bad}", ""
         if wrong:
-            problem = Problem(str(file), 0, "", "", *wrong)
+            problem = FileProblem(str(file), 0, "", "", *wrong)
             return Result(file, Converted("unknown", (), (), (problem,)), problems=[problem])
         converted = convert_file(str(file), data, (lambda name: self._follow(old, name)) if follow else None)
         return Result(file, converted, problems=list(converted.problems))
@@ -106,8 +106,8 @@ class Run:
             try:
                 text = to_json(output.data)
             except ValueError as bad:
-                result.problems.append(Problem(str(path), 0, "", "", f"cannot be written as JSON: {bad}",
-                                               "finite numbers"))
+                result.problems.append(FileProblem(str(path), 0, "", "", f"cannot be written as JSON: {bad}",
+                                                   "finite numbers"))
                 continue
             if self._is_equal(path, text):
                 result.equal.append(path)
@@ -122,7 +122,7 @@ class Run:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_text(text, encoding="utf-8")
             except OSError as bad:
-                result.problems.append(Problem(str(path), 0, "", "", f"cannot be written: {bad.strerror or bad}"))
+                result.problems.append(FileProblem(str(path), 0, "", "", f"cannot be written: {bad.strerror or bad}"))
                 return
             self._texts[path] = text, old.file
             result.written.append(path)
@@ -144,17 +144,18 @@ class Run:
         except (OSError, UnicodeDecodeError):
             return False
 
-    def _in_the_way(self, path: Path, old: Path) -> list[Problem]:
+    def _in_the_way(self, path: Path, old: Path) -> list[FileProblem]:
         if not path.exists():
             return []
         if path.samefile(old):
-            return [Problem(str(path), 0, "", "", "is the old file: it is never overwritten", "--to another folder")]
+            return [FileProblem(str(path), 0, "", "", "is the old file: it is never overwritten",
+                                "--to another folder")]
         if path in self._texts:
             text = f"this run has made another file of this name, from {self._texts[path][1]}"
-            return [Problem(str(path), 0, "", "", text, "convert one of them --to another folder")]
+            return [FileProblem(str(path), 0, "", "", text, "convert one of them --to another folder")]
         if self._force:
             return []
-        return [Problem(str(path), 0, "", "", "is there already", "--force to overwrite, --to FOLDER")]
+        return [FileProblem(str(path), 0, "", "", "is there already", "--force to overwrite, --to FOLDER")]
 
     # -- afterwards ----------------------------------------------------------------------------------------------------
 
@@ -165,7 +166,7 @@ class Run:
         if files and result.converted.kind == CONSOLE:
             result.problems += self._stock_in_place_of_own(files[0].parent, result)
 
-    def _stock_in_place_of_own(self, folder: Path, result: Result) -> Iterable[Problem]:
+    def _stock_in_place_of_own(self, folder: Path, result: Result) -> Iterable[FileProblem]:
         """What the site has a file of its own for, and gets a stock file for from now on: with the differing values."""
         folders = search_path((folder, *self._path, result.file.parent, PROJECT_CONFIGS))
         for reference in result.converted.references:
@@ -187,11 +188,11 @@ def _changed(own: Path, stock: Path) -> list[str]:
     return differences(converted.outputs[0].data, source.data)
 
 
-def _fallback(console: Path, reference: Reference, own: Path, stock: Path, changed: list[str]) -> Problem:
+def _fallback(console: Path, reference: Reference, own: Path, stock: Path, changed: list[str]) -> FileProblem:
     more = f"; and {len(changed) - SHOWN} more" if len(changed) > SHOWN else ""
     text = f"{stock} is read in the place of {own}, {len(changed)} values differ: {'; '.join(changed[:SHOWN])}{more}"
     allowed = f"convert {own.name} in the same run, and name what it becomes in the system file"
-    return Problem(str(console), reference.line, reference.key, reference.old, text, allowed, WARNING)
+    return FileProblem(str(console), reference.line, reference.key, reference.old, text, allowed, WARNING)
 
 
 def _olds(file: Path, to: Path | None) -> list[Old]:

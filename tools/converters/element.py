@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import TypeVar
 
-from tools.converters.report import Report
-from tools.converters.xmltext import Node
+from tools.converters.report import ConversionReport
+from tools.converters.xmltext import XmlNode
 
 Value = TypeVar("Value")
 
@@ -19,7 +19,7 @@ _FIRST = "the original software read only the first"
 class Element:
     """One element, its place in the file and what has been read of it. Mistakes go to the report."""
 
-    def __init__(self, node: Node, path: str, report: Report) -> None:
+    def __init__(self, node: XmlNode, path: str, report: ConversionReport) -> None:
         self.path = path
         self.line = node.line
         self.report = report
@@ -107,7 +107,7 @@ class Element:
         found = self.child(tag)
         if found is None:
             self.report.error(self.line, f"{self.path}/{tag}", "", "this element is required")
-            return Element(Node(tag, {}, self.line), f"{self.path}/{tag}", Report(self.report.file))
+            return Element(XmlNode(tag, {}, self.line), f"{self.path}/{tag}", ConversionReport(self.report.file))
         return found
 
     def children(self, tag: str) -> list[Element]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tools.converters.element import Element
 from tools.converters.units import OLD, SI
-from tools.converters.xmltext import Node
+from tools.converters.xmltext import XmlNode
 
 _NEWEST = 5
 _OLD_WORDS = {"BoardID", "AxisID", "BitID", "ActuatorID", "SN"}
@@ -25,7 +25,7 @@ class Era:
         return (OLD if self.old else SI)[joint_type]
 
 
-def era_of(root: Node, top: Element) -> Era:
+def era_of(root: XmlNode, top: Element) -> Era:
     """The format of a file; an unknown version is an error."""
     report = top.report
     version = 1
@@ -45,7 +45,7 @@ def era_of(root: Node, top: Element) -> Era:
     return Era(version, old)
 
 
-def _words(node: Node) -> set[str]:
+def _words(node: XmlNode) -> set[str]:
     found = set(node.attributes)
     for child in node.children:
         found |= _words(child)

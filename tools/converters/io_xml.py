@@ -14,8 +14,8 @@ from tools.converters.element import Element
 from tools.converters.era import Era, era_of
 from tools.converters.names import plain, today
 from tools.converters.pots import potentiometers
-from tools.converters.report import Report
-from tools.converters.xmltext import Node
+from tools.converters.report import ConversionReport
+from tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
 
@@ -35,7 +35,7 @@ class IoFiles:
     gripper_name: str = ""  # where a system looks for that file, unless it is told otherwise
 
 
-def convert_io(root: Node, report: Report) -> IoFiles:
+def convert_io(root: XmlNode, report: ConversionReport) -> IoFiles:
     """The new files of an old one; they are of no use when the report has problems."""
     top = Element(root, "", report)
     era = era_of(root, top)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from procs.config.read.problem import Key, key_text, value_text
 from tools.converters.names import file_today
-from tools.converters.report import Reference, Report
+from tools.converters.report import ConversionReport, Reference
 
 Value = TypeVar("Value")
 
@@ -18,7 +18,7 @@ _NOBODY = "the original software did not read it"
 class Keys:
     """One object, its place in the file and what has been read of it. Mistakes go to the report."""
 
-    def __init__(self, data: object, lines: Mapping[Key, int], report: Report, key: Key = ()) -> None:
+    def __init__(self, data: object, lines: Mapping[Key, int], report: ConversionReport, key: Key = ()) -> None:
         """`data` at `key` of a decoded file whose keys stand on `lines`; something else than an object is an error."""
         self.place = key
         self.report = report
@@ -26,7 +26,7 @@ class Keys:
         self._read: list[Keys] = []
         if not isinstance(data, dict):
             report.error(self.line(), key_text(key), value_text(data), "wrong type", "an object")
-            self.report = Report(report.file)  # what would be missing in it needs no telling
+            self.report = ConversionReport(report.file)  # what would be missing in it needs no telling
             data = {}
         # null, [] and {} count as absent
         self._left = {name: value for name, value in data.items() if value not in (None, [], {})}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from tools.converters.element import Element
-from tools.converters.report import Report, number_text
+from tools.converters.report import ConversionReport, number_text
 from tools.converters.units import PRISMATIC, REVOLUTE
-from tools.converters.xmltext import Node
+from tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
 
@@ -19,7 +19,7 @@ _ELSEWHERE = "limits of positions are those of the IO file and of the kinematic 
 _JOINT_SPACE = "gains were for joints, today's are for actuators: compare where the two are coupled (MTM, instruments)"
 
 
-def convert_pid(root: Node, report: Report) -> Json:
+def convert_pid(root: XmlNode, report: ConversionReport) -> Json:
     """The new file; of no use when the report has problems."""
     top = Element(root, "", report)
     top.take("type")

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from procs.config.read.jsontext import Parsed, TextError, parse_json
-from procs.config.read.problem import Problem
+from procs.config.read.problem import FileProblem
 from tools.converters.armfile import convert_arm, looks_like_arm
 from tools.converters.console import convert_console, looks_like_console
 from tools.converters.io_xml import convert_io
 from tools.converters.pid_xml import convert_pid
-from tools.converters.report import CONVERTED, LOST, Change, Reference, Report
+from tools.converters.report import CONVERTED, LOST, Change, ConversionReport, Reference
 from tools.converters.rob_text import convert_rob, looks_like_rob
 from tools.converters.setup import convert_setup, looks_like_setup
-from tools.converters.xmltext import Node, XmlError, parse_xml
+from tools.converters.xmltext import XmlError, XmlNode, parse_xml
 
 Json = dict[str, object]
 
@@ -44,7 +44,7 @@ class Converted:
     kind: str
     outputs: tuple[Output, ...]
     changes: tuple[Change, ...]
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
     references: tuple[Reference, ...] = ()
 
     @property
@@ -58,7 +58,7 @@ def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = N
 
     `follow` gives the new name of a file that is converted in the same run, by the name the old file has for it, or "".
     """
-    report = Report(name) if follow is None else Report(name, follow)
+    report = ConversionReport(name) if follow is None else ConversionReport(name, follow)
     if _XML.match(data):
         kind, outputs = _xml(PurePath(name), data, report)
     else:
@@ -80,7 +80,7 @@ def with_arm_file(converted: Converted, file: str, old: str, new: str) -> Conver
     return replace(converted, outputs=outputs, changes=(*converted.changes, change))
 
 
-def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+def _xml(path: PurePath, data: bytes, report: ConversionReport) -> tuple[str, list[Output]]:
     try:
         root = parse_xml(data)
     except XmlError as bad:
@@ -98,11 +98,11 @@ def _xml(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]
     return OTHER, []
 
 
-def _refuse(root: Node, report: Report) -> None:
+def _refuse(root: XmlNode, report: ConversionReport) -> None:
     report.error(root.line, root.tag, "", "no known kind of file", "Config (IO), controller with type PID")
 
 
-def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output]]:
+def _text(path: PurePath, data: bytes, report: ConversionReport) -> tuple[str, list[Output]]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as bad:
@@ -116,7 +116,7 @@ def _text(path: PurePath, data: bytes, report: Report) -> tuple[str, list[Output
     return OTHER, []
 
 
-def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]:
+def _json(path: PurePath, text: str, report: ConversionReport) -> tuple[str, list[Output]]:
     try:
         parsed = parse_json(text)
     except TextError as bad:
@@ -130,21 +130,21 @@ def _json(path: PurePath, text: str, report: Report) -> tuple[str, list[Output]]
     return OTHER, []
 
 
-def _from_console(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+def _from_console(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
     stem = f"system-{path.stem.removeprefix('console').lstrip('-_') or 'console'}"
     files = convert_console(parsed, stem, report)
     return [Output(f"{stem}.json", files.system), *(Output(name, data) for name, data in files.arms.items())]
 
 
-def _from_arm(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+def _from_arm(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
     return [Output(path.name, convert_arm(parsed, path.name, report))]
 
 
-def _from_setup(path: PurePath, parsed: Parsed, report: Report) -> list[Output]:
+def _from_setup(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
     return [Output(path.name, convert_setup(parsed, report))]
 
 
-_Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, Report], list[Output]]]
+_Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, ConversionReport], list[Output]]]
 _READERS: tuple[_Reader, ...] = (
     ("setup joints", looks_like_setup, _from_setup),
     ("console", looks_like_console, _from_console),

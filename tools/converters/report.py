@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from procs.config.read.problem import Problem
+from procs.config.read.problem import FileProblem
 
 CONVERTED = "converted"  # its value stands in the new file in another unit or under another name
 DEFAULTED = "defaulted"  # the old file said nothing; the new one must
@@ -49,7 +49,7 @@ def _nothing(name: str) -> str:
 
 
 @dataclass(slots=True)
-class Report:
+class ConversionReport:
     """Collects changes and problems while one file is converted.
 
     `follow` gives the present name of a file that is converted in the same run, by the name that files have for it; ""
@@ -60,7 +60,7 @@ class Report:
     follow: Callable[[str], str] = _nothing
     references: list[Reference] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[FileProblem] = field(default_factory=list)
 
     def converted(self, line: int, key: str, old: str, new: str, reason: str = "") -> None:
         """The value stands in the new file, written otherwise."""
@@ -80,7 +80,7 @@ class Report:
 
     def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:
         """The file is wrong here; nothing is written."""
-        self.problems.append(Problem(self.file, line, key, value, text, allowed))
+        self.problems.append(FileProblem(self.file, line, key, value, text, allowed))
 
 
 def number_text(value: float, unit: str = "") -> str:

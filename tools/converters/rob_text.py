@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from tools.converters.report import Report
+from tools.converters.report import ConversionReport
 
 Json = dict[str, object]
 
@@ -34,7 +34,7 @@ def looks_like_rob(text: str) -> bool:
     return named and len(first) == 1 and _COUNT.match(first[0]) is not None
 
 
-def convert_rob(text: str, report: Report) -> Json:
+def convert_rob(text: str, report: ConversionReport) -> Json:
     """The kinematic file of a text that looks like one; of no use when the report has problems."""
     lines = text.splitlines()
     count = int(lines[0])
@@ -55,7 +55,7 @@ def convert_rob(text: str, report: Report) -> Json:
     return {"DH": {"convention": conventions[0], "joints": links}}
 
 
-def _link(line: str, number: int, report: Report) -> Json:
+def _link(line: str, number: int, report: ConversionReport) -> Json:
     words = line.split()
     at = number + 1
     if len(words) < _WORDS:
@@ -83,7 +83,7 @@ def _link(line: str, number: int, report: Report) -> Json:
     return row
 
 
-def _numbers(words: list[str], names: tuple[str, ...], number: int, report: Report) -> Json:
+def _numbers(words: list[str], names: tuple[str, ...], number: int, report: ConversionReport) -> Json:
     row: Json = {}
     for name, word in zip(names, words, strict=False):
         if not _NUMBER.match(word) or abs(float(word)) == float("inf"):

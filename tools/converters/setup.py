@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from procs.config.read.jsontext import Parsed
 from procs.config.read.problem import Key, key_text
-from tools.converters.report import Report
+from tools.converters.report import ConversionReport
 
 Json = dict[str, object]
 
@@ -20,13 +20,13 @@ def looks_like_setup(data: Json) -> bool:
     return any(_OLD & set(row) for row in rows)
 
 
-def convert_setup(parsed: Parsed, report: Report) -> Json:
+def convert_setup(parsed: Parsed, report: ConversionReport) -> Json:
     """The same values under the names of today."""
     renamed = _renamed(parsed.data, (), parsed, report)
     return renamed if isinstance(renamed, dict) else {}
 
 
-def _renamed(value: object, key: Key, parsed: Parsed, report: Report) -> object:
+def _renamed(value: object, key: Key, parsed: Parsed, report: ConversionReport) -> object:
     if isinstance(value, list):
         return [_renamed(item, (*key, number), parsed, report) for number, item in enumerate(value)]
     if not isinstance(value, dict):

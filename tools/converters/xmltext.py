@@ -22,27 +22,27 @@ class XmlError(Exception):
 
 
 @dataclass(slots=True)
-class Node:
+class XmlNode:
     """One element."""
 
     tag: str
     attributes: dict[str, str]
     line: int
-    children: list[Node] = field(default_factory=list)
+    children: list[XmlNode] = field(default_factory=list)
 
 
-def parse_xml(data: bytes) -> Node:
+def parse_xml(data: bytes) -> XmlNode:
     """The root element, without the text between elements; XmlError says where it stops being XML or is refused."""
     if len(data) > _LARGEST:
         raise XmlError(1, f"too large: {len(data)} bytes, at most {_LARGEST}")
     parser = expat.ParserCreate()
-    top = Node("", {}, 0)
+    top = XmlNode("", {}, 0)
     stack = [top]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(stack) > _DEEPEST:
             raise XmlError(parser.CurrentLineNumber, f"elements are nested deeper than {_DEEPEST}")
-        node = Node(tag, attributes, parser.CurrentLineNumber)
+        node = XmlNode(tag, attributes, parser.CurrentLineNumber)
         stack[-1].children.append(node)
         stack.append(node)
 

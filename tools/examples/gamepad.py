@@ -31,7 +31,7 @@ OPEN_RAD: Final = math.radians(60.0)  # the gripper with the trigger let go
 LONGEST_STEP_S: Final = 0.02  # what was held up longer does not become motion
 
 
-class Event(Protocol):
+class GamepadEvent(Protocol):
     """One event of a device."""
 
     type: int
@@ -53,7 +53,7 @@ class Device(Protocol):
     name: str
     path: str
 
-    def read(self) -> Iterable[Event]:
+    def read(self) -> Iterable[GamepadEvent]:
         """Events since the last call; BlockingIOError when there are none, OSError when it is gone."""
 
     def absinfo(self, axis_num: int) -> Range:
@@ -100,7 +100,7 @@ class Gamepad:
             pass
         return self.sticks
 
-    def _hear(self, event: Event) -> None:
+    def _hear(self, event: GamepadEvent) -> None:
         if event.type == EV_ABS and event.code in self._ranges:
             self.sticks.axes[event.code] = self._part(event.code, event.value)
         elif event.type == EV_KEY:
@@ -121,7 +121,7 @@ class Gamepad:
         return min(1.0, max(-1.0, 2.0 * (value - lowest) / (highest - lowest) - 1.0))
 
 
-class Hand:
+class GamepadTip:
     """The tip that the sticks move, in its own axes but for its place; nothing moves unless the deadman is held."""
 
     def __init__(self, speed: float, turn: float) -> None:

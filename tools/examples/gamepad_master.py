@@ -16,7 +16,7 @@ import typer
 import trocar
 from tools.cli import guarded
 from tools.errors import Problem
-from tools.examples.gamepad import BUTTONS, Device, Gamepad, Hand, is_gamepad
+from tools.examples.gamepad import BUTTONS, Device, Gamepad, GamepadTip, is_gamepad
 from tools.options import SystemOption
 from tools.printing import note
 
@@ -57,7 +57,7 @@ def chosen(package: Any, path: str) -> Device:
     raise Problem(f"no gamepad is there that may be read (member of the group input?); there are: {known or 'none'}")
 
 
-def drive(master: trocar.Provider, pad: Gamepad, hand: Hand, tell: Callable[[str], None]) -> None:
+def drive(master: trocar.Provider, pad: Gamepad, hand: GamepadTip, tell: Callable[[str], None]) -> None:
     """Show the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
     before = master.now_ns
     wired = [button for button in BUTTONS if button in master.buttons]
@@ -99,7 +99,7 @@ def gamepad_master(
     with trocar.provide(arm, system, rate=rate, program="gamepad_master") as master:
         note(f"{arm} is {found.name}: {HELD}")
         with contextlib.suppress(KeyboardInterrupt):
-            drive(master, Gamepad(found), Hand(speed, turn), note)
+            drive(master, Gamepad(found), GamepadTip(speed, turn), note)
     note(f"{arm} is nobody now")
     return 0
 

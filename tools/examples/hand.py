@@ -12,7 +12,7 @@ from shm import directory
 from shm.clock import pause
 from shm.system_time import Patience
 from tools.errors import Problem
-from tools.examples.surgeon import Seat, Seen, Teleop
+from tools.examples.surgeon import OperatorSim, Seen, SimTeleop
 from tools.remote import Remote
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ def figure_eight(angle: float, size_m: float) -> Array:
 class Hand:
     """A hand at the master of a tele-operation; a context manager that lets go."""
 
-    def __init__(self, system: str, seat: Seat, teleop: Teleop) -> None:
+    def __init__(self, system: str, seat: OperatorSim, teleop: SimTeleop) -> None:
         document = from_json(directory.document(system))
         self._system = system
         self._seat, self._teleop, self.master = seat, teleop, teleop.masters[0]

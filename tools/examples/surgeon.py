@@ -36,7 +36,7 @@ class Seen:
         return plain(self.ring.field(field))
 
 
-class Teleop(Seen):
+class SimTeleop(Seen):
     """A tele-operation as its record tells."""
 
     def __init__(self, system: str, name: str) -> None:
@@ -57,7 +57,7 @@ class Teleop(Seen):
         return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
 
 
-class Seat:
+class OperatorSim:
     """One console with its tele-operations; a context manager."""
 
     def __init__(self, system: str, console: str) -> None:
@@ -65,18 +65,18 @@ class Seat:
         self.console = Seen(system, console, "console")
         self._stack.callback(self.console.ring.close)
         self._remote = self._stack.enter_context(Remote(system, console))
-        self.teleops: list[Teleop] = []
+        self.teleops: list[SimTeleop] = []
         for name in self.console.value("teleop"):
-            self.teleops.append(Teleop(system, str(name)))
+            self.teleops.append(SimTeleop(system, str(name)))
             self._stack.callback(self.teleops[-1].ring.close)
 
     @property
-    def chosen(self) -> list[Teleop]:
+    def chosen(self) -> list[SimTeleop]:
         """Tele-operations that are selected."""
         selected = self.console.value("selected")
         return [teleop for teleop, is_selected in zip(self.teleops, selected, strict=True) if is_selected]
 
-    def expected(self) -> list[Teleop]:
+    def expected(self) -> list[SimTeleop]:
         """Those that follow now if all is well: by the camera pedal those of PSMs or those of the ECM."""
         kind = "ECM" if self.console.value("camera") else "PSM"
         return [teleop for teleop in self.chosen if teleop.kind == kind]
@@ -117,7 +117,7 @@ class Seat:
             self.wait()
         return [teleop.name for teleop in self.teleops if teleop.name in found]
 
-    def __enter__(self) -> Seat:
+    def __enter__(self) -> OperatorSim:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -125,10 +125,10 @@ class Seat:
 
 
 @contextlib.contextmanager
-def seats(system: str) -> Iterator[list[Seat]]:
+def seats(system: str) -> Iterator[list[OperatorSim]]:
     """Every console of a system."""
     with contextlib.ExitStack() as stack:
-        yield [stack.enter_context(Seat(system, name)) for name in instances_of_kind(system, "console")]
+        yield [stack.enter_context(OperatorSim(system, name)) for name in instances_of_kind(system, "console")]
 
 
 class Sway:

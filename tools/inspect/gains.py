@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.gains import GAINS, value_of
-from procs.document.system import Io, PidAxis, from_json
+from procs.document.system import IoConfig, PidAxis, from_json
 from shm import directory
 from shm.topics import IO_GAINS
 from tools.errors import Misuse, Problem
@@ -65,7 +65,7 @@ def present(system: str, wanted: Sequence[str]) -> list[Present]:
     return [_of_robot(system, known[robot], robot) for robot in robots]
 
 
-def _of_robot(system: str, io: Io, robot: str) -> Present:
+def _of_robot(system: str, io: IoConfig, robot: str) -> Present:
     pid = next(pid for pid in io.pids if pid.robot == robot)
     names = [r.name for r in io.robots]
     first = sum(len(r.actuators) for r in io.robots[: names.index(robot)])

@@ -17,7 +17,7 @@ KEPT = 300_000  # cycles; more would only cost memory
 FEWER = 0.9  # share of the nominal rate below which io was not on rate
 
 
-class Run:
+class HealthWatch:
     """Watches a system from now on; call `collect` at least every two seconds."""
 
     def __init__(self, system: str, io: str) -> None:

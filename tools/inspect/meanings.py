@@ -10,7 +10,7 @@ import numpy as np
 
 from procs.fpga import blocks, registers
 from procs.fpga.velocity import FirmwareVelocity
-from tools.desk import Board
+from tools.desk import FoundBoard
 from tools.errors import Misuse
 
 LARGEST_ADDRESS: Final = 0xFFFF
@@ -79,7 +79,7 @@ def address_name(address: int) -> str:
     return f"0x{address:04X}"
 
 
-def addresses(text: str, board: Board | None, count: int = 1) -> list[int]:
+def addresses(text: str, board: FoundBoard | None, count: int = 1) -> list[int]:
     """The registers a person means: a name, NAME:AXIS, or a number; a bare axis register means that of every axis.
 
     `board` None: all boards, and a bare axis register is Misuse, which says what is allowed.
@@ -218,13 +218,13 @@ def input_words(word: int, hardware: str) -> str:
     return ", ".join([*said, f"output pins high: {high or 'none'}"])
 
 
-def _limits(word: int, board: Board) -> str:
+def _limits(word: int, board: FoundBoard) -> str:
     axes = range(blocks.AXES_OF.get(board.hardware, (4, 4))[0])
     inputs = [f"{axis + 1}:{marks}" for axis in axes if (marks := limit_inputs(word, board.hardware, axis))]
     return ", ".join(filter(None, [input_words(word, board.hardware), " ".join(inputs)]))
 
 
-def _celsius(word: int, board: Board) -> str:
+def _celsius(word: int, board: FoundBoard) -> str:
     return " ".join("–" if t is None else f"{t:g} °C" for t in celsius(word, board.hardware))
 
 
@@ -234,13 +234,13 @@ def watchdog_text(word: int) -> str:
     return f"{period * registers.WATCHDOG_UNIT_S * 1e3:.4g} ms" if period else "off"
 
 
-def _git(word: int, board: Board) -> str:
+def _git(word: int, board: FoundBoard) -> str:
     if board.firmware < 8:
         return ""
     return f"commit {word >> 4:07x}{', changed' if word & 8 else ''}" if word else "a release"
 
 
-_BOARD: Final[dict[int, Callable[[int, Board], str]]] = {
+_BOARD: Final[dict[int, Callable[[int, FoundBoard], str]]] = {
     registers.STATUS: lambda value, board: ", ".join(status_words(value, board.hardware, board.firmware)),
     registers.WATCHDOG: lambda value, board: watchdog_text(value),
     registers.HARDWARE_ID: lambda value, board: registers.hardware_name(value),
@@ -254,13 +254,13 @@ _BOARD: Final[dict[int, Callable[[int, Board], str]]] = {
 }
 
 
-def _adc(value: int, board: Board) -> str:
+def _adc(value: int, board: FoundBoard) -> str:
     if board.hardware == "dRA1":
         return f"pot {value >> 16 & registers.DIGITAL_POT_MASK}, current {value & 0xFFFF}"
     return f"pot {(value >> 16) * registers.POT_V_PER_BIT:.4f} V, current {amperes(value):+.4f} A"
 
 
-def _speed(value: int, board: Board) -> str:
+def _speed(value: int, board: FoundBoard) -> str:
     stopped = value & (registers.VELOCITY_OVERFLOW | registers.PERIOD_DIRECTION_CHANGED)
     clock = registers.ESPM_CLOCK_HZ if board.hardware == "dRA1" else registers.CLOCK_HZ
     ticks = max(1, value & registers.VELOCITY_TICKS_MASK)
@@ -268,7 +268,7 @@ def _speed(value: int, board: Board) -> str:
     return "0 counts/s" if stopped else f"{sign * 4 * clock / ticks:+.1f} counts/s"
 
 
-def _config(value: int, board: Board) -> str:
+def _config(value: int, board: FoundBoard) -> str:
     delay_s = (value >> registers.MOTOR_CONFIG_DELAY_SHIFT & 0xFF) * registers.MOTOR_CONFIG_DELAY_TICKS
     said = [f"current limit {(value & registers.MOTOR_CONFIG_LIMIT_MASK) / registers.CURRENT_BITS_PER_A:.3f} A",
             f"delay {delay_s / registers.CLOCK_HZ * 1e3:.2f} ms"]
@@ -276,7 +276,7 @@ def _config(value: int, board: Board) -> str:
                                    (registers.MOTOR_CONFIG_VOLTAGE, "has voltage mode", "")), value))
 
 
-_AXIS: Final[dict[int, Callable[[int, Board], str]]] = {
+_AXIS: Final[dict[int, Callable[[int, FoundBoard], str]]] = {
     registers.ADC: _adc,
     registers.DAC: lambda value, board: "" if board.hardware == "dRA1" else f"{amperes(value):+.4f} A",
     registers.ENCODER_PRELOAD: lambda value, board: f"{counts(value):+d} counts",
@@ -291,7 +291,7 @@ _AXIS: Final[dict[int, Callable[[int, Board], str]]] = {
 }
 
 
-def meaning(address: int, value: int, board: Board) -> str:
+def meaning(address: int, value: int, board: FoundBoard) -> str:
     """What a register's value says; empty where there is nothing to say."""
     if address <= 0xF:
         found = _BOARD.get(address)
@@ -300,7 +300,7 @@ def meaning(address: int, value: int, board: Board) -> str:
     return found(value, board) if found else ""
 
 
-def written_meaning(address: int, value: int, board: Board) -> str:
+def written_meaning(address: int, value: int, board: FoundBoard) -> str:
     """What writing a value asks for, where that is not what reading it would say."""
     if address == registers.STATUS:
         return control_words(value)

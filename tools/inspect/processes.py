@@ -10,7 +10,7 @@ from procs.document.system import Process, from_json
 from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.segment import Segment, SegmentError, segment_name
 from tools.printing import number, plain
 from tools.systems import alive, is_simulated
@@ -62,7 +62,7 @@ def lives(system: str) -> list[Life]:
     found = []
     for name in directory.instances(system):
         try:
-            pulse = Pulse(system, name)
+            pulse = ControlPage(system, name)
         except SegmentError:  # the system went down while we looked
             continue
         try:
@@ -108,7 +108,7 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
     return {str(row["instance"]): row for row in rows if row["instance"]}
 
 
-def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row: Process | None) -> Life:
+def _life(name: str, pulse: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> Life:
     kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
     state, lives_on = pulse.state, alive(pulse.segment.identity())
     counts = {count: pulse.get(count) for count in COUNTS}
@@ -129,7 +129,7 @@ def _life(name: str, pulse: Pulse, ledger: dict[str, Any], simulated: bool, row:
     )
 
 
-def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, simulated: bool) -> str:
+def _trouble(row: Process, state: str, lives_on: bool, pulse: ControlPage, simulated: bool) -> str:
     if state == "FAILED":
         return f"failed: {plain(pulse.get('error'))}"
     if not lives_on:
@@ -139,7 +139,7 @@ def _trouble(row: Process, state: str, lives_on: bool, pulse: Pulse, simulated: 
     return ""
 
 
-def _stalled(row: Process, pulse: Pulse, simulated: bool) -> bool:
+def _stalled(row: Process, pulse: ControlPage, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
         late_ns = (hung_s(row) if simulated else late_s(row)) * 1e9  # nobody is late there, see supervisor

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from procs.fpga import blocks, registers
-from tools.desk import Board, Desk
+from tools.desk import BusClient, FoundBoard
 from tools.errors import Problem
 from tools.inspect import meanings
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class AxisSample:
     """One axis, from 1; what there is only of motors or only of encoders is None or empty for the others."""
 
     axis: int
@@ -28,16 +28,16 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class BoardSample:
     """A board at one moment."""
 
-    board: Board
+    board: FoundBoard
     since_s: float  # since the sample before, whoever took it
     status: int
     watchdog: int  # its register
     digital_input: int
     celsius: list[float | None]
-    axes: tuple[Axis, ...]
+    axes: tuple[AxisSample, ...]
 
     @property
     def words(self) -> list[str]:
@@ -54,25 +54,25 @@ class Sample:
             "watchdog_tripped": bool(status & registers.STATUS_WATCHDOG),
             "watchdog_s": (self.watchdog & 0xFFFF) * registers.WATCHDOG_UNIT_S,
             "digital_input": self.digital_input, "celsius": self.celsius,
-            "axes": [{name: getattr(axis, name) for name in Axis.__slots__} for axis in self.axes],
+            "axes": [{name: getattr(axis, name) for name in AxisSample.__slots__} for axis in self.axes],
         }
 
 
-def layout(board: Board) -> blocks.Layout:
+def layout(board: FoundBoard) -> blocks.Layout:
     """How a board's real-time block is made up; Problem for controllers nobody knows."""
     if board.hardware not in blocks.AXES_OF or board.firmware not in registers.FIRMWARE_REVISIONS:
         raise Problem(f"{board.title} cannot be watched; allowed: {', '.join(blocks.AXES_OF)}, firmware Rev 7, 8, 9")
     return blocks.layout_of(board.firmware, *blocks.AXES_OF[board.hardware])
 
 
-def take(desk: Desk, board: Board) -> Sample:
+def take(desk: BusClient, board: FoundBoard) -> BoardSample:
     """Sample a board once: a block read and a register read, which change nothing but its sample timer."""
     shape = layout(board)
     words = desk.block(board.board, registers.REAL_TIME, shape.read_quads)
     return sample_of(board, words, desk.read(board.board, registers.WATCHDOG))
 
 
-def sample_of(board: Board, words: list[int], watchdog: int) -> Sample:
+def sample_of(board: FoundBoard, words: list[int], watchdog: int) -> BoardSample:
     """The values in a real-time block and a watchdog register."""
     shape = layout(board)
     columns = blocks.Columns(max(shape.motors, shape.encoders))
@@ -86,7 +86,7 @@ def sample_of(board: Board, words: list[int], watchdog: int) -> Sample:
     axes = []
     for k in range(columns.width):
         drives, counts = k < shape.motors, k < shape.encoders
-        axes.append(Axis(
+        axes.append(AxisSample(
             k + 1,
             adc[k] >> 16 & (registers.DIGITAL_POT_MASK if digital else 0xFFFF) if drives else None,
             adc[k] & 0xFFFF if drives else None,
@@ -96,5 +96,5 @@ def sample_of(board: Board, words: list[int], watchdog: int) -> Sample:
             meanings.amplifier(status, motor[k], k, board.hardware, board.firmware) if drives else "",
             meanings.limit_inputs(inputs, board.hardware, k)))
     since_s = (int(row[blocks.TIMESTAMP]) + 1) * registers.TICK_S
-    return Sample(board, since_s, status, watchdog, inputs,
-                  meanings.celsius(int(row[blocks.TEMPERATURE]), board.hardware), tuple(axes))
+    return BoardSample(board, since_s, status, watchdog, inputs,
+                       meanings.celsius(int(row[blocks.TEMPERATURE]), board.hardware), tuple(axes))

@@ -6,7 +6,7 @@ from typing import Final
 
 from procs.fpga import registers
 from shm.clock import pause
-from tools.desk import Board, Desk
+from tools.desk import BusClient, FoundBoard
 
 FPGA_COMMAND: Final = 0x031F_FF00  # read the page with the serial number; the only one FPGA V3 heeds
 QLA_COMMAND: Final = 0xFE00_0003  # read four quadlets from the PROM's start
@@ -16,13 +16,13 @@ LOOK_S: Final = 0.001
 BUSY: Final = 7  # low bits of the state of a PROM's interface
 
 
-def of_fpga(desk: Desk, board: Board) -> str:
+def of_fpga(desk: BusClient, board: FoundBoard) -> str:
     """Serial number of the FPGA board, 1234-56; empty where none was ever written."""
     return _asked(desk, board, "FPGA", registers.PROM_COMMAND, FPGA_COMMAND, registers.PROM_COMMAND,
                   registers.FPGA_PROM)
 
 
-def of_qla(desk: Desk, board: Board) -> str:
+def of_qla(desk: BusClient, board: FoundBoard) -> str:
     """Serial number of a QLA; empty where none was ever written, and for other hardware."""
     if board.hardware != "QLA1":
         return ""
@@ -30,7 +30,7 @@ def of_qla(desk: Desk, board: Board) -> str:
                   registers.QLA_PROM_BUFFER)
 
 
-def _asked(desk: Desk, board: Board, kind: str, at: int, command: int, state: int, buffer: int) -> str:
+def _asked(desk: BusClient, board: FoundBoard, kind: str, at: int, command: int, state: int, buffer: int) -> str:
     desk.write(board.board, at, command)
     for _ in range(LOOKS):
         pause(LOOK_S)

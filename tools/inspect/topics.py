@@ -24,7 +24,7 @@ RECORD, EVENT = "record", "event"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TopicEntry:
     """One topic: the ring it lives in, and how it is seen.
 
     `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes; of a
@@ -50,15 +50,15 @@ class Entry:
     simulation: str = ""
 
 
-def catalogue(system: str) -> list[Entry]:
+def catalogue(system: str) -> list[TopicEntry]:
     """All topics of a system, records first, then views, then events, of one instance after the other."""
-    found: list[Entry] = []
+    found: list[TopicEntry] = []
     for instance, ring in rings(system):
         found += _entries(system, instance, ring)
     return found
 
 
-def find(system: str, topic: str) -> Entry:
+def find(system: str, topic: str) -> TopicEntry:
     """The topic of this name; Problem names the nearest ones."""
     entries = catalogue(system)
     for entry in entries:
@@ -67,17 +67,17 @@ def find(system: str, topic: str) -> Entry:
     raise unknown("topic", topic, [entry.name for entry in entries])
 
 
-def _entries(system: str, instance: str, ring: str) -> list[Entry]:
+def _entries(system: str, instance: str, ring: str) -> list[TopicEntry]:
     try:
         with Segment(segment_name(system, instance, ring)) as segment:
             gone = segment.gone
             entries = _described(instance, ring, segment.header.info, segment.header.schema.text)
             simulation = str(segment.header.info.get("simulation", ""))
     except SegmentError as error:
-        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
+        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
         text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
-        return [Entry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
+        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
     return [dataclasses.replace(entry, trouble=writer_gone(gone), simulation=simulation) for entry in entries]
 
 
@@ -86,16 +86,17 @@ def writer_gone(who: str) -> str:
     return f"its writer {who} is gone" if who else ""
 
 
-def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> list[Entry]:
+def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> list[TopicEntry]:
     rate = float(info.get("rate_hz", 0.0))
     fields = tuple(_field(row) for row in json.loads(text)["fields"])
     known = {f.name: f for f in fields}
     kind, own = str(info.get("kind", "")), ARM_TYPES.get(str(info.get("type", "")))
-    record = Entry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
+    record = TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
     if ring == "events":
         said = next((row.events for row in PROCS if row.kind == kind), ())
         said += (own.events if own is not None else ()) + SAID_BY_ALL
-        return [record] + [Entry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields, event=name) for name in said]
+        return [record] + [TopicEntry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields,
+                                      event=name) for name in said]
     try:
         views = topic_of(kind, ring).views
     except KeyError:
@@ -111,20 +112,21 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
         if view.per:
             found += _of_each(view, instance, ring, rate, seen, dict(info.get(f"{view.per}s", {})))
         else:
-            found.append(Entry(f"{instance}/{view.name}", instance, ring, view.kind, rate, seen, view))
+            found.append(TopicEntry(f"{instance}/{view.name}", instance, ring, view.kind, rate, seen, view))
     return found
 
 
 def _of_each(
     view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], parts: dict[str, Any]
-) -> list[Entry]:
+) -> list[TopicEntry]:
     """A view for every robot, or every set-up arm."""
     found = []
     for robot, cut in parts.items():
         labels = tuple(str(label) for label in cut.get("names", ()))
-        found.append(Entry(f"{instance}/{robot}/{view.name}", instance, ring, view.kind, rate, seen, view, robot=robot,
-                           first=int(cut.get("first", 0)), count=int(cut["count"]), row=int(cut.get("row", -1)),
-                           labels=labels))
+        found.append(TopicEntry(f"{instance}/{robot}/{view.name}", instance, ring, view.kind, rate, seen, view,
+                                robot=robot,
+                                first=int(cut.get("first", 0)), count=int(cut["count"]), row=int(cut.get("row", -1)),
+                                labels=labels))
     return found
 
 

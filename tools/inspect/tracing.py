@@ -26,7 +26,7 @@ FIGURES = ("error_mm_rms", "error_mm_max", "error_deg_rms", "error_deg_max", "la
 
 
 @dataclass(frozen=True, slots=True)
-class Io:
+class IoTrace:
     """Cycles of io, ns: when each asked, had its answer, had written."""
 
     read: Stamps
@@ -34,7 +34,7 @@ class Io:
     written: Stamps
 
 
-def latencies(masters: Stamps, sent: Stamps, setpoints: Stamps, io: Io) -> Stamps:
+def latencies(masters: Stamps, sent: Stamps, setpoints: Stamps, io: IoTrace) -> Stamps:
     """ns, for every goal that can be told: sent in a cycle that began at `sent`, of a master's record of `masters`.
 
     `setpoints`: begins of the slave's cycles. A goal whose way does not lie within the records is left out.
@@ -111,7 +111,7 @@ class Trace:
         if not np.any(during):
             return dict.fromkeys(FIGURES, float("nan"))
         distance, angle = errors(at[during], measured[during], sent[new], goals[new])
-        late = latencies(masters[new][:, 0], sent[new], self._setpoint.all()[0], Io(*self._io.all())) * 1e-6
+        late = latencies(masters[new][:, 0], sent[new], self._setpoint.all()[0], IoTrace(*self._io.all())) * 1e-6
         return {
             "error_mm_rms": _rms(distance) * 1e3, "error_mm_max": float(distance.max()) * 1e3,
             "error_deg_rms": float(np.degrees(_rms(angle))), "error_deg_max": float(np.degrees(angle.max())),

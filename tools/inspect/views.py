@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
-from tools.inspect.topics import EVENT, RECORD, Entry, catalogue, find, writer_gone
+from tools.inspect.topics import EVENT, RECORD, TopicEntry, catalogue, find, writer_gone
 from tools.printing import plain
 from tools.systems import is_simulated
 
@@ -27,10 +27,10 @@ STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
 JS = ("position", "velocity", "effort")
 
 
-class Source:
+class OpenTopic:
     """One topic, open for reading; a context manager."""
 
-    def __init__(self, system: str, entry: Entry, reader: RingReader | None = None) -> None:
+    def __init__(self, system: str, entry: TopicEntry, reader: RingReader | None = None) -> None:
         """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
         self.entry = entry
         self._simulated = is_simulated(system)
@@ -177,7 +177,7 @@ class Source:
         """Unmap."""
         self._reader.close()
 
-    def __enter__(self) -> Source:
+    def __enter__(self) -> OpenTopic:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -194,16 +194,16 @@ def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
     return stamps | found | {key: None for key in ("axis", "board") if found.get(key) == -1}
 
 
-def open_topic(system: str, topic: str) -> Source:
+def open_topic(system: str, topic: str) -> OpenTopic:
     """The topic of this name, open; Problem names the nearest ones when there is none."""
-    return Source(system, find(system, topic))
+    return OpenTopic(system, find(system, topic))
 
 
 def state_as_event(system: str, instance: str) -> dict[str, Any] | None:
     """An operating_state from the state record, for an arm that has not emitted any event (any more)."""
     for entry in catalogue(system):
         if entry.name == f"{instance}/state" and {f.name for f in entry.fields} >= set(OPERATING_STATE):
-            with Source(system, entry) as source:
+            with OpenTopic(system, entry) as source:
                 if source.newest():
                     record = source.as_dict()
                     known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Arm, System, Tool, from_json
+from procs.document.system import ArmConfig, SystemConfig, Tool, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
@@ -39,7 +39,7 @@ def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]
     return list(wanted or known)
 
 
-def arm_document(system: str, name: str) -> Arm:
+def arm_document(system: str, name: str) -> ArmConfig:
     """What the configuration says of an arm; Problem when the system's document does not say it."""
     try:
         return document_of(system).arm(name)
@@ -47,7 +47,7 @@ def arm_document(system: str, name: str) -> Arm:
         raise Problem(f"system {system}: {error.args[0]}") from None
 
 
-def document_of(system: str) -> System:
+def document_of(system: str) -> SystemConfig:
     """What the system was configured with; Problem when that is not readable."""
     try:
         return from_json(directory.document(system))

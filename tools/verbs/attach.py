@@ -20,8 +20,8 @@ from tools.errors import Problem
 from tools.inspect import standing
 from tools.inspect.messages import kind_of, text_of, time_of_day
 from tools.inspect.processes import COLUMNS, RIGHT, cells, lives
-from tools.inspect.topics import EVENT, RECORD, Entry, catalogue
-from tools.inspect.views import Source
+from tools.inspect.topics import EVENT, RECORD, TopicEntry, catalogue
+from tools.inspect.views import OpenTopic
 from tools.options import SystemOption
 from tools.printing import made_table, number
 from tools.systems import chosen_system, is_up
@@ -53,7 +53,7 @@ def attach(
     return 0
 
 
-def _page(system: str, entries: list[Entry]) -> Group:
+def _page(system: str, entries: list[TopicEntry]) -> Group:
     records = [entry for entry in entries if entry.kind == RECORD]
     rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["trouble"])
              for row in measured(system, records, WINDOW_S)]
@@ -70,17 +70,17 @@ def _page(system: str, entries: list[Entry]) -> Group:
     )
 
 
-def _joints(system: str, entries: list[Entry]) -> Iterator[tuple[str, ...]]:
+def _joints(system: str, entries: list[TopicEntry]) -> Iterator[tuple[str, ...]]:
     for entry in entries:
         if entry.kind == EVENT and entry.event == "operating_state":
             with contextlib.suppress(Problem, SegmentError), contextlib.ExitStack() as stack:
                 state = next((e for e in entries if e.name == f"{entry.instance}/state"), entry)
                 joints = next((e for e in entries if e.name == f"{entry.instance}/measured_js"), None)
-                source = stack.enter_context(Source(system, state))
+                source = stack.enter_context(OpenTopic(system, state))
                 if joints is None or "sub_state" not in {f.name for f in state.fields} or not source.newest():
                     continue
                 row = source.as_dict()
-                view = stack.enter_context(Source(system, joints))
+                view = stack.enter_context(OpenTopic(system, joints))
                 good = view.newest() and view.valid
                 values = " ".join(f"{q:+.4f}" for q in view.part("position")) if good else "–"
                 yield entry.instance, _yes(row["is_busy"]), values
@@ -90,11 +90,11 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
-def _events(system: str, entries: list[Entry]) -> list[tuple[str, ...]]:
+def _events(system: str, entries: list[TopicEntry]) -> list[tuple[str, ...]]:
     found: list[tuple[int, tuple[str, ...]]] = []
     for entry in entries:
         if entry.ring == "events" and entry.kind == RECORD:
-            with contextlib.suppress(SegmentError), Source(system, entry) as source:
+            with contextlib.suppress(SegmentError), OpenTopic(system, entry) as source:
                 found += [(int(row["monotonic_ns"]), _event(entry.instance, row))
                           for row in source.history(EVENTS_SHOWN)]
     told: dict[tuple[str, ...], tuple[int, tuple[str, ...]]] = {}

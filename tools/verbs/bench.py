@@ -15,7 +15,7 @@ from tools.printing import emit, table
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class Measurement:
     """One measurement: its module, and which options of the verb its `run` takes, by their names there."""
 
     module: str
@@ -23,9 +23,10 @@ class Bench:
 
 
 BENCHES = {
-    "ring": Bench("tools.bench.ring"), "io": Bench("tools.bench.io_loop"), "boards": Bench("tools.bench.boards"),
-    "arm": Bench("tools.bench.arm"), "teleop": Bench("tools.bench.teleop", ("seconds", "sets")),
-    "system": Bench("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
+    "ring": Measurement("tools.bench.ring"), "io": Measurement("tools.bench.io_loop"),
+           "boards": Measurement("tools.bench.boards"),
+    "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
+    "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
 

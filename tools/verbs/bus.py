@@ -11,7 +11,7 @@ import typer
 
 from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
-from tools.desk import Board, Desk, shared_id
+from tools.desk import BusClient, FoundBoard, shared_id
 from tools.errors import Misuse, Problem
 from tools.inspect import meanings, samples, serials
 from tools.options import JsonOption
@@ -40,7 +40,7 @@ def scan(
 
     Example: trocar bus scan udp:169.254.0.100
     """
-    with Desk(port) as desk:
+    with BusClient(port) as desk:
         driver = desk.driver() if with_serials else ""
         ask = with_serials and not driver
         rows = [_scanned(desk, board, ask_proms=ask) for board in desk.boards]
@@ -61,7 +61,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
             str(row["firmware"]), f"V{row['fpga']}", ", ".join(numbers) or "–", row["state"])
 
 
-def _scanned(desk: Desk, board: Board, *, ask_proms: bool) -> dict[str, Any]:
+def _scanned(desk: BusClient, board: FoundBoard, *, ask_proms: bool) -> dict[str, Any]:
     """A board as a row; of boards that share an id nothing more is known."""
     alike = [info for info in desk.boards if info.board == board.board]
     if len(alike) > 1:
@@ -101,7 +101,7 @@ def read(
     wanted = _board_id(board)
     if register.upper() not in meanings.AXIS_REGISTERS:
         meanings.addresses(register, None, count)  # what cannot be a register is told before the bus is asked
-    with Desk(port) as desk:
+    with BusClient(port) as desk:
         info = desk.board(wanted)
         rows = [_valued(info, address, desk.read(wanted, address))
                 for address in meanings.addresses(register, info, count)]
@@ -118,7 +118,7 @@ def read(
     return 0
 
 
-def _valued(board: Board, address: int, value: int) -> dict[str, Any]:
+def _valued(board: FoundBoard, address: int, value: int) -> dict[str, Any]:
     return {"board": board.board, "register": meanings.address_name(address), "address": address, "value": value,
             "hex": f"0x{value:08X}", "meaning": meanings.meaning(address, value, board)}
 
@@ -145,7 +145,7 @@ def write(
     _one_address(register, None)
     if not yes and not sys.stdin.isatty():
         raise Misuse("writing asks before it writes, and here is no terminal: --yes writes without asking")
-    with Desk(port) as desk:
+    with BusClient(port) as desk:
         targets = tuple(desk.board(b) for b in ([info.board for info in desk.boards] if wanted is None else [wanted]))
         address = _one_address(register, targets[0] if len(targets) == 1 else None)
         desk.refuse_others("nothing was written")
@@ -174,13 +174,13 @@ def _value(text: str) -> int:
     return value
 
 
-def _one_address(register: str, board: Board | None) -> int:
+def _one_address(register: str, board: FoundBoard | None) -> int:
     """The register to write: never one of every axis at once."""
     bare = register.upper() in meanings.AXIS_REGISTERS
     return meanings.addresses(register, None if bare else board)[0]
 
 
-def _announce(address: int, new: int, targets: tuple[Board, ...], old: dict[int, int], *, everyone: bool) -> None:
+def _announce(address: int, new: int, targets: tuple[FoundBoard, ...], old: dict[int, int], *, everyone: bool) -> None:
     """What is going to be written, on the error stream: it never mixes with data."""
     numbers = ", ".join(str(info.board) for info in targets)
     where = f"ALL boards of the bus ({numbers})" if everyone else targets[0].title
@@ -204,7 +204,7 @@ def watch(
     Example: trocar bus watch udp 0 --once
     """
     wanted = _board_id(board)
-    with Desk(port) as desk:
+    with BusClient(port) as desk:
         info = desk.board(wanted)
         samples.layout(info)
         desk.refuse_others("watching would restart the sample timers it relies on")
@@ -218,13 +218,13 @@ def watch(
 class Watching:
     """Samples of one board in turn, as long as nobody else samples it."""
 
-    def __init__(self, desk: Desk, board: Board) -> None:
+    def __init__(self, desk: BusClient, board: FoundBoard) -> None:
         """Nothing is asked yet."""
         self._desk, self._board = desk, board
         self._asked_ns = 0
         self._foreign = 0
 
-    def sample(self) -> samples.Sample:
+    def sample(self) -> samples.BoardSample:
         """One more; Problem when samples in between were taken by somebody else."""
         begin = monotonic_ns()
         taken = samples.take(self._desk, self._board)
@@ -236,7 +236,7 @@ class Watching:
         return taken
 
 
-def _stream(desk: Desk, board: Board, *, once: bool, as_json: bool) -> None:
+def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) -> None:
     from rich.console import Console
 
     watching = Watching(desk, board)
@@ -253,7 +253,7 @@ def _stream(desk: Desk, board: Board, *, once: bool, as_json: bool) -> None:
             pause(PERIOD_S)
 
 
-def _live(desk: Desk, board: Board) -> None:
+def _live(desk: BusClient, board: FoundBoard) -> None:
     from rich.console import Console
     from rich.live import Live
 
@@ -269,7 +269,7 @@ def _live(desk: Desk, board: Board) -> None:
             pause(max(0.0, PERIOD_S - (monotonic_ns() - begin) * 1e-9 - 0.05))  # `pressed` waits 0.05 s itself
 
 
-def _page(sample: samples.Sample, hint: str) -> Any:
+def _page(sample: samples.BoardSample, hint: str) -> Any:
     from rich.console import Group
     from rich.text import Text
 

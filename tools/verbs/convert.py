@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from tools.converters import LOST
-from tools.converters.converting import Result, Run
+from tools.converters.converting import Conversion, Result
 from tools.errors import Misuse
 from tools.options import JsonOption
 from tools.printing import emit
@@ -34,7 +34,7 @@ def convert(
     """
     if to is not None and not to.is_dir():
         raise Misuse(f"--to {to}: no such folder")
-    results = Run(files, to, force, path or ()).results()
+    results = Conversion(files, to, force, path or ()).results()
     for result in results:
         emit(_row(result)) if as_json else _print(result)
     return FINE if all(result.ok for result in results) else WRONG

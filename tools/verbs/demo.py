@@ -18,15 +18,15 @@ from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.arms import home, power_off, power_on
 from tools.errors import Problem
 from tools.examples.hand import Hand, figure_eight
-from tools.examples.surgeon import Seat, Teleop
+from tools.examples.surgeon import OperatorSim, SimTeleop
 from tools.following import beats
-from tools.inspect.health import Run
+from tools.inspect.health import HealthWatch
 from tools.inspect.processes import lives
 from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, number, progress, table
-from tools.supervising import Background, Request
+from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
@@ -82,7 +82,7 @@ def demo(
 def _robot(system: str, sets: tuple[str, ...]) -> Iterator[Background]:
     """The demo system, up; down again on every path."""
     with progress(f"starting {system}") as say:
-        background = Background(Request(SYSTEM, system, "emulated", sets=sets), tied=True)
+        background = Background(StartRequest(SYSTEM, system, "emulated", sets=sets), tied=True)
         try:
             background.wait_until_up(say)
         except BaseException:
@@ -117,14 +117,14 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
     homed_s = _since(begin)
     with contextlib.ExitStack() as stack:
         time = stack.enter_context(SystemTime(system))
-        seat = stack.enter_context(Seat(system, "console"))
+        seat = stack.enter_context(OperatorSim(system, "console"))
         teleop = seat.teleops[0]
         hand = stack.enter_context(Hand(system, seat, teleop))
         hand.begin()
         note(f"following after {_since(begin):.1f} s")
         hand.take()
         io = arm_document(system, teleop.slave).io
-        run, trace = Run(system, io), Trace(system, teleop.name, teleop.slave, io)
+        run, trace = HealthWatch(system, io), Trace(system, teleop.name, teleop.slave, io)
         stack.callback(run.close)
         stack.callback(trace.close)
         skipped, drawing, drawing_ns = [0], monotonic_ns(), time.now_ns()
@@ -139,7 +139,7 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
         return {**around, **_summary(run, trace, told)}
 
 
-def _draw(hand: Hand, teleop: Teleop, watched: tuple[Run, Trace], seconds: float, skipped: list[int],
+def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
           time: SystemTime, end: int | None, show: Callable[[str], None]) -> None:
     """Draw eights for so long (0: until Ctrl-C), until `end` at most; `skipped[0]` counts poses that came too late."""
     run, trace = watched
@@ -160,7 +160,7 @@ def _draw(hand: Hand, teleop: Teleop, watched: tuple[Run, Trace], seconds: float
     trace.collect()
 
 
-def _status(run: Run, teleop: Teleop, time: SystemTime) -> str:
+def _status(run: HealthWatch, teleop: SimTeleop, time: SystemTime) -> str:
     life = next((life for life in lives(run.system) if life.kind == "io"), None)
     rate, missed = (life.rate_hz, life.missed) if life is not None else (None, 0)
     goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
@@ -190,7 +190,7 @@ def _line() -> Iterator[Callable[[str], None]]:
         print(file=sys.stderr)
 
 
-def _summary(run: Run, trace: Trace, told: str) -> dict[str, Any]:
+def _summary(run: HealthWatch, trace: Trace, told: str) -> dict[str, Any]:
     figures, summary = trace.figures(), run.summary()
     summary["problems"] += [told] if told else []
     summary["problems"] += too_much(figures)

@@ -13,7 +13,7 @@ from tools.errors import Misuse, Problem
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
 from tools.inspect.topics import RECORD
-from tools.inspect.views import Source, event_as_dict, open_topic, state_as_event
+from tools.inspect.views import OpenTopic, event_as_dict, open_topic, state_as_event
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, note
 from tools.systems import chosen_system
@@ -61,7 +61,7 @@ def echo(
 # events
 
 
-def _events(system: str, source: Source, most: int, timeout: float | None, as_json: bool) -> int:
+def _events(system: str, source: OpenTopic, most: int, timeout: float | None, as_json: bool) -> int:
     """What is kept, the newest last, then what comes. Without `most` or `timeout` until Ctrl-C."""
     rows = source.kept(most or HISTORY)
     if not rows and source.entry.event == "operating_state":
@@ -87,7 +87,7 @@ def _events(system: str, source: Source, most: int, timeout: float | None, as_js
     return 0
 
 
-def _tell(source: Source, row: dict[str, Any], as_json: bool) -> None:
+def _tell(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
     if not as_json:
         print(line(row), flush=True)
     elif source.entry.kind == RECORD:
@@ -99,7 +99,7 @@ def _tell(source: Source, row: dict[str, Any], as_json: bool) -> None:
 # records
 
 
-def _records(source: Source, most: int, rate: float, timeout: float | None) -> Iterator[dict[str, Any]]:
+def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -> Iterator[dict[str, Any]]:
     limit_s = FIRST_S if timeout is None else timeout
     yield _first(source, limit_s)
     if timeout is None and not most:
@@ -120,7 +120,7 @@ def _records(source: Source, most: int, rate: float, timeout: float | None) -> I
             raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({trouble})" if trouble else ""))
 
 
-def _first(source: Source, timeout: float) -> dict[str, Any]:
+def _first(source: OpenTopic, timeout: float) -> dict[str, Any]:
     end = monotonic_ns() + round(timeout * 1e9)
     while not source.newest():
         if monotonic_ns() >= end:
@@ -131,13 +131,13 @@ def _first(source: Source, timeout: float) -> dict[str, Any]:
     return source.as_dict()
 
 
-def _said(source: Source) -> str:
+def _said(source: OpenTopic) -> str:
     """What is wrong with the ring, and what we missed of it."""
     lost = f"{source.lost} records were overwritten before they were read" if source.lost else ""
     return "; ".join(part for part in (source.trouble(), lost) if part)
 
 
-def _show(source: Source, row: dict[str, Any], as_json: bool) -> None:
+def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
     trouble = _said(source)
     if as_json:
         emit(row | ({"trouble": trouble} if trouble else {}))

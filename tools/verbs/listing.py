@@ -12,7 +12,7 @@ from shm import directory
 from shm.clock import pause
 from shm.ring import RingReader
 from shm.segment import SegmentError
-from tools.inspect.topics import RECORD, Entry, catalogue, find, writer_gone
+from tools.inspect.topics import RECORD, TopicEntry, catalogue, find, writer_gone
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, number, table
 from tools.systems import chosen_system
@@ -47,7 +47,7 @@ def list_topics(
         table("", ("topic", "kind", "Hz", "fields", "trouble"), rows, right=("Hz",))
 
 
-def _names(entry: Entry) -> str:
+def _names(entry: TopicEntry) -> str:
     if entry.view is not None:
         return " ".join(part for part, _ in entry.view.fields)
     if entry.kind == RECORD:
@@ -55,7 +55,7 @@ def _names(entry: Entry) -> str:
     return ""
 
 
-def _described(entry: Entry) -> dict[str, Any]:
+def _described(entry: TopicEntry) -> dict[str, Any]:
     fields = [] if entry.kind == "event" else [dataclasses.asdict(f) for f in entry.fields]
     return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields,
             "simulation": entry.simulation, "trouble": entry.trouble}
@@ -86,7 +86,7 @@ def hz(
     return 1 if topics and silent else 0
 
 
-def measured(system: str, entries: list[Entry], window_s: float) -> list[dict[str, Any]]:
+def measured(system: str, entries: list[TopicEntry], window_s: float) -> list[dict[str, Any]]:
     """Rates of topics over a window; the spacing is that of the stamps, None where fewer than two records came."""
     watched = [_Rate(system, entry) for entry in entries]
     try:
@@ -100,7 +100,7 @@ def measured(system: str, entries: list[Entry], window_s: float) -> list[dict[st
 class _Rate:
     """One topic over a window; what cannot be read is a row too, with its trouble."""
 
-    def __init__(self, system: str, entry: Entry) -> None:
+    def __init__(self, system: str, entry: TopicEntry) -> None:
         self._entry, self._before, self._trouble = entry, 0, entry.trouble
         self._reader: RingReader | None = None
         try:

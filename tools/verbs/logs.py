@@ -12,7 +12,7 @@ import typer
 
 from procs.config.read.paths import log_folder
 from shm.clock import pause
-from shm.loglines import Line, parsed
+from shm.loglines import LogLine, parsed
 from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
 from tools.options import JsonOption, SystemOption
@@ -74,9 +74,9 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, Line]]:
+def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, LogLine]]:
     """Lines of several processes by their stamps; one without goes with the line before it."""
-    found: list[tuple[float, str, Line]] = []
+    found: list[tuple[float, str, LogLine]] = []
     for name, each in lines.items():
         since_s = 0.0
         for line in map(parsed, each):
@@ -86,7 +86,7 @@ def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, Line]]:
     return [(name, line) for _, name, line in found]
 
 
-def _print(name: str, line: Line, several: bool, as_json: bool) -> None:
+def _print(name: str, line: LogLine, several: bool, as_json: bool) -> None:
     if as_json:
         emit({"process": name, "local": line.local or None, "monotonic_s": line.monotonic_s or None,
               "level": line.level or None, "line": line.text})

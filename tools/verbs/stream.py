@@ -17,7 +17,7 @@ from tools.inspect.watch import Watch, arm_names, tool_on
 from tools.options import JsonOption, SystemOption
 from tools.printing import Say, emit, note, progress, table
 from tools.remote import Remote
-from tools.setpoints import Clipped, Setpoints, clipped, read_setpoints
+from tools.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
 from tools.systems import chosen_system
 
 APPROACH_S = 60.0
@@ -66,7 +66,7 @@ def stream(
 
 def _fitted(
     arm: str, rows: Setpoints, has_jaw: bool, tool: Tool | None
-) -> tuple[Setpoints, Clipped | None, list[str]]:
+) -> tuple[Setpoints, ClippedRows | None, list[str]]:
     """Rows with the jaw brought into the instrument's range, and what a person should know about it."""
     if rows.jaw is None:
         return rows, None, [f"{arm}: the file moves no jaw"] if has_jaw else []
@@ -110,7 +110,7 @@ def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, time: 
 
 
 def _result(
-    arm: str, follower: Follower, rate: float, count: int, skipped: int, cut: Clipped | None
+    arm: str, follower: Follower, rate: float, count: int, skipped: int, cut: ClippedRows | None
 ) -> dict[str, Any]:
     tracking = follower.tracking
     return {

@@ -12,7 +12,7 @@ import typer
 from tools.errors import Misuse
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, progress
-from tools.supervising import Background, Request, refuse_taken
+from tools.supervising import Background, StartRequest, refuse_taken
 from tools.systems import ROOT, environment, system_file
 from tools.verbs.logs import tail
 
@@ -43,7 +43,7 @@ def up(
     if file is None:
         file, boards = DEMO, boards or "emulated"
     values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
-    request = Request(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
+    request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
     if not detach:
         refuse_taken(system)
         sys.stdout.flush()

@@ -15,7 +15,7 @@ from procs.arm.readings import SILENT_NS, Fields
 SMOOTH_S: Final = 0.02  # time constant of the velocity
 
 
-class Gripper:
+class GripperLogic:
     """Fills its part of the arm's record and raises gripper/closed and gripper/pinch."""
 
     def __init__(self, control: Control, io: Fields, axis: int, own: Fields) -> None:

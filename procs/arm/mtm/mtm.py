@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.arm import Arm
+from procs.arm.arm import ArmLogic
 from procs.arm.commands import Table
 from procs.arm.efforts import Law
 from procs.arm.motion import Mode, Space
-from procs.arm.mtm.gripper import Gripper
+from procs.arm.mtm.gripper import GripperLogic
 from procs.arm.mtm.orientation_lock import OrientationLock
 from procs.arm.mtm.platform_spring import Platform
 from procs.arm.stages.homing import Biased, Calibrating
 from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
 from procs.arm.stages.stage import Stage
-from procs.arm.states import Event, State
-from procs.arm.takeover import Predecessor
+from procs.arm.states import ArmEvent, ArmState
+from procs.arm.takeover import PreviousState
 
 Array = NDArray[np.float64]
 
@@ -32,16 +32,16 @@ BORNE_NS: Final = 1_000_000_000
 AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
 
 
-class Mtm(Arm):
-    """See Arm."""
+class MtmLogic(ArmLogic):
+    """See ArmLogic."""
 
     checks_tracking = False
 
-    def prepare(self, before: Predecessor | None) -> None:
-        """See Arm."""
+    def prepare(self, before: PreviousState | None) -> None:
+        """See ArmLogic."""
         control, around = self.control, self._around
         control.cartesian.complete = False  # until the roll was looked at
-        self._gripper = Gripper(control, around.field, around.gripper, around.state)
+        self._gripper = GripperLogic(control, around.field, around.gripper, around.state)
         self._platform = Platform(control)
         self._lock = OrientationLock(control)
         if before is not None:
@@ -49,44 +49,44 @@ class Mtm(Arm):
         self._borne = float(before is not None and before.bore_weight)
         self._borne_ns = 0
 
-    def stages(self) -> Mapping[State, Stage]:
-        """See Arm."""
+    def stages(self) -> Mapping[ArmState, Stage]:
+        """See ArmLogic."""
         control = self.control
         return {
-            State.CALIBRATING: Calibrating(control, (ROLL,)),
-            State.BIASED: Biased(control, self._before_homing),
-            State.FINDING_ROLL: FindingRoll(control),
-            State.SETTING_ROLL: SettingRoll(control),
+            ArmState.CALIBRATING: Calibrating(control, (ROLL,)),
+            ArmState.BIASED: Biased(control, self._before_homing),
+            ArmState.FINDING_ROLL: FindingRoll(control),
+            ArmState.SETTING_ROLL: SettingRoll(control),
         }
 
     def tables(self) -> Iterable[Table]:
-        """See Arm."""
+        """See ArmLogic."""
         return (self._lock.table,)
 
     def home(self) -> Array:
-        """See Arm."""
+        """See ArmLogic."""
         goal = super().home()
         goal[ROLL] = max(goal[ROLL], self.joints.lower[ROLL] + OFF_STOP)
         return goal
 
     def tolerance(self) -> Array:
-        """See Arm."""
+        """See ArmLogic."""
         tolerance = np.full(self.joints.size, TOLERANCE)
         tolerance[ROLL] = ROLL_TOLERANCE
         return tolerance
 
     def is_ready(self) -> bool:
-        """See Arm."""
+        """See ArmLogic."""
         return self.control.is_played or bool(self.io.encoder_set[ROLL])
 
     def watch(self) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         self.control.cartesian.complete = self.is_ready()
         self._gripper.step(self.control.now_ns)
         self._lock.watch()
 
     def bears_weight(self) -> float:
-        """See Arm; not while servo positions are followed. It comes and goes slowly where the joints are held."""
+        """See ArmLogic; not while servo positions are followed. It comes and goes slowly where the joints are held."""
         control, mode = self.control, self.control.motion.mode
         step = (control.now_ns - self._borne_ns) / BORNE_NS
         self._borne_ns = control.now_ns
@@ -109,11 +109,11 @@ class Mtm(Arm):
         control.gravity.used = control.gravity.known
 
     def shape_efforts(self) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         if self.control.cartesian.valid and self.control.efforts.law in AT_TIP:
             self._platform.step()
         self._lock.step()
 
-    def _before_homing(self) -> Event:
+    def _before_homing(self) -> ArmEvent:
         """The roll is found once; it stays where it is known as long as the controllers have power."""
-        return Event.ONWARD if self.is_ready() else Event.ROLL
+        return ArmEvent.ONWARD if self.is_ready() else ArmEvent.ROLL

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.commands import Ready, Row, Table
+from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import SAID_NS, Control, Refused
 from procs.arm.motion import Mode, Space
 from procs.kinematics.inverse.master import Master
@@ -47,8 +47,8 @@ class OrientationLock:
         self._start_ns = self._stepped_ns = 0
         self._failing = False
         self.table: Table = {
-            "lock_orientation": Row(self._lock, Ready.CARTESIAN, (0, 4)),
-            "unlock_orientation": Row(self._unlock),
+            "lock_orientation": ArmCommandRow(self._lock, Ready.CARTESIAN, (0, 4)),
+            "unlock_orientation": ArmCommandRow(self._unlock),
         }
 
     # commands

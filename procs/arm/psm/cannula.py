@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.control import SAID_NS, Control, Refused
-from procs.arm.joints import Joints
+from procs.arm.joints import JointSpace
 from procs.document.system import Tool
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Cannula:
             raise Refused(f"unable to solve inverse kinematics ({reason})")
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 
-    def is_beyond(self, joints: Joints, tool: Tool, discs: Array) -> bool:
+    def is_beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> bool:
         """The tip of an instrument that was just put on is beyond the cannula, with the actuators (7,) as they are."""
         if joints.kinematics is None:
             return False

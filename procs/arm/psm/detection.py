@@ -11,8 +11,8 @@ from typing import Final
 
 from procs import codes
 from procs.arm.control import Control, Refused
-from procs.arm.joints import Joints, joints
-from procs.document.catalogue import Found, find, full_name
+from procs.arm.joints import JointSpace, joints
+from procs.document.catalogue import CatalogueMatch, find, full_name
 from procs.document.system import Tool
 
 RETRY_NS: Final = 500_000_000
@@ -20,7 +20,7 @@ LONGEST_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may ha
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ToolReading:
     """What io has last read from the arm's instruments: READ with the `tool`, ABSENT or ERROR, since when."""
 
     status: str = ""
@@ -31,13 +31,13 @@ class Reading:
 class Detection:
     """Finds out; `step` while an instrument is on and `tool` is None."""
 
-    def __init__(self, control: Control, reading: Callable[[], Reading]) -> None:
+    def __init__(self, control: Control, reading: Callable[[], ToolReading]) -> None:
         arm = control.arm
         self._control, self._reading = control, reading
         self._fixed = arm.tool_detection == "FIXED"
         self._reads = arm.tool_detection == "AUTOMATIC" and bool(arm.instrument_reader)
         self.tool: Tool | None = None
-        self.joints: Joints | None = None
+        self.joints: JointSpace | None = None
         """The joint space of the arm with it."""
         self.asks = False
         """A person is asked for it."""
@@ -68,7 +68,7 @@ class Detection:
     def _take_named(self, name: str) -> None:
         arm = self._control.arm
         known = arm.tools + ((arm.tool,) if arm.tool is not None and arm.tool not in arm.tools else ())
-        found: Found[Tool] = find(name, known)
+        found: CatalogueMatch[Tool] = find(name, known)
         if found.entry is None:
             raise ValueError(f"{name[:40] or 'no name'}: {found.reason}; there are: {', '.join(found.candidates)}")
         self.take(found.entry)
@@ -87,7 +87,7 @@ class Detection:
         elif not self.asks:  # else another reading, whoever asks for it, may still tell
             self._have_it_read()
 
-    def _hear(self, reading: Reading) -> None:
+    def _hear(self, reading: ToolReading) -> None:
         try:
             if reading.status != "READ":
                 raise ValueError(f"its memory could not be read ({reading.status})")

@@ -23,7 +23,7 @@ class Fit(IntEnum):
     ENGAGED = 4
 
 
-class Fitted:
+class Attachment:
     """One of them; `look` each cycle."""
 
     def __init__(self, cell: NDArray[Any], said: NDArray[Any], *, has_switch: bool, always: bool = False) -> None:

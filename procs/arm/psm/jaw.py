@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from procs.arm.commands import Ready, Row, Table
+from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import JAW_MOVE, Control
 from procs.arm.motion import Mode, Space
 from procs.requests import Request
@@ -19,9 +19,9 @@ class JawCommands:
         """`enter` refuses where Cartesian control may not begin."""
         self._control, self._enter = control, enter
         self.table: Table = {
-            "jaw/servo_jp": Row(self._servo_jp, Ready.JAW, (1,), streams=True),
-            "jaw/servo_jf": Row(self._servo_jf, Ready.JAW, (1,), streams=True),
-            "jaw/move_jp": Row(self._move_jp, Ready.JAW, (1,), moves=True),
+            "jaw/servo_jp": ArmCommandRow(self._servo_jp, Ready.JAW, (1,), streams=True),
+            "jaw/servo_jf": ArmCommandRow(self._servo_jf, Ready.JAW, (1,), streams=True),
+            "jaw/move_jp": ArmCommandRow(self._move_jp, Ready.JAW, (1,), moves=True),
         }
 
     def _servo_jp(self, request: Request) -> str:

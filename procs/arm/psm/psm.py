@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.arm import Arm
+from procs.arm.arm import ArmLogic
 from procs.arm.cartesian_commands import switch
-from procs.arm.commands import Row, Table
+from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import SAID_NS, Refused
-from procs.arm.joints import Joints, joints
+from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode
 from procs.arm.psm.cannula import Cannula
 from procs.arm.psm.detection import Detection
-from procs.arm.psm.fitted import Fit, Fitted
+from procs.arm.psm.fitted import Attachment, Fit
 from procs.arm.psm.jaw import JawCommands
 from procs.arm.stages.engaging import Engaging
 from procs.arm.stages.homed import Homed
 from procs.arm.stages.stage import Stage
-from procs.arm.states import Event, State
-from procs.arm.takeover import Predecessor
+from procs.arm.states import ArmEvent, ArmState
+from procs.arm.takeover import PreviousState
 from procs.document.catalogue import full_name
 from procs.document.system import Tool
 from procs.kinematics.coupling import coupling
@@ -40,7 +40,7 @@ ADAPTER_TURNS: Final = (-1.0, 1.0, -1.0, 1.0, 0.0)
 class ArrivedHomed(Homed):
     """An arm comes to be homed with all engaged that need not be turned for it: nobody sees it half done."""
 
-    def __init__(self, psm: Psm) -> None:
+    def __init__(self, psm: PsmLogic) -> None:
         super().__init__(psm.control, psm.look_after, psm.checks_tracking, psm.misses)
         self._psm = psm
 
@@ -51,16 +51,16 @@ class ArrivedHomed(Homed):
         self._psm.note_ready()
 
 
-class Psm(Arm):
-    """See Arm. The joint space is that of the instrument when and only when it is engaged."""
+class PsmLogic(ArmLogic):
+    """See ArmLogic. The joint space is that of the instrument when and only when it is engaged."""
 
-    def prepare(self, before: Predecessor | None) -> None:
+    def prepare(self, before: PreviousState | None) -> None:
         """Go on with the adapter and the instrument that a predecessor had."""
         control, arm, field = self.control, self.control.arm, self._around.state
         said = field("emulated")
-        self.adapter = Fitted(field("adapter"), said[:1], has_switch=bool(arm.inputs.adapter))
-        self.tool = Fitted(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
-                           always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
+        self.adapter = Attachment(field("adapter"), said[:1], has_switch=bool(arm.inputs.adapter))
+        self.tool = Attachment(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
+                               always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
         self.detection = Detection(control, self._around.reading)
         self._shown_name, robot = field("tool"), self._around.robot
         self._sampled = self._around.field("robot_valid")[robot : robot + 1].reshape(())
@@ -86,37 +86,37 @@ class Psm(Arm):
         known = (tool for tool in (*arm.tools, arm.tool) if tool is not None and name)
         return next((tool for tool in known if tool.name.encode()[:longest] == name.encode()), None)
 
-    def stages(self) -> Mapping[State, Stage]:
-        """See Arm."""
+    def stages(self) -> Mapping[ArmState, Stage]:
+        """See ArmLogic."""
         control = self.control
         return {
-            State.HOMED: ArrivedHomed(self),
-            State.ENGAGING_ADAPTER: Engaging(control, "adapter", self._adapter_goals, self._turns_adapter,
-                                             self._adapter_caught),
-            State.ENGAGING_TOOL: Engaging(control, "tool", self._tool_goals, self._turns_tool, self._carry),
+            ArmState.HOMED: ArrivedHomed(self),
+            ArmState.ENGAGING_ADAPTER: Engaging(control, "adapter", self._adapter_goals, self._turns_adapter,
+                                                self._adapter_caught),
+            ArmState.ENGAGING_TOOL: Engaging(control, "tool", self._tool_goals, self._turns_tool, self._carry),
         }
 
     def tables(self) -> Iterable[Table]:
-        """See Arm."""
+        """See ArmLogic."""
         return (JawCommands(self.control, self.cartesian_commands.enter).table, {
-            "set_tool_type": Row(self._set_tool_type),
-            "emulate_adapter_present": Row(self._emulate_adapter),
-            "emulate_tool_present": Row(self._emulate_tool),
+            "set_tool_type": ArmCommandRow(self._set_tool_type),
+            "emulate_adapter_present": ArmCommandRow(self._emulate_adapter),
+            "emulate_tool_present": ArmCommandRow(self._emulate_tool),
         },)
 
     def home(self) -> Array:
-        """See Arm; with an instrument on it stays."""
+        """See ArmLogic; with an instrument on it stays."""
         if not self.control.is_played and self.tool.fit is not Fit.ABSENT:
             here: Array = self.io.setpoint.copy()
             return here
         return super().home()
 
     def is_ready(self) -> bool:
-        """See Arm."""
+        """See ArmLogic."""
         return self.adapter.is_settled and self.tool.is_settled
 
     def misses(self) -> str:
-        """See Arm."""
+        """See ArmLogic."""
         if self.tool.waits and self.detection.asks:
             return self.detection.request
         if self.tool.waits and self.detection.tool is None:
@@ -128,7 +128,7 @@ class Psm(Arm):
     # adapter and instrument
 
     def watch(self) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         if not (self.io.fresh and self._sampled.item()):
             return  # an io that has just started has not looked at its inputs yet
         now, inputs = self.control.now_ns, self.control.arm.inputs
@@ -144,7 +144,7 @@ class Psm(Arm):
             self._show_name()
 
     def look_after(self) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         event = self.fit()
         if event is not None:
             self.machine.fire(event)
@@ -156,12 +156,12 @@ class Psm(Arm):
         before, self._was_ready = self._was_ready, self.is_ready()
         return before is not self._was_ready
 
-    def fit(self) -> Event | None:
+    def fit(self) -> ArmEvent | None:
         """Take for engaged what need not be turned for it; what has to be is the answer."""
         played = self.control.is_played
         if self.adapter.waits:
             if self.adapter.fit is Fit.NEW and not self.tool.present and not played:
-                return Event.ADAPTER
+                return ArmEvent.ADAPTER
             self._adapter_caught()
         if not self.tool.waits or self.detection.joints is None or self.detection.tool is None:
             return None
@@ -171,7 +171,7 @@ class Psm(Arm):
         if self.tool.fit is Fit.NEW and not played:
             discs = self.joints.to_actuator @ self.io.setpoint
             if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
-                return Event.TOOL
+                return ArmEvent.TOOL
             self.control.status("tool tip is outside the cannula, assuming it doesn't need to engage")
         self._carry()
         return None
@@ -221,15 +221,15 @@ class Psm(Arm):
             self._change(joints(self.control.arm))
         self._show_name()
 
-    def _change(self, space: Joints) -> None:
+    def _change(self, space: JointSpace) -> None:
         control = self.control
         control.stop(control.here, Mode.POSITION, "the instrument was changed")
         control.use(space)
         control.cartesian.update()
         self.cannula.measure()
         self._show_name()
-        if self.state is State.MANUAL:
-            self._stages[State.MANUAL].enter()
+        if self.state is ArmState.MANUAL:
+            self._stages[ArmState.MANUAL].enter()
 
     def _show_name(self) -> None:
         self._shown_name[...] = self.detection.tool.name.encode() if self.detection.tool is not None else b""
@@ -246,7 +246,7 @@ class Psm(Arm):
         control, arm = self.control, self.control.arm
         if arm.tool_detection == "FIXED":
             raise Refused("set_tool_type: tool detection is FIXED, the instrument is the one of the arm's file")
-        if self.machine.moving or self.state is State.HOMING or control.motion.mode is Mode.EFFORT:
+        if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
             raise Refused("set_tool_type: the arm is moving or in effort mode")
         freely = control.is_played or not self.tool.has_switch
         if not (freely or self.detection.asks):
@@ -264,9 +264,9 @@ class Psm(Arm):
     # the cannula
 
     def safe(self, at: Array) -> str:
-        """See Arm."""
+        """See ArmLogic."""
         return self.cannula.safe(at)
 
     def guard(self, found: Array, seed: Array) -> None:
-        """See Arm."""
+        """See ArmLogic."""
         self.cannula.guard(found, seed)

@@ -11,7 +11,7 @@ from procs import codes
 from procs.arm.control import Control
 from procs.arm.motion import Mode
 from procs.arm.stages.homing import Driving
-from procs.arm.states import Event
+from procs.arm.states import ArmEvent
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Engaging(Driving):
             super().run()
         else:
             self.control.status(f"the {self._what} is no longer to be engaged")
-            self.control.machine.fire(Event.ENGAGED)
+            self.control.machine.fire(ArmEvent.ENGAGED)
 
     def begin(self) -> None:
         """See Driving."""
@@ -55,7 +55,7 @@ class Engaging(Driving):
             self._go_on()
         else:
             self._caught()
-            self.control.machine.fire(Event.ENGAGED)
+            self.control.machine.fire(ArmEvent.ENGAGED)
 
     def _go_on(self) -> None:
         control = self.control

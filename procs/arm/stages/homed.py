@@ -9,7 +9,7 @@ import numpy as np
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
 from procs.arm.stages.stage import Stage
-from procs.arm.states import Event
+from procs.arm.states import ArmEvent
 from procs.arm_types import ARM_TYPES
 
 
@@ -79,7 +79,7 @@ class Manual(Stage):
         control = self.control
         if not self._pressed():
             control.stop(control.io.setpoint, Mode.POSITION, "the clutch was released")
-            control.machine.fire(Event.RELEASED)
+            control.machine.fire(ArmEvent.RELEASED)
 
     @property
     def waits(self) -> str:

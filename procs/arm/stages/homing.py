@@ -12,7 +12,7 @@ from procs import codes
 from procs.arm.control import Control
 from procs.arm.motion import Mode
 from procs.arm.stages.stage import SWITCH_NS, Stage
-from procs.arm.states import Event
+from procs.arm.states import ArmEvent
 from procs.arm.supervision import Generations
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class Calibrating(Stage):
         elif duties.pid.settled and not control.io.biasing.item():
             again = arm.re_home or arm.calibration_mode
             if not control.must_bias and not again and control.io.biased.item():
-                control.machine.fire(Event.BIASED)
+                control.machine.fire(ArmEvent.BIASED)
                 return
             duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
             self._asked = True
@@ -65,13 +65,13 @@ class Calibrating(Stage):
 
     def _done(self) -> None:
         self.control.must_bias = False
-        self.control.machine.fire(Event.BIASED)
+        self.control.machine.fire(ArmEvent.BIASED)
 
 
 class Biased(Stage):
     """Joint values mean something; on to homing, by way of what this arm needs before."""
 
-    def __init__(self, control: Control, before: Callable[[], Event] = lambda: Event.ONWARD) -> None:
+    def __init__(self, control: Control, before: Callable[[], ArmEvent] = lambda: ArmEvent.ONWARD) -> None:
         """`before` says what homing begins with: ONWARD, or an event of the arm's own."""
         super().__init__(control)
         self._before = before
@@ -166,6 +166,6 @@ class Homing(Driving):
         if motion.moving:
             return
         if bool((np.abs(motion.goal - control.io.position) < self._tolerance()).all()):
-            control.machine.fire(Event.ARRIVED)
+            control.machine.fire(ArmEvent.ARRIVED)
         elif control.now_ns >= motion.end_ns + SETTLE_NS:
             self.fail(codes.HOMING_TIMEOUT, "unable to reach home position during calibration on pots")

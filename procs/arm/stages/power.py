@@ -7,7 +7,7 @@ from typing import Final
 from procs import codes
 from procs.arm.control import Control
 from procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
-from procs.arm.states import Event
+from procs.arm.states import ArmEvent
 from procs.arm.supervision import POWER_PROBLEMS
 
 POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; if it does not
@@ -35,7 +35,7 @@ class Disabled(Stage):
         duties.power.want(False)
         settled = duties.pid.settled and duties.power.settled and duties.no_fault.settled
         if control.io.fresh and settled and not control.io.amps_on.item():
-            control.machine.fire(Event.ONWARD)
+            control.machine.fire(ArmEvent.ONWARD)
         elif self.deadline_ns == NEVER_NS:
             self.within(SWITCH_NS)
         elif self.is_late:
@@ -65,7 +65,7 @@ class Powering(Stage):
             elif self.is_late:
                 self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif duties.power.settled and io.has_power:
-            control.machine.fire(Event.POWERED)
+            control.machine.fire(ArmEvent.POWERED)
         elif duties.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
             self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
@@ -105,7 +105,7 @@ class Enabled(Stage):
     def run(self) -> None:
         """See Stage."""
         if self.control.machine.goes_on:
-            self.control.machine.fire(Event.ONWARD)
+            self.control.machine.fire(ArmEvent.ONWARD)
 
 
 class Paused(Stage):

@@ -14,7 +14,7 @@ from procs import codes
 from procs.arm.motion import Mode, Space
 from procs.arm.stages.homing import SETTLE_NS, Driving
 from procs.arm.stages.stage import Stage
-from procs.arm.states import Event
+from procs.arm.states import ArmEvent
 from procs.arm.supervision import Generations
 
 ROLL: Final = 6  # the joint, and its actuator
@@ -48,7 +48,7 @@ class FindingRoll(Driving):
         lag = abs(float(io.position[ROLL] - motion.goal[ROLL]))
         if lag > LAG and abs(io.velocity[ROLL]) < STANDING:
             control.status("found roll lower limit")
-            control.machine.fire(Event.STOPPED)
+            control.machine.fire(ArmEvent.STOPPED)
         elif not motion.moving and lag < NEAR:
             self.fail(codes.ROLL_PASSED, "went past roll lower limit")
         elif not motion.moving and control.now_ns >= motion.end_ns + SETTLE_NS:
@@ -97,7 +97,7 @@ class SettingRoll(Stage):
         if abs(reads - LOWER_STOP) < CLOSE:
             control.driving = Generations.now(control.io)  # positions mean something else from here on
             control.motion.hold(control.io.setpoint, Mode.NONE)
-            control.machine.fire(Event.SET)
+            control.machine.fire(ArmEvent.SET)
         else:
             self.fail(codes.ROLL_CHECK,
                       f"the roll encoder reads {math.degrees(reads):.1f}° at its lower limit, not -480°")

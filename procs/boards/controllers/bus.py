@@ -10,9 +10,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from procs.boards.controllers.commands import Commands
+from procs.boards.controllers.commands import WriteDecoder
 from procs.boards.controllers.firmware import Firmware
-from procs.boards.controllers.hub import Hub
+from procs.boards.controllers.hub import HubMemory
 from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.models import models_of, width_of
 from procs.boards.devices.network import DESTINATION_ERROR
@@ -33,7 +33,7 @@ _REPLY = struct.Struct(">IIIII")
 _DATA_AT = 22  # payload of a block write
 
 
-class Bus:
+class EmulatedBus:
     """The controllers of one bus; the first one listed is the hub."""
 
     def __init__(self, controllers: tuple[Controller, ...], lines: Lines | None = None, *,
@@ -56,8 +56,8 @@ class Bus:
         self.now = 0  # tick of the newest datagram or step
         self.packets = 0
         self.errors = 0
-        self.hub_memory = Hub(firmware, self.over_ethernet)
-        self._commands = Commands(firmware)
+        self.hub_memory = HubMemory(firmware, self.over_ethernet)
+        self._commands = WriteDecoder(firmware)
         self._nodes = sorted(range(self.count), key=lambda row: models[row].node)  # rows by place on the cable
         self._hub = self._nodes[0]
         self._revision = [model.firmware for model in models]

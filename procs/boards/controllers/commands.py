@@ -34,7 +34,7 @@ class Group:
     control: int | None
 
 
-class Commands:
+class WriteDecoder:
     """Decodes groups; a board takes those that bear its id, whoever else gets them, too."""
 
     def __init__(self, firmware: Firmware) -> None:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.models import Model
 from procs.boards.controllers.motors import Motors
-from procs.boards.controllers.power import Power
-from procs.boards.controllers.samples import Samples
+from procs.boards.controllers.power import BoardPower
+from procs.boards.controllers.samples import BoardSamples
 from procs.fpga import registers as reg
 
 Quads = npt.NDArray[np.uint32]
@@ -26,7 +26,8 @@ _NO_POT = 0xCCCC_0000  # motors of a dRA1 without one
 class Differences:
     """Of the boards of one bus; `there` says whether there are any."""
 
-    def __init__(self, models: Sequence[Model], lines: Lines, power: Power, motors: Motors, samples: Samples) -> None:
+    def __init__(self, models: Sequence[Model], lines: Lines, power: BoardPower, motors: Motors,
+                 samples: BoardSamples) -> None:
         """Brings the temperatures to what these controllers measure."""
         self._lines, self._power, self._motors, self._samples = lines, power, motors, samples
         traits = power.traits

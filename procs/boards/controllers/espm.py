@@ -12,8 +12,8 @@ import numpy as np
 from procs.boards.controllers.digital import BRIDGES
 from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.motors import Motors
-from procs.boards.controllers.power import Power
-from procs.boards.controllers.samples import Samples
+from procs.boards.controllers.power import BoardPower
+from procs.boards.controllers.samples import BoardSamples
 from procs.boards.devices.board import Board
 
 CONTROL, ARM, BOARD = 0x9, 0xA, 0xB  # regions
@@ -39,7 +39,8 @@ _REACHED, _ECM = 2, 1  # arm status
 class Espm:
     """Those of the board in `row`."""
 
-    def __init__(self, row: int, board: Board, lines: Lines, power: Power, motors: Motors, samples: Samples) -> None:
+    def __init__(self, row: int, board: Board, lines: Lines, power: BoardPower, motors: Motors,
+                 samples: BoardSamples) -> None:
         """As after power-up."""
         self._row, self._board, self._lines = row, board, lines
         self._power, self._motors, self._samples = power, motors, samples

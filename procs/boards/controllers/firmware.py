@@ -17,15 +17,15 @@ from procs.boards.controllers.differences import Differences
 from procs.boards.controllers.encoder import Encoders
 from procs.boards.controllers.espm import ARM, BOARD, CONTROL, NOTHING, Espm
 from procs.boards.controllers.expander import Expanders
-from procs.boards.controllers.interface_board import InterfaceBoard
+from procs.boards.controllers.interface_board import EmulatedInterfaceBoard
 from procs.boards.controllers.lines import INPUTS_OPEN, Lines
 from procs.boards.controllers.models import Model
 from procs.boards.controllers.motors import Motors
-from procs.boards.controllers.power import Power
-from procs.boards.controllers.samples import Samples
+from procs.boards.controllers.power import BoardPower
+from procs.boards.controllers.samples import BoardSamples
 from procs.boards.controllers.testboard import Loopback
 from procs.boards.devices.board import Board
-from procs.document.emulated import SetupJoints
+from procs.document.emulated import EmulatedSetupJoints
 from procs.fpga import registers as reg
 
 _MISSING = {  # registers and regions that read 0
@@ -43,10 +43,10 @@ class Firmware:
         self.count, self.width = len(models), int(lines.dac.shape[1])
         self.ids = tuple(model.board_id for model in models)
         self.boards = tuple(Board(model) for model in models)
-        self.power = Power(models, lines.on)
+        self.power = BoardPower(models, lines.on)
         self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models))
         self.motors = Motors(models, lines, self.power)
-        self.samples = Samples(models, self.width)
+        self.samples = BoardSamples(models, self.width)
         self._differences = Differences(models, lines, self.power, self.motors, self.samples)
         self._espms = {row: Espm(row, self.boards[row], lines, self.power, self.motors, self.samples)
                        for row, model in enumerate(models) if model.hardware.name == "dRA1"}
@@ -56,7 +56,7 @@ class Firmware:
         self._loops = {row: tuple(Loopback(board.digital, first=first, quirks=board.model.quirks)
                                   for first in range(0, board.model.hardware.outputs, reg.AXES))
                        for row, board in enumerate(self.boards) if testboard and board.model.hardware.outputs}
-        self._interfaces: dict[int, InterfaceBoard] = {}
+        self._interfaces: dict[int, EmulatedInterfaceBoard] = {}
         self._every = tuple(range(self.count))
         self._seen_changes = -1
         self._motor_words = np.zeros(lines.dac.shape, dtype=np.uint32)
@@ -70,12 +70,12 @@ class Firmware:
         for row in self._every:
             self._show_quiet(row, 0)
 
-    def fit(self, row: int, joints: SetupJoints) -> InterfaceBoard | None:
+    def fit(self, row: int, joints: EmulatedSetupJoints) -> EmulatedInterfaceBoard | None:
         """Put the interface board of set-up joints on a board; None where a loop-back board is."""
         if row in self._loops:
             return None
         board = self.boards[row]
-        self._interfaces[row] = made = InterfaceBoard(joints, board.digital, quirks=board.model.quirks)
+        self._interfaces[row] = made = EmulatedInterfaceBoard(joints, board.digital, quirks=board.model.quirks)
         return made
 
     # -- time ----------------------------------------------------------------------------------------------------------

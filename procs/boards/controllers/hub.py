@@ -28,7 +28,7 @@ _HEAD = struct.Struct(">IIIII")
 _END = struct.Struct(">IIBBBBHH")  # timing quadlet, data CRC, trailer
 
 
-class Hub:
+class HubMemory:
     """Hub memory, laid out where the reply to a hub read has it."""
 
     def __init__(self, firmware: Firmware, over_ethernet: bool) -> None:

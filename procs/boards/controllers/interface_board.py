@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MOST_CHANGES, Outputs
+from procs.boards.devices.outputs import MOST_CHANGES, BoardOutputs
 from procs.boards.devices.waveform import NEVER
-from procs.document.emulated import SetupJoints
+from procs.document.emulated import EmulatedSetupJoints
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
 
@@ -27,10 +27,11 @@ _FAITHFUL: Final = Quirks()
 Quads = npt.NDArray[np.uint32]
 
 
-class InterfaceBoard:
+class EmulatedInterfaceBoard:
     """On the board that owns `outputs`. `before_write` must be called before each write to them, with its tick."""
 
-    def __init__(self, described: SetupJoints, outputs: Outputs, tick: int = 0, quirks: Quirks = _FAITHFUL) -> None:
+    def __init__(self, described: EmulatedSetupJoints, outputs: BoardOutputs, tick: int = 0,
+                 quirks: Quirks = _FAITHFUL) -> None:
         """As after power-up of both boards at `tick`."""
         self.axes = described.axes
         self._reset, self._increment = 1 << described.reset, 1 << described.increment
@@ -44,14 +45,14 @@ class InterfaceBoard:
         self._levels = outputs.levels(tick) & self._of
         self._start(outputs, tick)
 
-    def _start(self, outputs: Outputs, tick: int) -> None:
+    def _start(self, outputs: BoardOutputs, tick: int) -> None:
         self._outputs, self._at = outputs, tick
         self._power = 0.0
         self._settled = 0  # from this tick on the counter's outputs rest
         self._is_written = True
         self._lines = tuple(Quadrature(tick, self.channel >> k & 1, 0, quirks=self._quirks) for k in range(reg.AXES))
 
-    def power_up(self, outputs: Outputs, tick: int) -> None:
+    def power_up(self, outputs: BoardOutputs, tick: int) -> None:
         """The FPGA is configured anew and has new outputs; the counter stands where it was."""
         self.until(tick)
         self._start(outputs, tick)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procs.boards.controllers.lines import Lines
 from procs.boards.controllers.models import Model
-from procs.boards.controllers.power import Power
+from procs.boards.controllers.power import BoardPower
 from procs.boards.controllers.traits import Flags
 from procs.fpga import registers as reg
 
@@ -38,7 +38,7 @@ _TOP_SHIFT, _VALID, _ENABLE, _COLLECT, _MODE = 24, 0x80, 0x10, 0x40, 0x0F  # in 
 class Motors:
     """Arrays (boards, width); enables go to `power`."""
 
-    def __init__(self, models: Sequence[Model], lines: Lines, power: Power) -> None:
+    def __init__(self, models: Sequence[Model], lines: Lines, power: BoardPower) -> None:
         """As after power-up."""
         self._lines, self._power = lines, power
         self._traits = traits = power.traits

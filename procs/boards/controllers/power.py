@@ -15,7 +15,7 @@ import numpy.typing as npt
 from procs.boards.controllers.currents import Currents
 from procs.boards.controllers.digital import BRIDGES, Digital
 from procs.boards.controllers.models import Model
-from procs.boards.controllers.status import State, Words
+from procs.boards.controllers.status import StatusInputs, StatusWords
 from procs.boards.controllers.traits import Flags, Quads, Traits
 from procs.fpga import registers as reg
 
@@ -44,7 +44,7 @@ def _first_after(tick: int, times: Ints) -> int:
     return int(times[times > tick].min(initial=NEVER))
 
 
-class Power:
+class BoardPower:
     """State of all boards; arrays (boards,) and (boards, width)."""
 
     def __init__(self, models: Sequence[Model], on: Flags) -> None:
@@ -73,7 +73,7 @@ class Power:
         self.next_event = 0  # nothing happens by itself before this tick
         self._next_other = 0  # nothing but watchdogs
         self.currents = Currents(on.shape)
-        self._words = Words(traits)
+        self._words = StatusWords(traits)
         self._relay_at, self._good_at, self._outputs_at, self._expander_at = (
             np.full(n, NEVER, dtype=np.int64) for _ in range(4))
         self.awake = np.zeros((n, width), dtype=np.bool_)  # enabled, and the hold-off is over
@@ -178,12 +178,12 @@ class Power:
     def _show(self, fault: Flags) -> None:
         closed = self.relay_feedback & ~self.chain_open
         digital, none = self.digital, np.zeros(1, dtype=np.int64)
-        state = State(watchdog=self.watchdog, good=self.good, wanted=self.wanted, relay=self.relay, closed=closed,
-                      lost=self.supply_lost, outputs_known=self._outputs_at == NEVER,
-                      expander_known=self.expander_known, chain_open=self.chain_open, enabled=self.enabled, on=self.on,
-                      safety=self.safety, fault=fault, mode=self.mode,
-                      fault_code=digital.codes() if digital is not None else none.astype(np.uint32),
-                      interlocks=digital.shown() if digital is not None else none)
+        state = StatusInputs(watchdog=self.watchdog, good=self.good, wanted=self.wanted, relay=self.relay,
+                             closed=closed, lost=self.supply_lost, outputs_known=self._outputs_at == NEVER,
+                             expander_known=self.expander_known, chain_open=self.chain_open, enabled=self.enabled,
+                             on=self.on, safety=self.safety, fault=fault, mode=self.mode,
+                             fault_code=digital.codes() if digital is not None else none.astype(np.uint32),
+                             interlocks=digital.shown() if digital is not None else none)
         self.status[:] = self._words.status(state)
         self.motor_flags[...] = self._words.motors(state)
         self.changes += 1

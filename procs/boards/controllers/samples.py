@@ -20,7 +20,7 @@ Quads = npt.NDArray[np.uint32]
 TEMPERATURES = 0x3C3E  # 30 and 31 °C
 
 
-class Samples:
+class BoardSamples:
     """Rows of the boards by ascending id; arrays (boards, …) named after what they hold."""
 
     def __init__(self, models: Sequence[Model], width: int) -> None:

@@ -16,7 +16,7 @@ _BOTH = 3  # the same for both QLAs of a DQLA
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class StatusInputs:
     """What the words are made of; arrays (boards,), and (boards, width) for amplifiers."""
 
     watchdog: Flags
@@ -37,7 +37,7 @@ class State:
     interlocks: Ints  # dRA1, bits 3:0
 
 
-class Words:
+class StatusWords:
     """Composes them for boards with these traits."""
 
     def __init__(self, traits: Traits) -> None:
@@ -53,7 +53,7 @@ class Words:
         self._bits = np.where(traits.by_control, 1 << np.arange(traits.axes.shape[1], dtype=np.int64), 0)
         self._analog = ~traits.digital[:, None] & traits.axes
 
-    def status(self, state: State) -> Ints:
+    def status(self, state: StatusInputs) -> Ints:
         """Status quadlets (boards,)."""
         status = self._fixed.copy()
         for flags, bit in ((state.watchdog, reg.STATUS_WATCHDOG), (state.good, reg.STATUS_MV_GOOD),
@@ -64,7 +64,7 @@ class Words:
                            np.where(self._traits.dual, self._of_dqla(state), state.interlocks))
         return status
 
-    def _of_qla(self, state: State) -> Ints:
+    def _of_qla(self, state: StatusInputs) -> Ints:
         on, requests, safety = ((flags * self._bits).sum(axis=1)
                                 for flags in (state.on, state.enabled, state.safety))
         low = np.where(self._traits.shows_requests, requests, on)
@@ -74,14 +74,14 @@ class Words:
                         | (self._traits.expander & ~state.chain_open) * reg.STATUS_SAFETY_VOLTAGE)
         return status
 
-    def _of_dqla(self, state: State) -> Ints:
+    def _of_dqla(self, state: StatusInputs) -> Ints:
         status: Ints = _BOTH * (state.good * reg.STATUS_DQLA_MV_GOOD | state.expander_known * reg.STATUS_DQLA_EXPANDER
                                 | state.outputs_known * (reg.STATUS_DQLA_DOUT_CONFIGURED
                                                          | reg.STATUS_DQLA_DOUT_BIDIRECTIONAL)
                                 | (self._traits.expander & ~state.chain_open) * reg.STATUS_DQLA_SAFETY_VOLTAGE)
         return status
 
-    def motors(self, state: State) -> npt.NDArray[np.uint32]:
+    def motors(self, state: StatusInputs) -> npt.NDArray[np.uint32]:
         """Motor status words (boards, width) without what was commanded."""
         current = state.mode != reg.MODE_VOLTAGE
         current |= ~state.expander_known[:, None]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MOST_CHANGES, Outputs
+from procs.boards.devices.outputs import MOST_CHANGES, BoardOutputs
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
 
@@ -30,14 +30,14 @@ Quads = npt.NDArray[np.uint32]
 class Loopback:
     """A test board. `until` must be called before each write to the outputs, with the tick of the write."""
 
-    def __init__(self, outputs: Outputs, tick: int = 0, *, first: int = 0, volts: float = VOLTS,
+    def __init__(self, outputs: BoardOutputs, tick: int = 0, *, first: int = 0, volts: float = VOLTS,
                  quirks: Quirks = _FAITHFUL) -> None:
         """As after power-up of the board at `tick`; `first` is 4 on the second QLA of a DQLA."""
         self._first, self._quirks = first, quirks
         self.set_volts(volts)
         self.power_up(outputs, tick)
 
-    def power_up(self, outputs: Outputs, tick: int) -> None:
+    def power_up(self, outputs: BoardOutputs, tick: int) -> None:
         """The FPGA is configured anew and has new outputs."""
         self._outputs, self._at = outputs, tick
         self._levels = outputs.levels(tick)

@@ -13,7 +13,7 @@ from procs.boards.controllers.models import Model
 from procs.boards.devices.collection import Collection
 from procs.boards.devices.dallas import Dallas
 from procs.boards.devices.network import Network
-from procs.boards.devices.outputs import Outputs
+from procs.boards.devices.outputs import BoardOutputs
 from procs.boards.devices.prom import FpgaProm, QlaProm, SerialOnly
 from procs.fpga import registers as reg
 
@@ -40,8 +40,8 @@ class Board:
         self.show_watchdog = 0
         self.network = Network(model.fpga, model.firmware, model.board_id, model.node)
         self.collection = Collection(model.firmware, tick)
-        self.digital = Outputs(max(model.hardware.outputs, 1), longest_holds=model.quirks.longest_pwm_holds,
-                               playing_hides_table=model.quirks.playing_hides_table)
+        self.digital = BoardOutputs(max(model.hardware.outputs, 1), longest_holds=model.quirks.longest_pwm_holds,
+                                    playing_hides_table=model.quirks.playing_hides_table)
         self._scratch = 0x2000  # Rev 7
 
     def power_up(self, tick: int) -> None:

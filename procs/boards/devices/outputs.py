@@ -111,7 +111,7 @@ class Changes:
     missed: int = 0
 
 
-class Outputs:
+class BoardOutputs:
     """All digital outputs of a board: 4 of a QLA, 8 of a DQLA."""
 
     def __init__(self, count: int = 4, *, longest_holds: bool = True, playing_hides_table: bool = True) -> None:

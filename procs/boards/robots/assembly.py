@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards.robots.mechanics import Axis, Mechanism
+from procs.boards.robots.mechanics import LinkAxis, Mechanism
 from procs.kinematics.poses import pose_from_matrix
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def _add(spec: mujoco.MjSpec, one: Mechanism, has_weight: bool, period_s: float)
 def _map(result: Assembly, one: Mechanism, first: int) -> None:
     """Where the joints of a robot lie; `first` is the place of its first one among all robots' joints."""
     places = [int(result.model.joint(f"{one.robot}/{i}").dofadr[0]) for i in range(len(one.axes))]
-    leaders: dict[int, tuple[int, Axis]] = {}
+    leaders: dict[int, tuple[int, LinkAxis]] = {}
     ties: list[Array] = []
     for place, axis in zip(places, one.axes, strict=True):
         result.spread[place, first + axis.joint] = axis.ratio

@@ -27,7 +27,7 @@ from procs.boards.robots.inertia import (
     wrist_inertia,
 )
 from procs.boards.robots.play import SHARE
-from procs.document.system import Actuator, Arm, Chain, Likeness, Link, Robot, Tool
+from procs.document.system import Actuator, ArmConfig, Chain, DhLink, Likeness, Robot, Tool
 from procs.kinematics.denavit import split_row
 from procs.kinematics.endoscopes import endoscope
 from procs.kinematics.poses import renormalised
@@ -43,7 +43,7 @@ NOTHING = JointInertia(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class LinkAxis:
     """One link: placed at `before` in its parent's `after` frame, moving about or along its z."""
 
     name: str
@@ -68,14 +68,14 @@ class Mechanism:
     """One robot: its axes, its base in the world and its tip, with a load there, in the last link's frame."""
 
     robot: str
-    axes: tuple[Axis, ...]
+    axes: tuple[LinkAxis, ...]
     base: Array
     tip_axis: int
     tip: Array
     payload: float = 0.0
 
 
-def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | None, like: Likeness) -> Mechanism:
+def mechanism(robot: Robot, arm: ArmConfig | None, tool: Tool | None, links: Chain | None, like: Likeness) -> Mechanism:
     """The mechanism of a robot; with loose axes when no arm describes it or the files do not fit its actuators.
 
     `links` are those of an Si arm as they really are, with their masses; without them its arm is counter-balanced.
@@ -100,12 +100,12 @@ def mechanism(robot: Robot, arm: Arm | None, tool: Tool | None, links: Chain | N
     return _like(Mechanism(robot.name, tuple(axes), _mounting(arm.mounting_pitch or 0.0), tip_axis, tip), like)
 
 
-def parallelogram(arm: Arm) -> Chain | None:
+def parallelogram(arm: ArmConfig) -> Chain | None:
     """The links of an arm as they really are, where they are more than its kinematics know."""
     return arm.links if arm.links is not None and len(arm.links.links) > len(arm.chain.links) else None
 
 
-def laden(arm: Arm) -> Arm:
+def laden(arm: ArmConfig) -> ArmConfig:
     """An arm with the mass of its endoscope on the link that carries it; others as they are."""
     if not arm.endoscope:
         return arm
@@ -121,7 +121,7 @@ def _weighted(chain: Chain, place: int, mass: float) -> Chain:
     return dataclasses.replace(chain, links=tuple(links))
 
 
-def description(arm: Arm | None, actuators: int) -> ArmInertia | None:
+def description(arm: ArmConfig | None, actuators: int) -> ArmInertia | None:
     """The table's row for an arm whose robot has so many actuators; None when its axes have to be loose."""
     row = arm_inertia(arm.type, arm.generation, len(arm.chain.links)) if arm is not None else None
     if arm is None or row is None or len(row.joints) != len(arm.chain.links) or len(row.initial) != actuators:
@@ -129,7 +129,7 @@ def description(arm: Arm | None, actuators: int) -> ArmInertia | None:
     return row
 
 
-def _chain_axes(chain: Chain, row: ArmInertia, bare: bool) -> list[Axis]:
+def _chain_axes(chain: Chain, row: ArmInertia, bare: bool) -> list[LinkAxis]:
     """The links of an arm; `bare`: their masses are elsewhere."""
     axes = []
     for i, link in enumerate(chain.links):
@@ -144,18 +144,18 @@ def _chain_axes(chain: Chain, row: ArmInertia, bare: bool) -> list[Axis]:
 
 def _link_axis(
     convention: str,
-    link: Link,
+    link: DhLink,
     joint: int,
     parent: int,
     inertia: JointInertia,
     shaft: tuple[float, float, float] | None = None,
-) -> Axis:
+) -> LinkAxis:
     """A row of a kinematic file; masses of the file have weight, links without one are counter-balanced."""
     before, after = split_row(convention, link)
     slides = link.joint_type == "prismatic"
     margin = MARGIN_SLIDE if slides else MARGIN
     com = after @ np.array((*link.com, 1.0))
-    return Axis(
+    return LinkAxis(
         name=link.name,
         joint=joint,
         slides=slides,
@@ -172,12 +172,12 @@ def _link_axis(
     )
 
 
-def _plain_axis(name: str, joint: int, parent: int, lower: float, upper: float, inertia: JointInertia) -> Axis:
+def _plain_axis(name: str, joint: int, parent: int, lower: float, upper: float, inertia: JointInertia) -> LinkAxis:
     """A hinge in its parent's frame: a disc, a jaw, or an axis without geometry."""
-    return Axis(name, joint, False, parent, np.eye(4), np.eye(4), lower - MARGIN, upper + MARGIN, inertia)
+    return LinkAxis(name, joint, False, parent, np.eye(4), np.eye(4), lower - MARGIN, upper + MARGIN, inertia)
 
 
-def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
+def _tool_axes(convention: str, tool: Tool, parent: int) -> list[LinkAxis]:
     """An instrument's links as its file has them, then the jaw on the last of them.
 
     Its stops lie beyond the positions at which it is engaged, too: some files have these outside their own limits.
@@ -187,7 +187,7 @@ def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
     moved_by = SNAKE if tool.snake else tuple((first + i, 1.0) for i in range(len(tool.links)))
     if len(moved_by) != len(tool.links):
         raise ValueError(f"{tool.name}: {len(tool.links)} links; a snake has {len(SNAKE)}")
-    axes: list[Axis] = []
+    axes: list[LinkAxis] = []
     for link, (joint, ratio) in zip(tool.links, moved_by, strict=True):
         follows = any(axis.joint == joint for axis in axes)
         own = NOTHING if follows else inertia[joint - first]
@@ -200,7 +200,7 @@ def _tool_axes(convention: str, tool: Tool, parent: int) -> list[Axis]:
     return [*axes, _plain_axis("jaw", jaw, parent, tool.jaw.lower, tool.jaw.upper, inertia[-1])]
 
 
-def _with_real_links(arm: Arm, axes: list[Axis], chain: Chain) -> list[Axis]:
+def _with_real_links(arm: ArmConfig, axes: list[LinkAxis], chain: Chain) -> list[LinkAxis]:
     """An Si arm with the links of its parallelogram, which have the masses, beside the axes that its kinematics know.
 
     Both turn about the same first axis; the file of the real links has its base elsewhere along it.
@@ -234,13 +234,13 @@ def _with_real_links(arm: Arm, axes: list[Axis], chain: Chain) -> list[Axis]:
     return result
 
 
-def _carrying(axis: Axis, link: Link, place: Array) -> Axis:
+def _carrying(axis: LinkAxis, link: DhLink, place: Array) -> LinkAxis:
     """An axis with the mass of a link that stands at `place` on it."""
     com = place @ np.array((*link.com, 1.0))
     return dataclasses.replace(axis, mass=link.mass, com=(float(com[0]), float(com[1]), float(com[2])), has_weight=True)
 
 
-def _loose_axis(robot: str, joint: int, actuator: Actuator) -> Axis:
+def _loose_axis(robot: str, joint: int, actuator: Actuator) -> LinkAxis:
     slides = actuator.joint_type == "PRISMATIC"
     lower, upper = (actuator.encoder.lower, actuator.encoder.upper) if actuator.encoder is not None else (0.0, 0.0)
     if lower >= upper and is_gripper(robot):
@@ -249,7 +249,7 @@ def _loose_axis(robot: str, joint: int, actuator: Actuator) -> Axis:
     if lower < upper:
         lower, upper = lower - margin, upper + margin
     inertia = LOOSE_SLIDE if slides else LOOSE
-    return Axis(f"axis {joint}", joint, slides, -1, np.eye(4), np.eye(4), lower, upper, inertia)
+    return LinkAxis(f"axis {joint}", joint, slides, -1, np.eye(4), np.eye(4), lower, upper, inertia)
 
 
 def is_gripper(robot: str) -> bool:

@@ -31,7 +31,7 @@ from procs.boards.robots.mechanics import (
 from procs.boards.robots.play import SHARE, Play
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
-from procs.document.system import Chain, Emulation, Likeness, Robot, System, Tool
+from procs.document.system import Chain, EmulationConfig, Likeness, Robot, SystemConfig, Tool
 from procs.kinematics.coupling import Coupling, coupling
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ SCATTER = 0.02  # rad or, times 0.2, m: how far the seed may move an arm from it
 class Plant:
     """All robots of a system's emulated boards."""
 
-    def __init__(self, system: System, links: Mapping[str, Chain] | None = None) -> None:
+    def __init__(self, system: SystemConfig, links: Mapping[str, Chain] | None = None) -> None:
         """ValueError when the system has no emulation, or an arm's files do not fit its robot.
 
         `links`: by arm, the links of an Si arm as they really are, with masses (its file for gravity compensation).
@@ -297,7 +297,7 @@ class Plant:
         if self._has_pots:
             self._read_pots()
 
-    def _switch_on(self, emulation: Emulation) -> None:
+    def _switch_on(self, emulation: EmulationConfig) -> None:
         """Where arms stand at switch-on: the table's place, moved a little by the seed; loose axes in mid-range."""
         scatter = np.random.default_rng(emulation.seed).uniform(-SCATTER, SCATTER, self.axes)
         for robot in self._robots:
@@ -316,7 +316,7 @@ class Plant:
         self._take_state()
 
 
-def _likenesses(emulation: Emulation, robots: tuple[Robot, ...]) -> dict[str, Likeness]:
+def _likenesses(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> dict[str, Likeness]:
     """How every robot differs from its files; ValueError names what does not fit."""
     like = {robot.name: Likeness(robot.name) for robot in robots}
     counts = {robot.name: len(robot.actuators) for robot in robots}
@@ -330,7 +330,7 @@ def _likenesses(emulation: Emulation, robots: tuple[Robot, ...]) -> dict[str, Li
     return like
 
 
-def _instruments(system: System) -> dict[str, Tool]:
+def _instruments(system: SystemConfig) -> dict[str, Tool]:
     """Instruments inserted at start: those the emulation names, else those that are fixed on their arm."""
     tools = {arm.name: arm.tool for arm in system.arms if arm.tool is not None}
     for arm_name, tool_name in system.emulation.instruments if system.emulation is not None else ():

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Arm
+from procs.document.system import ArmConfig
 from procs.kinematics.master_gravity import MasterGravity
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Weights:
                 self.effort[one.joints] = 0.0
 
 
-def weights_of(arms: Mapping[str, Arm], actuators: Mapping[str, slice], joints: Mapping[str, NDArray[np.intp]],
+def weights_of(arms: Mapping[str, ArmConfig], actuators: Mapping[str, slice], joints: Mapping[str, NDArray[np.intp]],
                shares: Mapping[str, float], count: int, period_s: float) -> Weights | None:
     """Those of the arms (by robot) that have gravity files; the other tables are by robot, too. None: of none."""
     heavy = [Heavy(actuators[robot], joints[robot], MasterGravity(arm.master_gravity).effort, shares[robot])

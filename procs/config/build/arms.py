@@ -22,7 +22,7 @@ from procs.config.models.pid_file import PidFile
 from procs.config.models.system_file import ArmKeys
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.document.gravity_parameters import MasterGravityParameters
 
@@ -35,9 +35,9 @@ _PSM_LINKS = 3  # the rest of the chain comes with the tool
 class LoadedArm:
     """An arm with its robot and gains; those of kinds that are not started yet exist on emulated boards only."""
 
-    arm: document.Arm
+    arm: document.ArmConfig
     robot: document.Robot
-    pid: document.Pid
+    pid: document.PidConfig
     starts: bool
     pid_period_s: float = 0.0  # 0: that of its bus
 
@@ -47,7 +47,7 @@ class LoadedArm:
         return self.arm.simulation == KINEMATIC
 
     @property
-    def commanded(self) -> document.Arm:
+    def commanded(self) -> document.ArmConfig:
         """The arm as its process has it, which knows of no weight that it is not to compensate."""
         if not self.arm.skip_gravity_compensation:
             return self.arm
@@ -58,7 +58,7 @@ class LoadedArm:
 class ArmPlace:
     """An arm, where it stands in the system file, and the bus it is on."""
 
-    source: Source
+    source: SourceFile
     index: int
     keys: ArmKeys
     bus: BusFiles | None
@@ -76,7 +76,7 @@ class ArmPlace:
 
 def load_arm(
     context: Context,
-    source: Source,
+    source: SourceFile,
     index: int,
     keys: ArmKeys,
     buses: dict[str, BusFiles],
@@ -251,7 +251,7 @@ def _loaded(
     if starts is None or parts.chain is None or driven is None:
         return None
     robot, pid = driven
-    arm = document.Arm(
+    arm = document.ArmConfig(
         name=keys.name,
         type=keys.type,
         generation=content.generation,
@@ -308,7 +308,7 @@ def _own_values(context: Context, place: ArmPlace, parts: _Parts, options: Troca
 
 def _driven(
     context: Context, place: ArmPlace, parts: _Parts, *, drives: bool
-) -> tuple[document.Robot, document.Pid] | None:
+) -> tuple[document.Robot, document.PidConfig] | None:
     """What io has of an arm: from its IO and PID files, or, KINEMATIC, from its chain; None when something is missing.
 
     `drives`: somebody will move it.

@@ -12,7 +12,7 @@ from procs.config.models.io_file import IoFile, RobotKeys
 from procs.config.models.lookup_file import load_tables
 from procs.config.models.system_file import IoDeviceKeys, IoKeys, SystemFile
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.fpga.ports import PortName, PortNameError
 
 LONGEST_PERIOD_S = 0.001
@@ -63,7 +63,7 @@ class BusFiles:
         return None
 
 
-def load_buses(context: Context, source: Source, system: SystemFile, *, emulated: bool) -> dict[str, BusFiles]:
+def load_buses(context: Context, source: SourceFile, system: SystemFile, *, emulated: bool) -> dict[str, BusFiles]:
     """All buses with the files they name themselves."""
     buses: dict[str, BusFiles] = {}
     for index, keys in enumerate(system.IOs):
@@ -80,7 +80,7 @@ def load_buses(context: Context, source: Source, system: SystemFile, *, emulated
     return buses
 
 
-def add_devices(context: Context, source: Source, system: SystemFile, buses: dict[str, BusFiles]) -> None:
+def add_devices(context: Context, source: SourceFile, system: SystemFile, buses: dict[str, BusFiles]) -> None:
     """The IO files of pedals, head sensors and the focus controller."""
     for index, console in enumerate(system.consoles):
         key: Key = ("consoles", index)
@@ -91,7 +91,7 @@ def add_devices(context: Context, source: Source, system: SystemFile, buses: dic
         _add_device(context, source, ("ISI_focus_controller",), system.ISI_focus_controller, buses)
 
 
-def find_bus(context: Context, source: Source, key: Key, name: str, buses: dict[str, BusFiles]) -> BusFiles | None:
+def find_bus(context: Context, source: SourceFile, key: Key, name: str, buses: dict[str, BusFiles]) -> BusFiles | None:
     """The bus called `name`; None with an error at `key`."""
     bus = buses.get(name)
     if bus is None:
@@ -106,21 +106,22 @@ def check_buses(context: Context, buses: dict[str, BusFiles]) -> None:
         check_bus(context, bus.opened())
 
 
-def _add_device(context: Context, source: Source, key: Key, device: IoDeviceKeys, buses: dict[str, BusFiles]) -> None:
+def _add_device(context: Context, source: SourceFile, key: Key, device: IoDeviceKeys,
+                buses: dict[str, BusFiles]) -> None:
     bus = find_bus(context, source, (*key, "IO"), device.IO, buses)
     path = context.find(source, (*key, "IO_file"), (device.IO_file,))
     if bus is not None and path is not None:
         bus.add(context, path)
 
 
-def _check_port(context: Context, source: Source, key: Key, port: str) -> None:
+def _check_port(context: Context, source: SourceFile, key: Key, port: str) -> None:
     try:
         PortName.parse(port)
     except PortNameError as error:
         context.error(source, key, error.what, f"{error.allowed}, or emulated boards (--boards)")
 
 
-def _check_numbers(context: Context, source: Source, key: Key, keys: IoKeys) -> None:
+def _check_numbers(context: Context, source: SourceFile, key: Key, keys: IoKeys) -> None:
     if keys.period > LONGEST_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
         context.warning(source, (*key, "period"), text, f"up to {LONGEST_PERIOD_S} s")

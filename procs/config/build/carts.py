@@ -17,7 +17,7 @@ from procs.config.models.system_file import ArmKeys, SystemFile
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.matrices import check_rigid
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.config.read.validate import Section
 from procs.document import cart
 from procs.document import system as document
@@ -38,7 +38,7 @@ PotRows: TypeAlias = tuple[tuple[float, ...] | None, tuple[float, ...] | None]
 
 
 def load_carts(
-    context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles], options: TrocarSection,
+    context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], options: TrocarSection,
     emulated: bool,
 ) -> tuple[cart.Cart, ...]:
     """All set-up joints of the system, without those that have errors."""
@@ -46,7 +46,7 @@ def load_carts(
     found = []
     for index, keys in enumerate(content.arms):
         if keys.type.startswith("SUJ"):
-            loader = _Loader(context, source, index, keys, emulated, carries.get(keys.name, {}))
+            loader = _CartLoader(context, source, index, keys, emulated, carries.get(keys.name, {}))
             made = loader.load(buses.get(keys.IO))
             if made is not None:
                 found.append(_with_period(made, keys, options))
@@ -55,8 +55,8 @@ def load_carts(
 
 
 def with_base_frames(
-    arms: Sequence[document.Arm], carts: Sequence[cart.Cart]
-) -> tuple[document.Arm, ...]:
+    arms: Sequence[document.ArmConfig], carts: Sequence[cart.Cart]
+) -> tuple[document.ArmConfig, ...]:
     """The arms, each with the name of the set-up joints that carry it."""
     by_name = {arm.carries: (one.name, arm.name) for one in carts for arm in one.arms if arm.carries}
     nowhere = ("", "")
@@ -64,13 +64,13 @@ def with_base_frames(
                                      base_setup=by_name.get(arm.name, nowhere)[1]) for arm in arms)
 
 
-def with_brakes(ios: Sequence[document.Io], carts: Sequence[cart.Cart]) -> tuple[document.Io, ...]:
+def with_brakes(ios: Sequence[document.IoConfig], carts: Sequence[cart.Cart]) -> tuple[document.IoConfig, ...]:
     """The ios; those with a Classic cart take currents of its brakes as efforts, and show the multiplexer's channel."""
     by_io = {one.io: one for one in carts if one.io}
     return tuple(_with_cart(io, by_io[io.name]) if io.name in by_io else io for io in ios)
 
 
-def _with_cart(io: document.Io, one: cart.Cart) -> document.Io:
+def _with_cart(io: document.IoConfig, one: cart.Cart) -> document.IoConfig:
     robot = next(robot for robot in io.robots if robot.name == one.robot)
     actuators = tuple(dataclasses.replace(actuator, effort_to_current=1.0) for actuator in robot.actuators)
     robots = tuple(dataclasses.replace(robot, actuators=actuators) if r is robot else r for r in io.robots)
@@ -80,7 +80,7 @@ def _with_cart(io: document.Io, one: cart.Cart) -> document.Io:
         document.DigitalInput(name, actuator.board_id, registers.INPUT_ENCODER_A_SHIFT + actuator.axis_id, False, False,
                               False)
         for name, actuator in zip(cart.channel_inputs(one.robot), actuators, strict=True))
-    pid = document.Pid(one.robot, one.name, axes, one.source)
+    pid = document.PidConfig(one.robot, one.name, axes, one.source)
     outputs = tuple(dataclasses.replace(row, high_when_idle=one.robot) if row.name == LIFT_OUTPUTS[1] else row
                     for row in io.digital_outputs)
     return dataclasses.replace(io, robots=robots, pids=(*io.pids, pid), digital_outputs=outputs,
@@ -98,7 +98,7 @@ def _carried(content: SystemFile) -> dict[str, dict[str, str]]:
 
 
 def _check_base_frames(
-    context: Context, source: Source, content: SystemFile, found: Sequence[cart.Cart]
+    context: Context, source: SourceFile, content: SystemFile, found: Sequence[cart.Cart]
 ) -> None:
     carts, listed = {one.name: one for one in found}, {keys.name for keys in content.arms if keys.type[:3] == "SUJ"}
     taken: dict[tuple[str, str], str] = {}
@@ -128,11 +128,11 @@ def _with_period(made: cart.Cart, keys: ArmKeys, options: TrocarSection) -> cart
 
 
 @dataclasses.dataclass(slots=True)
-class _Loader:
+class _CartLoader:
     """One entry of the `arms` list, on its way to a cart."""
 
     context: Context
-    source: Source
+    source: SourceFile
     index: int
     keys: ArmKeys
     emulated: bool
@@ -164,7 +164,7 @@ class _Loader:
         path = self.context.find(self.source, where, (self.keys.arm_file,))
         return self.context.open(model, path) if path is not None else None
 
-    def _cart(self, kind: str, source: Source, arms: Sequence[cart.SetupArm], reference: str) -> cart.Cart:
+    def _cart(self, kind: str, source: SourceFile, arms: Sequence[cart.CartArm], reference: str) -> cart.Cart:
         names = [arm.name for arm in arms]
         if reference not in names and reference != "ECM":  # the usual one may be missing: then there is none
             self.context.error(source, ("reference_arm",), f"no set-up arm {reference}", f"one of {', '.join(names)}")
@@ -191,7 +191,7 @@ class _Loader:
         self._check_bus(bus, robot, any(arm.lifts for arm in made.arms))
         return dataclasses.replace(made, io=self.keys.IO, robot=robot)
 
-    def _classic_arm(self, source: Source, place: int, keys: SetupArmKeys) -> cart.SetupArm | None:
+    def _classic_arm(self, source: SourceFile, place: int, keys: SetupArmKeys) -> cart.CartArm | None:
         where: Key = ("arms", place)
         geometry = self._geometry(source, where, keys)
         joints = len(geometry[0].links) if geometry else 0
@@ -202,7 +202,7 @@ class _Loader:
         primary, secondary, weight = pots
         if keys.type == "ECM":  # it has no more, whatever the file says of them
             primary, secondary = ((*row[:ECM_JOINTS], *((0.0, 0.0),) * len(row[ECM_JOINTS:])) for row in pots[:2])
-        return cart.SetupArm(
+        return cart.CartArm(
             keys.name, self.carries.get(keys.name, ""), chain, joints, world, tip,
             self._position(source, where, keys.simulated_position, joints), None, primary, secondary, weight,
             keys.plug_number, keys.brake_release_current, keys.brake_engaged_current, keys.type == "Motorized PSM")
@@ -243,7 +243,7 @@ class _Loader:
             self.context.notes.append(f"{made.name}: potentiometer boards emulated, no Bluetooth is used")
         return dataclasses.replace(made, base_board=content.base_arduino_mac or "", emulated=self.emulated)
 
-    def _si_arm(self, source: Source, place: int, keys: SiArmKeys) -> cart.SetupArm | None:
+    def _si_arm(self, source: SourceFile, place: int, keys: SiArmKeys) -> cart.CartArm | None:
         where: Key = ("arms", place)
         geometry = self._geometry(source, where, keys)
         if geometry is None:
@@ -261,7 +261,7 @@ class _Loader:
         if pots is None or keys.name not in BASE_POTS:
             return None
         primary, secondary, weight = pots
-        return cart.SetupArm(
+        return cart.CartArm(
             keys.name, self.carries.get(keys.name, ""), chain, joints, world, tip,
             self._position(source, where, keys.simulated_position, joints), None, primary, secondary, weight,
             board=keys.arduino_mac or "", base_pot=BASE_POTS.index(keys.name))
@@ -275,13 +275,13 @@ class _Loader:
         arms = []
         for place, keys in enumerate(opened.content.arms):
             if check_rigid(self.context, opened.source, ("arms", place, "measured_cp"), keys.measured_cp):
-                arms.append(cart.SetupArm(keys.name, self.carries.get(keys.name, ""), pose=keys.measured_cp))
+                arms.append(cart.CartArm(keys.name, self.carries.get(keys.name, ""), pose=keys.measured_cp))
         reference = opened.content.reference_arm_as_before or opened.content.reference_arm
         return self._cart(cart.FIXED, opened.source, arms, reference)
 
     # -- parts of an arm -----------------------------------------------------------------------------------------------
 
-    def _geometry(self, source: Source, where: Key, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
+    def _geometry(self, source: SourceFile, where: Key, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
         missing = [name for name in ("DH", "world_origin_to_SUJ", "SUJ_tip_to_tool_origin") if not getattr(keys, name)]
         for name in missing:
             self.context.error(source, (*where, name), "this key is required", "an object")
@@ -305,7 +305,7 @@ class _Loader:
         return document.Chain(convention_of(keys.DH), links, source=str(source.path)), poses[0], poses[1]
 
     def _pots(
-        self, source: Source, where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
+        self, source: SourceFile, where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
     ) -> tuple[tuple[cart.Linear, ...], tuple[cart.Linear, ...], tuple[float, ...]] | None:
         """Conversions of both potentiometers of every joint, and the weight of the first; none are needed when played.
 
@@ -328,7 +328,7 @@ class _Loader:
         weight = self._weight(source, (*where, "primary_secondary_weight"), keys.primary_secondary_weight, joints)
         return (made[0], made[1], weight) if fine and weight else None
 
-    def _weight(self, source: Source, key: Key, given: object, joints: int) -> tuple[float, ...]:
+    def _weight(self, source: SourceFile, key: Key, given: object, joints: int) -> tuple[float, ...]:
         values = list(given) if isinstance(given, list | tuple) else [given] * joints
         good = [float(v) for v in values if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 1.0]
         if len(good) != joints or len(values) != joints:
@@ -337,7 +337,8 @@ class _Loader:
             return ()
         return tuple(good)
 
-    def _position(self, source: Source, where: Key, given: tuple[float, ...] | None, joints: int) -> tuple[float, ...]:
+    def _position(self, source: SourceFile, where: Key, given: tuple[float, ...] | None, joints: int) -> tuple[float,
+                                                                                                               ...]:
         if given is not None and len(given) != joints and joints:
             key = (*where, "simulated_position")
             self.context.error(source, key, f"{len(given)} numbers for {joints} joints", f"{joints} numbers")
@@ -353,7 +354,7 @@ def check_cart(context: Context, path: Path, kind: str) -> None:
     keys = ArmKeys.model_validate({"name": "SUJ", "type": f"SUJ_{kind}", "arm_file": str(path),
                                    "simulation": "NONE" if measured else KINEMATIC})
     if source is not None:
-        _Loader(context, source, 0, keys, False, {}).load(None)
+        _CartLoader(context, source, 0, keys, False, {}).load(None)
 
 
 def check_plugs(context: Context, opened: Opened[SetupFile]) -> None:

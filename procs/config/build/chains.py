@@ -10,7 +10,7 @@ from procs.config.build.context import Context, Opened
 from procs.config.models.kinematic_file import DhKeys, KinematicFile, ToolFile
 from procs.config.read.matrices import check_invertible, check_rigid
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 
 ENGAGED_AXES = 4  # a tool is turned by the last four actuators
@@ -79,7 +79,7 @@ def convention_of(keys: DhKeys) -> str:
     return keys.convention or (rows[0].convention if rows else None) or ""
 
 
-def check_dh(context: Context, source: Source, where: Key, keys: DhKeys) -> bool:
+def check_dh(context: Context, source: SourceFile, where: Key, keys: DhKeys) -> bool:
     """Whether the rows at `where` make a chain."""
     kind = "joints" if keys.joints else "links"
     rows = keys.joints or keys.links

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs.config.build.context import Context
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 
 KEY: Final = ("component_manager",)
 _THIRD_PARTY: Final = "docs/third-party-masters.md"
@@ -27,7 +27,7 @@ _INSTEAD: Final = (
 _OTHERS: Final = f"a process of your own: a script (docs/python.md), or a program in an arm's place ({_THIRD_PARTY})"
 
 
-def warn_of_components(context: Context, source: Source, manager: object) -> None:
+def warn_of_components(context: Context, source: SourceFile, manager: object) -> None:
     """One warning that names every component of the file that is not started, and what does its job."""
     if not manager:
         return

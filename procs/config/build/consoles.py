@@ -22,9 +22,9 @@ from procs.config.models.system_file import (
     TeleopPsmParameters,
 )
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document.cart import Cart
-from procs.document.consoles import GOOVIS, Console, Focus, HidSensor, TeleopEcm, TeleopPsm, WiredInput
+from procs.document.consoles import GOOVIS, Console, Focus, HidSensor, TeleopEcmConfig, TeleopPsmConfig, WiredInput
 from procs.document.external import External
 
 PERIOD_S: Final = 0.01
@@ -51,21 +51,21 @@ class Operation:
     """Who operates a system, and with what: its consoles came to the first three."""
 
     consoles: tuple[Console, ...] = ()
-    teleop_psms: tuple[TeleopPsm, ...] = ()
-    teleop_ecms: tuple[TeleopEcm, ...] = ()
+    teleop_psms: tuple[TeleopPsmConfig, ...] = ()
+    teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
     externals: tuple[External, ...] = ()
     focuses: tuple[Focus, ...] = ()
 
     @property
     def names(self) -> set[str]:
         """Names of all of them."""
-        rows: list[Console | TeleopPsm | TeleopEcm | External | Focus] = [
+        rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | External | Focus] = [
             *self.consoles, *self.teleop_psms, *self.teleop_ecms, *self.externals, *self.focuses]
         return {row.name for row in rows}
 
 
 def load_consoles(
-    context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str],
+    context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str],
     carts: Sequence[Cart] = (),
 ) -> Operation:
     """All consoles with their tele-operations; those whose arms do not run are noted and left out.
@@ -73,24 +73,24 @@ def load_consoles(
     `arms` are the names of those that run. Missing parts, unknown arms and tele-operations listed twice are errors.
     """
     setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
-    loader = _Loader(context, source, content, buses, arms, setups)
+    loader = _ConsoleLoader(context, source, content, buses, arms, setups)
     made = tuple(loader.console(index, keys) for index, keys in enumerate(content.consoles))
     return Operation(made, tuple(loader.psms), tuple(loader.ecms))
 
 
 @dataclass(slots=True)
-class _Loader:
+class _ConsoleLoader:
     """All consoles of one file."""
 
     context: Context
-    source: Source
+    source: SourceFile
     content: SystemFile
     buses: dict[str, BusFiles]
     arms: Collection[str]
     setups: dict[str, list[str]]  # set-up arms by the set-up joints that run
     taken: dict[str, str] = field(default_factory=dict)
-    psms: list[TeleopPsm] = field(default_factory=list)
-    ecms: list[TeleopEcm] = field(default_factory=list)
+    psms: list[TeleopPsmConfig] = field(default_factory=list)
+    ecms: list[TeleopEcmConfig] = field(default_factory=list)
 
     def console(self, index: int, keys: ConsoleKeys) -> Console:
         """One entry of the list."""
@@ -187,7 +187,7 @@ class _Loader:
 
     # -- tele-operations -----------------------------------------------------------------------------------------------
 
-    def _psm(self, key: Key, console: str, keys: TeleopPsmKeys) -> TeleopPsm | None:
+    def _psm(self, key: Key, console: str, keys: TeleopPsmKeys) -> TeleopPsmConfig | None:
         given = keys.configure_parameter or TeleopPsmParameters()
         where = (*key, "configure_parameter")
         if given.align_MTM and not given.MTM_is_haptic:
@@ -201,7 +201,7 @@ class _Loader:
         frame = keys.PSM_base_frame
         if frame is not None and not self._has_base_frame(name, (*key, "PSM_base_frame"), frame):
             return None
-        return TeleopPsm(
+        return TeleopPsmConfig(
             name, keys.MTM, keys.PSM, keys.period, console, given.scale, given.rotation_locked,
             given.translation_locked, given.align_MTM, given.start_orientation_tolerance,
             given.orientation_tolerance_after_clutch, given.start_gripper_threshold, given.start_roll_threshold,
@@ -209,14 +209,14 @@ class _Loader:
             given.gripper_scaling.max, given.use_MTM_linear_velocity, given.use_MTM_angular_velocity,
             given.MTM_is_haptic, frame.component if frame else "", frame.interface if frame else "")
 
-    def _ecm(self, key: Key, console: str, keys: TeleopEcmKeys) -> TeleopEcm | None:
+    def _ecm(self, key: Key, console: str, keys: TeleopEcmKeys) -> TeleopEcmConfig | None:
         given = keys.configure_parameter or TeleopEcmParameters()
         name = self._named(key, console, {"MTML": keys.MTML, "MTMR": keys.MTMR, "ECM": keys.ECM})
         if keys.MTML == keys.MTMR:
             self.context.error(self.source, (*key, "MTMR"), "the same arm as MTML", "another MTM")
         if not self._runs(name, keys, (keys.MTML, keys.MTMR, keys.ECM)):
             return None
-        return TeleopEcm(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
+        return TeleopEcmConfig(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
                                   given.camera_roll_offset)
 
     def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:

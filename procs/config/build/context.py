@@ -8,9 +8,9 @@ from typing import Generic, TypeVar
 
 from pydantic import BaseModel
 
-from procs.config.read.problem import WARNING, Key, Problem
+from procs.config.read.problem import WARNING, FileProblem, Key
 from procs.config.read.search import SearchPath
-from procs.config.read.source import Source, read_source
+from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document
 
@@ -21,7 +21,7 @@ ModelType = TypeVar("ModelType", bound=BaseModel)
 class Opened(Generic[ModelType]):
     """A file and what it says."""
 
-    source: Source
+    source: SourceFile
     content: ModelType
 
 
@@ -30,20 +30,20 @@ class Context:
     """Collects every finding, so that one run names all mistakes and not only the first."""
 
     search: SearchPath
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[FileProblem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     calibration_mode: bool = False  # what a calibration is to mend is a warning
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # files read already
 
-    def error(self, source: Source, key: Key, text: str, allowed: str = "") -> None:
+    def error(self, source: SourceFile, key: Key, text: str, allowed: str = "") -> None:
         """An error at a place of a file."""
         self.problems.append(source.problem(key, text, allowed=allowed))
 
-    def warning(self, source: Source, key: Key, text: str, allowed: str = "") -> None:
+    def warning(self, source: SourceFile, key: Key, text: str, allowed: str = "") -> None:
         """A warning at a place of a file."""
         self.problems.append(source.problem(key, text, allowed=allowed, severity=WARNING))
 
-    def read(self, path: Path) -> Source | None:
+    def read(self, path: Path) -> SourceFile | None:
         """Any file; None (and an error) when it cannot be read."""
         source, problems = read_source(path)
         self.problems += problems
@@ -59,7 +59,8 @@ class Context:
         self.problems += problems
         return Opened(source, content) if content is not None else None
 
-    def find(self, asked_by: Source, key: Key, names: tuple[str, ...], search: SearchPath | None = None) -> Path | None:
+    def find(self, asked_by: SourceFile, key: Key, names: tuple[str, ...],
+             search: SearchPath | None = None) -> Path | None:
         """The file called by one of `names`; an error at `key` of the file that asks for it when there is none."""
         where = search or self.search
         found = where.find(*names)

@@ -17,7 +17,7 @@ from procs.config.models.emulation_section import (
 )
 from procs.config.models.io_file import IoFile
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.config.read.validate import Section
 from procs.document import system as document
 from procs.document.emulated import MADE_FOR
@@ -36,7 +36,7 @@ class BusPlace:
     """One emulated bus, what is said of it, and where mistakes are told."""
 
     context: Context
-    source: Source
+    source: SourceFile
     name: str
     keys: EmulatedBusKeys
     options: EmulationOptions

@@ -114,9 +114,9 @@ def digital_output(keys: DigitalOutputKeys) -> document.DigitalOutput:
     )
 
 
-def pid(keys: PidFile, robot_name: str, arm_name: str, source: str) -> document.Pid:
+def pid(keys: PidFile, robot_name: str, arm_name: str, source: str) -> document.PidConfig:
     """The gains of one robot."""
-    return document.Pid(robot_name, arm_name, tuple(_pid_axis(axis) for axis in keys.pid), source)
+    return document.PidConfig(robot_name, arm_name, tuple(_pid_axis(axis) for axis in keys.pid), source)
 
 
 def _pid_axis(keys: PidKeys) -> document.PidAxis:
@@ -140,13 +140,13 @@ def _pid_axis(keys: PidKeys) -> document.PidAxis:
     )
 
 
-def links(keys: DhKeys) -> tuple[document.Link, ...]:
+def links(keys: DhKeys) -> tuple[document.DhLink, ...]:
     """The rows of a chain."""
     return tuple(_link(link) for link in keys.joints or keys.links)
 
 
-def _link(keys: LinkKeys) -> document.Link:
-    return document.Link(
+def _link(keys: LinkKeys) -> document.DhLink:
+    return document.DhLink(
         name=keys.name,
         joint_type=keys.type,
         alpha=keys.alpha,
@@ -178,7 +178,7 @@ def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
     return document.Tool(
         name=name,
         links=links(keys.DH),
-        jaw=document.Jaw(keys.jaw.qmin, keys.jaw.qmax, keys.jaw.ftmax),
+        jaw=document.JawConfig(keys.jaw.qmin, keys.jaw.qmax, keys.jaw.ftmax),
         tip=keys.tooltip_offset,
         actuator_to_joint=keys.coupling.ActuatorToJointPosition,
         engage_lower=keys.tool_engage_position.lower,
@@ -188,9 +188,9 @@ def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
     )
 
 
-def setup_arm(keys: SetupArmKeys) -> emulated.SetupArm:
+def setup_arm(keys: SetupArmKeys) -> emulated.EmulatedSetupArm:
     """One passive arm of the set-up joints."""
-    return emulated.SetupArm(
+    return emulated.EmulatedSetupArm(
         name=keys.name,
         plug=keys.plug_number,
         primary=tuple(zip(keys.primary_scales or (), keys.primary_offsets or (), strict=False)),

@@ -23,7 +23,7 @@ from procs.config.models.emulation_section import EVERYWHERE, RAW, EmulatedBusKe
 from procs.config.models.io_file import RobotKeys
 from procs.config.models.system_file import PROTOCOLS
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.document.catalogue import find
 from procs.document.emulated_names import names_on_boards
@@ -42,17 +42,17 @@ def default_addresses(system_name: str) -> Callable[[int], str]:
 
 def build_emulation(
     context: Context,
-    source: Source,
+    source: SourceFile,
     buses: list[BusFiles],
     arms: list[LoadedArm],
     options: EmulationOptions,
     address: Callable[[int], str],
-) -> document.Emulation | None:
+) -> document.EmulationConfig | None:
     """The emulation of all `buses`, or, without any, of those the section names; says in the notes what it replaced.
 
     None when there is no controller at all.
     """
-    rows: list[document.Bus] = []
+    rows: list[document.BusConfig] = []
     places = list(_places(context, source, buses, options))
     if len(places) > MOST_BUSES:
         key = ("IOs",) if buses else (*EMULATION, "buses")
@@ -73,7 +73,7 @@ def build_emulation(
     robots = _robots(buses)
     if not rows:
         return None
-    return document.Emulation(
+    return document.EmulationConfig(
         period_s=options.period_s,
         buses=tuple(rows),
         seed=options.seed,
@@ -83,24 +83,24 @@ def build_emulation(
     )
 
 
-def ports_of(buses: Iterable[document.Bus]) -> dict[str, str]:
+def ports_of(buses: Iterable[document.BusConfig]) -> dict[str, str]:
     """By IO, the ports under which a host on this machine finds emulated buses, but for those on raw Ethernet."""
     return {bus.io: _port_of(bus) for bus in buses if not bus.address.startswith(RAW)}
 
 
-def _port_of(bus: document.Bus) -> str:
+def _port_of(bus: document.BusConfig) -> str:
     address = "127.0.0.1" if bus.address == EVERYWHERE else bus.address
     forced = bus.network == "bridge" and _could_do_without_firewire(bus)
     return f"udpfw:{address}" if forced else f"udp:{address}"
 
 
-def _could_do_without_firewire(bus: document.Bus) -> bool:
+def _could_do_without_firewire(bus: document.BusConfig) -> bool:
     """And would, where the port does not say otherwise."""
     return bus.controllers[0].firmware >= 9 and bus.controllers[0].fpga == "V3"
 
 
 def _places(
-    context: Context, source: Source, buses: list[BusFiles], options: EmulationOptions
+    context: Context, source: SourceFile, buses: list[BusFiles], options: EmulationOptions
 ) -> Iterable[BusPlace]:
     names = {bus.keys.name: bus_files(bus) for bus in buses}
     if not buses:
@@ -117,14 +117,14 @@ def _places(
         yield BusPlace(context, source, name, options.buses.get(name, EmulatedBusKeys()), options, files)
 
 
-def _bus(place: BusPlace, address: str) -> document.Bus:
+def _bus(place: BusPlace, address: str) -> document.BusConfig:
     rows = controllers(place)
     testboard = bool(place.of_bus.testboard)
     without = [row.board_id for row in rows if row.hardware == "dRA1"]
     if testboard and without:
         text = f"the test board fits a QLA, not a dRA1 (board {', '.join(map(str, without))} of {place.name})"
         place.error(place.where("testboard"), text, "false")
-    return document.Bus(
+    return document.BusConfig(
         io=place.name,
         address=place.keys.address or address,
         controllers=rows,
@@ -133,7 +133,7 @@ def _bus(place: BusPlace, address: str) -> document.Bus:
     )
 
 
-def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
+def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> None:
     stays = bus.address.startswith(RAW)
     replaced = f"port {files.keys.port} replaced by " if files is not None and not stays else ""
     boards = ", ".join(str(board) for board in sorted(row.board_id for row in bus.controllers))
@@ -143,7 +143,7 @@ def _note(place: BusPlace, bus: document.Bus, files: BusFiles | None) -> None:
     place.context.notes.append(text)
 
 
-def _check_raw_port(place: BusPlace, bus: document.Bus, files: BusFiles) -> None:
+def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -> None:
     """Nobody but the system file can know at which interface the host hears the boards: its port stays."""
     key: Key = (*files.key, "port")
     if not files.keys.port.startswith("eth"):
@@ -153,7 +153,7 @@ def _check_raw_port(place: BusPlace, bus: document.Bus, files: BusFiles) -> None
         place.error(key, f"the boards of {place.name} would be asked without FireWire", "ethfw:INTERFACE")
 
 
-def _check_addresses(places: list[BusPlace], rows: list[document.Bus]) -> None:
+def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> None:
     """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there."""
     taken: dict[IPv4Address, str] = {}
     interfaces: dict[str, str] = {}
@@ -193,7 +193,7 @@ def _robots(buses: list[BusFiles]) -> dict[str, RobotKeys]:
 
 
 def _instruments(
-    context: Context, source: Source, arms: list[LoadedArm], options: EmulationOptions
+    context: Context, source: SourceFile, arms: list[LoadedArm], options: EmulationOptions
 ) -> tuple[tuple[str, str], ...]:
     instruments = {item.arm.name: item.arm.tool.name for item in arms if item.arm.tool is not None}
     names = [item.arm.name for item in arms]
@@ -209,7 +209,7 @@ def _instruments(
 
 
 def _likenesses(
-    context: Context, source: Source, robots: dict[str, RobotKeys], options: EmulationOptions
+    context: Context, source: SourceFile, robots: dict[str, RobotKeys], options: EmulationOptions
 ) -> tuple[document.Likeness, ...]:
     for name, keys in options.robots.items():
         key = (*EMULATION, "robots", name)

@@ -10,7 +10,7 @@ from procs.config.build.context import Context
 from procs.config.models.base_frame import base_frame_of
 from procs.config.models.system_file import RESERVED, InterfaceKeys, SystemFile
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document.external import External
 
 GENERIC: Final = "_GENERIC"
@@ -20,7 +20,7 @@ _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _LONGEST_BUTTON: Final = 24  # what an event has room for
 
 
-def load_externals(context: Context, source: Source, content: SystemFile) -> tuple[External, ...]:
+def load_externals(context: Context, source: SourceFile, content: SystemFile) -> tuple[External, ...]:
     """Generic arms, then other components that a console has its inputs from, with the buttons asked of each."""
     found = {row.name: External(row.name, row.type, (), base_frame_of(context, source, ("arms", index), row),
                                 (row.base_frame.reference_frame or "") if row.base_frame else "")
@@ -41,7 +41,7 @@ def place_of(content: SystemFile, component: str) -> str:
                 component)
 
 
-def _ask_button(context: Context, source: Source, content: SystemFile, key: Key, keys: InterfaceKeys | None,
+def _ask_button(context: Context, source: SourceFile, content: SystemFile, key: Key, keys: InterfaceKeys | None,
                 found: dict[str, External]) -> None:
     """One input of a console; those of an io are not ours."""
     if keys is None or keys.component in [row.name for row in content.IOs]:

@@ -9,7 +9,7 @@ from typing import Final
 from procs.config.build.buses import BusFiles
 from procs.config.build.context import Context
 from procs.config.models.system_file import RESERVED, SystemFile
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document.consoles import Focus, WiredInput
 
 KEY: Final = "ISI_focus_controller"
@@ -20,7 +20,7 @@ PEDALS: Final = ("focus_plus", "focus_minus")  # in, out
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
 
-def load_focus(context: Context, source: Source, content: SystemFile, buses: dict[str, BusFiles],
+def load_focus(context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles],
                operators: Collection[str]) -> tuple[Focus, ...]:
     """The focus controller, nothing without one or with errors; `operators` are names that are taken."""
     keys = content.ISI_focus_controller

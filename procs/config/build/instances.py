@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 
 from procs.config.build.context import Context
 from procs.config.models.trocar_section import TrocarSection
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.manifest import PROCS
 
@@ -16,7 +16,7 @@ ABOVE: Final = 5
 
 
 def build_processes(
-    context: Context, source: Source, system: document.System, options: TrocarSection
+    context: Context, source: SourceFile, system: document.SystemConfig, options: TrocarSection
 ) -> tuple[document.Process, ...]:
     """All instances of all kinds, see `procs.manifest`.
 
@@ -49,7 +49,7 @@ def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
     return of_section.get(priority, (0, None))
 
 
-Row = TypeVar("Row", document.Console, document.TeleopPsm, document.TeleopEcm)
+Row = TypeVar("Row", document.Console, document.TeleopPsmConfig, document.TeleopEcmConfig)
 
 
 def with_period(row: Row, options: TrocarSection) -> Row:

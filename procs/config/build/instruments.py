@@ -12,7 +12,7 @@ from procs.config.models.arm_file import PsmFile
 from procs.config.models.kinematic_file import InstrumentKeys, ToolIndexFile
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.document.catalogue import find, full_name
 
@@ -40,7 +40,7 @@ class PsmTools:
 
 
 def psm_tools(
-    context: Context, system: Source, arm: str, opened: Opened[PsmFile], options: TrocarSection
+    context: Context, system: SourceFile, arm: str, opened: Opened[PsmFile], options: TrocarSection
 ) -> PsmTools:
     """The instruments of the arm called `arm` in the file `system`.
 
@@ -121,7 +121,7 @@ def _versions(row: InstrumentKeys) -> tuple[float, float]:
 
 
 def _named(
-    context: Context, opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: tuple[Source, Key], name: str
+    context: Context, opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: tuple[SourceFile, Key], name: str
 ) -> document.Tool | None:
     """The tool called `name`; None with an error where it is asked for."""
     source, key = asked_by

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from procs.config.build.context import Context, Opened
 from procs.config.models.io_file import ActuatorKeys, BrakeKeys, DriveKeys, IoFile, RobotKeys
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 
 IoOpened = Opened[IoFile]
 
@@ -72,7 +72,7 @@ def board_ids(content: IoFile) -> dict[int, str]:
 
 def _once(
     context: Context,
-    source: Source,
+    source: SourceFile,
     key: Key,
     seen: dict[tuple[object, object], str],
     item: tuple[object, object],
@@ -104,7 +104,7 @@ def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys |
         yield ("robots", index, "brakes", number), brake
 
 
-def _check_counts(context: Context, source: Source, key: Key, robot: RobotKeys) -> None:
+def _check_counts(context: Context, source: SourceFile, key: Key, robot: RobotKeys) -> None:
     for name, stated, listed in (
         ("number_of_actuators", robot.number_of_actuators, len(robot.actuators)),
         ("number_of_brakes", robot.number_of_brakes, len(robot.brakes)),
@@ -113,7 +113,7 @@ def _check_counts(context: Context, source: Source, key: Key, robot: RobotKeys) 
             context.error(source, (*key, name), f"the list has {listed} entries", str(listed))
 
 
-def _check_axes(context: Context, source: Source, index: int, robot: RobotKeys) -> None:
+def _check_axes(context: Context, source: SourceFile, index: int, robot: RobotKeys) -> None:
     axes = AXES[robot.hardware_version]
     for part_key, part in parts_of(index, robot):
         if not 0 <= part.axis_id < axes:
@@ -122,7 +122,7 @@ def _check_axes(context: Context, source: Source, index: int, robot: RobotKeys) 
             context.error(source, where, text, f"0 to {axes - 1} on {robot.hardware_version}")
 
 
-def _check_calibration(context: Context, source: Source, key: Key, robot: RobotKeys) -> None:
+def _check_calibration(context: Context, source: SourceFile, key: Key, robot: RobotKeys) -> None:
     """Equal current offsets everywhere mean that nobody measured them: the motors would pull when asked for nothing."""
     if robot.hardware_version == "dRA1":
         return
@@ -140,7 +140,7 @@ def _check_calibration(context: Context, source: Source, key: Key, robot: RobotK
             tell(source, where, "the potentiometer is not calibrated", f"scale or offset other than 0{mode}")
 
 
-def _check_potentiometers(context: Context, source: Source, key: Key, robot: RobotKeys) -> None:
+def _check_potentiometers(context: Context, source: SourceFile, key: Key, robot: RobotKeys) -> None:
     pots = robot.potentiometers
     if pots is None:
         return
@@ -158,7 +158,7 @@ def _check_potentiometers(context: Context, source: Source, key: Key, robot: Rob
         context.error(source, here, "wrong size", f"{count} rows of {count} numbers")
 
 
-def _check_drive(context: Context, source: Source, key: Key, drive: DriveKeys) -> None:
+def _check_drive(context: Context, source: SourceFile, key: Key, drive: DriveKeys) -> None:
     """Commanding and measuring must agree, above all in sign."""
     product = drive.current_to_bits.scale * drive.bits_to_current.scale
     if not product > 0.0:
@@ -170,7 +170,7 @@ def _check_drive(context: Context, source: Source, key: Key, drive: DriveKeys) -
         context.warning(source, (*key, "bits_to_current", "scale"), text, allowed)
 
 
-def _check_limits(context: Context, source: Source, key: Key, actuator: ActuatorKeys) -> None:
+def _check_limits(context: Context, source: SourceFile, key: Key, actuator: ActuatorKeys) -> None:
     encoder = actuator.encoder
     if encoder is None:
         return

@@ -26,9 +26,9 @@ from procs.config.models.lookup_file import check_table
 from procs.config.models.pid_file import PidFile
 from procs.config.models.system_file import IoKeys
 from procs.config.read.paths import PROJECT_CONFIGS, given_file, not_found
-from procs.config.read.problem import WARNING, Key, Problem
+from procs.config.read.problem import WARNING, FileProblem, Key
 from procs.config.read.search import search_path
-from procs.config.read.source import Source, read_source
+from procs.config.read.source import SourceFile, read_source
 from procs.document.cart import CLASSIC, FIXED, SI
 
 SYSTEM = "system"
@@ -48,7 +48,7 @@ class Checked:
 
     path: Path
     kind: str
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -63,7 +63,7 @@ def check_file(
     """
     path = given_file(path, search, configs)
     if not path.exists():
-        return Checked(path, UNKNOWN, (Problem(str(path), 0, "", "", not_found(path, search, configs), "a file"),))
+        return Checked(path, UNKNOWN, (FileProblem(str(path), 0, "", "", not_found(path, search, configs), "a file"),))
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))
@@ -90,7 +90,7 @@ def _check_system(
     return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())
 
 
-def kind_of(source: Source) -> str:
+def kind_of(source: SourceFile) -> str:
     """The kind of a file, by its `$id` or else by the keys that only this kind has."""
     keys = set(source.data)
     if "$id" in keys:
@@ -122,7 +122,7 @@ def kind_of(source: Source) -> str:
     return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
 
 
-def _unknown(source: Source) -> Problem:
+def _unknown(source: SourceFile) -> FileProblem:
     if "$id" in source.data:
         return source.problem(("$id",), "no known kind of file", allowed=", ".join(_IDS))
     return source.problem((), "this kind of file is not checked", severity=WARNING)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from procs.config.build.context import Context
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 
 KINEMATIC: Final = "KINEMATIC"
@@ -23,8 +23,8 @@ DISC_RANGE: Final = math.radians(172.0)
 
 
 def kinematic_robot(
-    context: Context, source: Source, name: str, place: int, chain: document.Chain, actuators: int
-) -> tuple[document.Robot, document.Pid] | None:
+    context: Context, source: SourceFile, name: str, place: int, chain: document.Chain, actuators: int
+) -> tuple[document.Robot, document.PidConfig] | None:
     """The robot of the arm `name`, and a joint controller without gains; None with an error in its arm file `source`.
 
     `place` is that of the arm in the system: what has no board gets a number below 0, so that no two share one.
@@ -55,10 +55,10 @@ def kinematic_robot(
     )
     gains = tuple(document.PidAxis(*row, 0.0, 0.0, 0.0) for row in zip(names, types, strict=True))
     robot = document.Robot(name, "", KINEMATIC, rows, "NONE", source=str(source.path))
-    return robot, document.Pid(name, name, gains)
+    return robot, document.PidConfig(name, name, gains)
 
 
-def _ranges(chain: document.Chain, links: Sequence[document.Link]) -> list[tuple[float, float]]:
+def _ranges(chain: document.Chain, links: Sequence[document.DhLink]) -> list[tuple[float, float]]:
     """How far the actuators of the chain go: the box around all positions within the joint limits."""
     limits = np.array([(link.lower, link.upper) for link in links])
     if chain.actuator_to_joint is not None:

@@ -28,9 +28,9 @@ from procs.config.build.tasks import with_tasks
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.paths import PROJECT_CONFIGS
-from procs.config.read.problem import ERROR, WARNING, Problem
+from procs.config.read.problem import ERROR, WARNING, FileProblem
 from procs.config.read.search import SearchPath, expanded, is_folder, search_path
-from procs.config.read.source import Source, read_source
+from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document
 
@@ -44,9 +44,9 @@ _SYSTEM_ID = "dvrk-system.schema.json"
 class Loaded:
     """A loaded system: no document when there are errors."""
 
-    system: document.System | None
-    warnings: tuple[Problem, ...]
-    errors: tuple[Problem, ...]
+    system: document.SystemConfig | None
+    warnings: tuple[FileProblem, ...]
+    errors: tuple[FileProblem, ...]
 
 
 def load_system(
@@ -78,17 +78,17 @@ def load_system(
 
 def _load(
     context: Context,
-    source: Source,
+    source: SourceFile,
     boards: str | None,
     sets: Mapping[str, str] | Sequence[str],
     name: str | None,
     bus_address: Callable[[int], str] | None,
-) -> document.System | None:
+) -> document.SystemConfig | None:
     if _is_old_console(source):
         text = "this is a console file from before dVRK 2.4, which is not read"
         allowed = (f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"; '
                    f"trocar convert {source.path.name} makes one of it")
-        context.problems.append(Problem(str(source.path), 1, "$id", "", text, allowed))
+        context.problems.append(FileProblem(str(source.path), 1, "$id", "", text, allowed))
         return None
     source, problems = apply_overrides(source, sets)
     context.problems += problems
@@ -106,7 +106,7 @@ def _load(
     _check_accounts(context, source, options)
     emulated = (boards or options.boards) == "emulated"
     if boards not in (None, "real", "emulated"):
-        context.problems.append(Problem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
+        context.problems.append(FileProblem("--boards", 0, "", str(boards), "no such boards", "real or emulated"))
     if options.clock in _SIMULATED and content.IOs and not emulated:
         context.error(source, (SECTION, "clock"), "real boards don't wait", "wall, or emulated boards (--boards)")
     buses = load_buses(context, source, content, emulated=emulated)
@@ -132,11 +132,11 @@ def _load(
     return with_setup_joints(context, source, content, system)
 
 
-def _is_old_console(source: Source) -> bool:
+def _is_old_console(source: SourceFile) -> bool:
     return "$id" not in source.data and bool(_OLD_KEYS & set(source.data))
 
 
-def _options(context: Context, source: Source) -> TrocarSection | None:
+def _options(context: Context, source: SourceFile) -> TrocarSection | None:
     if not source.has((SECTION,)):
         return TrocarSection()
     options, problems = validate(TrocarSection, source, (SECTION,), unknown=ERROR)
@@ -144,7 +144,7 @@ def _options(context: Context, source: Source) -> TrocarSection | None:
     return options
 
 
-def _check_accounts(context: Context, source: Source, options: TrocarSection) -> None:
+def _check_accounts(context: Context, source: SourceFile, options: TrocarSection) -> None:
     """Who else may attach must be known to this machine, or shared memory could not be given to them."""
     groups, users = ("group", options.group, grp.getgrnam), ("service_user", options.service_user, pwd.getpwnam)
     for key, name, find in (groups, users):
@@ -156,7 +156,7 @@ def _check_accounts(context: Context, source: Source, options: TrocarSection) ->
             context.error(source, (SECTION, key), f"this machine has no such {what}", f"a {what} of this machine")
 
 
-def _with_settings(context: Context, source: Source, content: SystemFile) -> SearchPath:
+def _with_settings(context: Context, source: SourceFile, content: SystemFile) -> SearchPath:
     """settings.path comes after the folder of the system file, and is meant relative to it or to the working folder."""
     folders = context.search.folders
     beside = source.path.parent
@@ -171,7 +171,7 @@ def _with_settings(context: Context, source: Source, content: SystemFile) -> Sea
     return search_path((*folders[:at], *more, *folders[at:]))
 
 
-def _check_names(context: Context, source: Source, content: SystemFile) -> None:
+def _check_names(context: Context, source: SourceFile, content: SystemFile) -> None:
     """Every instance needs a name of its own: it names its process, its topics and its shared memory."""
     seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
     if any(row.simulation == KINEMATIC for row in content.arms):
@@ -205,7 +205,7 @@ def _with_period(loaded: LoadedArm, options: TrocarSection) -> LoadedArm:
 
 def _assemble(
     context: Context,
-    source: Source,
+    source: SourceFile,
     buses: list[BusFiles],
     arms: list[LoadedArm],
     carts: tuple[document.Cart, ...],
@@ -214,11 +214,12 @@ def _assemble(
     emulated: bool,
     name: str | None,
     bus_address: Callable[[int], str] | None,
-) -> document.System | None:
+) -> document.SystemConfig | None:
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", source.path.stem)[:40]
     if not _NAME.match(system_name):
         text = "not a name for a system"
-        context.problems.append(Problem("--system", 0, "", system_name, text, "letters, digits, _ and -, at most 40"))
+        context.problems.append(FileProblem("--system", 0, "", system_name, text,
+                                            "letters, digits, _ and -, at most 40"))
         return None
     started = [loaded for loaded in arms if loaded.starts]
     real = [loaded for loaded in arms if not loaded.is_kinematic]
@@ -241,7 +242,7 @@ def _assemble(
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
     ios = with_tasks(context, source, ios, options.io.tasks) + played
-    system = document.System(
+    system = document.SystemConfig(
         name=system_name,
         source=str(source.path),
         clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.externals),
@@ -264,7 +265,7 @@ def _assemble(
     return dataclasses.replace(system, processes=build_processes(context, source, system, options))
 
 
-def _usual_clock(context: Context, ios: tuple[document.Io, ...], carts: tuple[document.Cart, ...], emulated: bool,
+def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,
                  externals: tuple[document.External, ...]) -> str:
     """The clock where none is stated: what is not real waits for a busy machine."""
     if not emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
@@ -276,7 +277,7 @@ def _usual_clock(context: Context, ios: tuple[document.Io, ...], carts: tuple[do
     return document.PACED
 
 
-def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection) -> document.Io:
+def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options: TrocarSection) -> document.IoConfig:
     """The bus with everything in its files, robots of these arms first, and the joint controllers of these arms."""
     keys, io_options = bus.keys, options.io
     own = options.processes.get(keys.name)
@@ -286,7 +287,7 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
         table = bus.tables.get((path, index), "")
         robots.setdefault(robot.name, convert.robot(robot, str(path), table))
     files = [file.content for file in bus.opened()]
-    return document.Io(
+    return document.IoConfig(
         name=keys.name,
         port=ports.get(keys.name, keys.port),
         protocol=PROTOCOLS[keys.protocol],
@@ -308,13 +309,13 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
     )
 
 
-def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.Io, ...]:
+def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.IoConfig, ...]:
     """The process that plays the robots of KINEMATIC arms, where there are any; the shortest `PID_period` holds."""
     if not arms:
         return ()
     io_options, own = options.io, options.processes.get(KINEMATIC_IO)
     asked = min((loaded.pid_period_s for loaded in arms if loaded.pid_period_s > 0.0), default=PERIOD_S)
-    return (document.Io(
+    return (document.IoConfig(
         name=KINEMATIC_IO,
         port="",
         protocol="",

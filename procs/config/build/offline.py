@@ -15,7 +15,7 @@ from procs.config.build.kinds import kind_of
 from procs.config.build.weights import measured_weight, weighing_links
 from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.config.read.paths import PROJECT_CONFIGS, given_file, not_found
-from procs.config.read.problem import ERROR, Problem
+from procs.config.read.problem import ERROR, FileProblem
 from procs.config.read.search import search_path
 from procs.document import system as document
 from procs.document.gravity_parameters import MasterGravityParameters
@@ -41,14 +41,14 @@ class OfflineArm:
 def load_offline(
     kinematic: Path | None, tool: Path | None, arm: Path | None, *, search: Sequence[Path] = (),
     configs: Path = PROJECT_CONFIGS,
-) -> tuple[OfflineArm | None, tuple[Problem, ...]]:
+) -> tuple[OfflineArm | None, tuple[FileProblem, ...]]:
     """An arm from a kinematic file or an arm file, or both: what is given by itself takes the place of what it names.
 
     None with errors. `search` is what `--path` gives; the files themselves are looked for there and in `configs`, too.
     """
     kinematic, tool, arm = (given_file(path, search, configs) if path is not None else None
                             for path in (kinematic, tool, arm))
-    absent = [Problem(str(path), 0, "", "", not_found(path, search, configs), "a file")
+    absent = [FileProblem(str(path), 0, "", "", not_found(path, search, configs), "a file")
               for path in (kinematic, tool, arm) if path is not None and not path.exists()]
     if absent:
         return None, tuple(absent)

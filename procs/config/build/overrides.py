@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from procs.config.read.jsontext import TextError
-from procs.config.read.problem import Key, Problem, value_text
-from procs.config.read.source import Source
+from procs.config.read.problem import FileProblem, Key, value_text
+from procs.config.read.source import SourceFile
 from procs.config.read.yamltext import parse_yaml
 
 SECTION = "trocar"
 
 
-def apply_overrides(source: Source, sets: Mapping[str, str] | Sequence[str]) -> tuple[Source, list[Problem]]:
+def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
+                                                                                          list[FileProblem]]:
     """`source` with every `--set` written into its `trocar` section; keys with or without the leading `trocar.`."""
-    problems: list[Problem] = []
+    problems: list[FileProblem] = []
     pairs: list[tuple[str, str]] = []
     if isinstance(sets, Mapping):
         pairs = list(sets.items())
@@ -44,11 +45,11 @@ def apply_overrides(source: Source, sets: Mapping[str, str] | Sequence[str]) -> 
             problems.append(_problem(name, text, "an outer key already has a plain value"))
     if not pairs:
         return source, problems
-    return Source(source.path, data, source.lines, frozenset(keys)), problems
+    return SourceFile(source.path, data, source.lines, frozenset(keys)), problems
 
 
-def _problem(name: str, value: str, text: str, allowed: str = "") -> Problem:
-    return Problem("--set", 0, name, value_text(value), text, allowed)
+def _problem(name: str, value: str, text: str, allowed: str = "") -> FileProblem:
+    return FileProblem("--set", 0, name, value_text(value), text, allowed)
 
 
 def _copy(value: object) -> object:

@@ -9,7 +9,7 @@ from procs.config.build.context import Context
 from procs.config.models.setup_file import PLUGS, SetupFile
 from procs.config.models.system_file import ArmKeys, SystemFile
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import emulated
 from procs.document import system as document
 
@@ -18,8 +18,8 @@ _ROOM = {"QLA1": 4, "DQLA": 8}  # axes and outputs alike
 
 
 def with_setup_joints(
-    context: Context, source: Source, content: SystemFile, system: document.System | None
-) -> document.System | None:
+    context: Context, source: SourceFile, content: SystemFile, system: document.SystemConfig | None
+) -> document.SystemConfig | None:
     """The system, with the Classic set-up joints among its arms on its emulated boards."""
     if system is None or system.emulation is None:
         return system
@@ -32,8 +32,8 @@ def with_setup_joints(
 
 
 def _load(
-    context: Context, source: Source, where: Key, keys: ArmKeys, system: document.System
-) -> emulated.SetupJoints | None:
+    context: Context, source: SourceFile, where: Key, keys: ArmKeys, system: document.SystemConfig
+) -> emulated.EmulatedSetupJoints | None:
     path = context.find(source, (*where, "arm_file"), (keys.arm_file,))
     opened = context.open(SetupFile, path) if path is not None else None
     if opened is None:
@@ -49,8 +49,8 @@ def _load(
 
 
 def _fitted(
-    system: document.System, io: document.Io, robot: document.Robot, content: SetupFile
-) -> emulated.SetupJoints | None:
+    system: document.SystemConfig, io: document.IoConfig, robot: document.Robot, content: SetupFile
+) -> emulated.EmulatedSetupJoints | None:
     """The set-up joints on the board that has their actuators and outputs; None when no board has them all."""
     named = {row.name: row for row in io.digital_outputs}
     outputs = [named[name] for name in OUTPUTS if name in named]
@@ -64,4 +64,5 @@ def _fitted(
         return None
     arms = tuple(convert.setup_arm(arm) for arm in content.arms)
     reset, increment, pwm, disable = bits
-    return emulated.SetupJoints(robot.name, io.name, boards[0], tuple(axes), reset, increment, pwm, disable, arms)
+    return emulated.EmulatedSetupJoints(robot.name, io.name, boards[0], tuple(axes), reset, increment, pwm, disable,
+                                        arms)

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field
 from procs.config.build.context import Context
 from procs.config.read.problem import Key
 from procs.config.read.search import expanded
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.config.read.validate import Rows, Section
 from procs.document import system as document
 
@@ -54,8 +54,8 @@ class TaskKeys(Section):
     options: Options = Field(default_factory=dict, description=_OPTIONS)
 
 
-def with_tasks(context: Context, source: Source, ios: tuple[document.Io, ...],
-               rows: Sequence[TaskKeys]) -> tuple[document.Io, ...]:
+def with_tasks(context: Context, source: SourceFile, ios: tuple[document.IoConfig, ...],
+               rows: Sequence[TaskKeys]) -> tuple[document.IoConfig, ...]:
     """The buses with the tasks of their robots."""
     controlled = [pid.robot for io in ios for pid in io.pids]
     modules = [_module(context, source, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
@@ -77,7 +77,7 @@ def with_tasks(context: Context, source: Source, ios: tuple[document.Io, ...],
     return tuple(whole)
 
 
-def _module(context: Context, source: Source, key: Key, name: str) -> str:
+def _module(context: Context, source: SourceFile, key: Key, name: str) -> str:
     """A file beside the system file as an absolute path, else the name of an installed module."""
     folder = source.path.resolve().parent
     path = folder / expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
@@ -92,7 +92,7 @@ def _module(context: Context, source: Source, key: Key, name: str) -> str:
     return name
 
 
-def _check_budgets(context: Context, source: Source, io: document.Io, tasks: list[document.TaskRow]) -> None:
+def _check_budgets(context: Context, source: SourceFile, io: document.IoConfig, tasks: list[document.TaskRow]) -> None:
     """The joint controllers, the boards and everything else need their time, too."""
     together_s = sum(task.budget_s * len(task.robots) for task in tasks)
     if together_s > _LARGEST_SHARE * io.period_s:

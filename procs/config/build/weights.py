@@ -7,12 +7,12 @@ from procs.config.build.chains import load_chain
 from procs.config.build.context import Context
 from procs.config.models.arm_file import ArmFile, MtmFile
 from procs.config.models.gravity_file import load_master_gravity
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.document.gravity_parameters import MasterGravityParameters
 
 
-def weighing_links(context: Context, source: Source, content: ArmFile, family: str) -> document.Chain | None:
+def weighing_links(context: Context, source: SourceFile, content: ArmFile, family: str) -> document.Chain | None:
     """The links of an arm with their masses; None: it needs none, or with errors."""
     row = ARM_TYPES[family]
     search = context.search.first(source.path.parent)
@@ -28,7 +28,7 @@ def weighing_links(context: Context, source: Source, content: ArmFile, family: s
     return None
 
 
-def measured_weight(context: Context, source: Source, content: MtmFile) -> MasterGravityParameters | None:
+def measured_weight(context: Context, source: SourceFile, content: MtmFile) -> MasterGravityParameters | None:
     """What a master's gravity-compensation file says; None: it names none, or with errors."""
     name, search = content.gravity_compensation, context.search.first(source.path.parent)
     if not name:

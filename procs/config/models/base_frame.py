@@ -6,11 +6,11 @@ from procs.config.build.context import Context
 from procs.config.models.system_file import ArmKeys
 from procs.config.read.matrices import check_rigid
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.document import system as document
 
 
-def base_frame_of(context: Context, source: Source, key: Key, keys: ArmKeys) -> document.Matrix | None:
+def base_frame_of(context: Context, source: SourceFile, key: Key, keys: ArmKeys) -> document.Matrix | None:
     """A fixed base frame; None without one, or when another component gives it."""
     frame = keys.base_frame
     if frame is None:

@@ -10,7 +10,7 @@ from procs.config.read.validate import Rows, Section
 from procs.document.gravity_parameters import JOINTS, PARAMETERS, MasterGravityParameters
 
 
-class ControllerKeys(Section):
+class GravityControllerKeys(Section):
     """What holds the arm; the limits and start of the measurement are not needed for it."""
 
     gc_dynamic_params_pos: Rows[float]
@@ -29,7 +29,7 @@ class GravityFile(Section):
     """The controller's part, and how it was measured."""
 
     version: Literal["2.0"]
-    GC_controller: ControllerKeys
+    GC_controller: GravityControllerKeys
     ARM_NAME: str = ""
     SN: str = ""
     date_time: str = ""

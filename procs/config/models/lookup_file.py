@@ -14,7 +14,7 @@ from procs.config.build.context import Context, Opened
 from procs.config.models.io_file import IoFile, RobotKeys
 from procs.config.read.problem import Key
 from procs.config.read.search import expanded
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 from procs.fpga import lookup
 
 ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.MISSING_ABOVE:g}"
@@ -72,7 +72,7 @@ def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys,
     return _packed(context, source)
 
 
-def _packed(context: Context, source: Source) -> str:
+def _packed(context: Context, source: SourceFile) -> str:
     """The rows of a table as text; empty, with an error, where they are none."""
     rows = source.at(("lookup",))
     rows = [_spread(row) for row in rows] if isinstance(rows, list) else []

@@ -44,7 +44,7 @@ class Parsed:
 
 def parse_json(text: str) -> Parsed:
     """Decode `text`; TextError says where it stops being JSON."""
-    reader = _Reader(text)
+    reader = _JsonReader(text)
     parsed = reader.parsed
     at = reader.skip(0)
     parsed.lines[()] = reader.line(at)
@@ -55,7 +55,7 @@ def parse_json(text: str) -> Parsed:
     return parsed
 
 
-class _Reader:
+class _JsonReader:
     def __init__(self, text: str) -> None:
         self.text = text
         self.starts = [0] + [match.end() for match in re.finditer("\n", text)]

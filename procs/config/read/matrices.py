@@ -6,7 +6,7 @@ import numpy as np
 
 from procs.config.build.context import Context
 from procs.config.read.problem import Key
-from procs.config.read.source import Source
+from procs.config.read.source import SourceFile
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -14,7 +14,7 @@ _ORTHONORMAL = 1e-3  # files round cosines to four digits
 _LEAST_DETERMINANT = 1e-6
 
 
-def check_size(context: Context, source: Source, key: Key, matrix: Rows, size: int) -> bool:
+def check_size(context: Context, source: SourceFile, key: Key, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size; an error otherwise."""
     if len(matrix) == size and all(len(row) == size for row in matrix):
         return True
@@ -23,7 +23,7 @@ def check_size(context: Context, source: Source, key: Key, matrix: Rows, size: i
     return False
 
 
-def check_rigid(context: Context, source: Source, key: Key, matrix: Rows) -> bool:
+def check_rigid(context: Context, source: SourceFile, key: Key, matrix: Rows) -> bool:
     """Whether `matrix` is a 4 × 4 rigid transform; an error otherwise."""
     if not check_size(context, source, key, matrix, 4):
         return False
@@ -41,7 +41,7 @@ def check_rigid(context: Context, source: Source, key: Key, matrix: Rows) -> boo
     return True
 
 
-def check_invertible(context: Context, source: Source, key: Key, matrix: Rows, size: int) -> bool:
+def check_invertible(context: Context, source: SourceFile, key: Key, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size and has an inverse; an error otherwise."""
     if not check_size(context, source, key, matrix, size):
         return False

@@ -14,7 +14,7 @@ _LONGEST_VALUE = 60
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class FileProblem:
     """One finding; `str()` gives it on one line. `line` 0 means the whole file, `key` "" the whole document."""
 
     file: str

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.config.read.jsontext import Parsed, TextError, parse_json
-from procs.config.read.problem import WARNING, Key, Problem, key_text, value_text
+from procs.config.read.problem import WARNING, FileProblem, Key, key_text, value_text
 from procs.config.read.yamltext import parse_yaml
 
 _YAML = (".yaml", ".yml")
@@ -19,7 +19,7 @@ _MISSING = object()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Source:
+class SourceFile:
     """One file. `overrides` are key paths whose value came from the command line (--set)."""
 
     path: Path
@@ -36,21 +36,21 @@ class Source:
         """Whether `key` is written in the file."""
         return self._find(key) is not _MISSING
 
-    def renamed(self, names: Mapping[str, str]) -> Source:
+    def renamed(self, names: Mapping[str, str]) -> SourceFile:
         """With other names for keys of the document itself, where these are not written as well."""
         here = {old: new for old, new in names.items() if old in self.data and new not in self.data}
         if not here:
             return self
         data = {here.get(key, key): value for key, value in self.data.items()}
         lines = {(here.get(str(key[0]), key[0]), *key[1:]) if key else key: line for key, line in self.lines.items()}
-        return Source(self.path, data, lines, self.overrides)
+        return SourceFile(self.path, data, lines, self.overrides)
 
-    def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> Problem:
+    def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> FileProblem:
         """A finding at `key`, placed at the nearest line known."""
         found = self._find(key)
         value = "" if found is _MISSING or not key else value_text(found)
         file, line = self._place(key)
-        return Problem(file, line, key_text(key), value, text, allowed, severity)
+        return FileProblem(file, line, key_text(key), value, text, allowed, severity)
 
     def _place(self, key: Key) -> tuple[str, int]:
         if key not in self.lines and any(given[: len(key)] == key for given in self.overrides):
@@ -85,36 +85,37 @@ def unreadable(path: Path) -> tuple[str, str] | None:
     return None
 
 
-def read_source(path: Path) -> tuple[Source | None, list[Problem]]:
+def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
     """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
     name = str(path)
     try:
         if wrong := unreadable(path):
-            return None, [Problem(name, 0, "", "", *wrong)]
+            return None, [FileProblem(name, 0, "", "", *wrong)]
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as bad:
-        return None, [Problem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
+        return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
     except OSError as bad:
-        return None, [Problem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
+        return None, [FileProblem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
     if text.lstrip().startswith("<"):
         allowed = f"JSON or YAML; trocar convert {path.name} makes one of it"
-        return None, [Problem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
+        return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
     is_yaml = path.suffix.lower() in _YAML
     try:
         parsed = parse_yaml(text) if is_yaml else parse_json(text)
     except TextError as bad:
         what = f"broken {'YAML' if is_yaml else 'JSON'}, column {bad.column}: {bad.what}"
-        return None, [Problem(name, bad.line, "", "", what)]
+        return None, [FileProblem(name, bad.line, "", "", what)]
     return _as_source(path, parsed)
 
 
-def _as_source(path: Path, parsed: Parsed) -> tuple[Source | None, list[Problem]]:
+def _as_source(path: Path, parsed: Parsed) -> tuple[SourceFile | None, list[FileProblem]]:
     if not isinstance(parsed.data, dict):
         found = value_text(parsed.data)
-        return None, [Problem(str(path), 1, "", found, "the document must be an object", 'an object: {"key": value}')]
-    source = Source(path, parsed.data, parsed.lines)
+        return None, [FileProblem(str(path), 1, "", found, "the document must be an object",
+                                  'an object: {"key": value}')]
+    source = SourceFile(path, parsed.data, parsed.lines)
     problems = [
-        Problem(str(path), line, key_text(key), "", "key occurs twice: the last one counts", severity=WARNING)
+        FileProblem(str(path), line, key_text(key), "", "key occurs twice: the last one counts", severity=WARNING)
         for key, line in parsed.repeated
     ]
     return source, problems

@@ -13,8 +13,8 @@ from annotated_types import Ge, Gt, Le, Lt, MinLen
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from procs.config.read.problem import ERROR, WARNING, Key, Problem
-from procs.config.read.source import Source
+from procs.config.read.problem import ERROR, WARNING, FileProblem, Key
+from procs.config.read.source import SourceFile
 
 Item = TypeVar("Item")
 ModelType = TypeVar("ModelType", bound=BaseModel)
@@ -45,8 +45,8 @@ class Section(BaseModel):
 
 
 def validate(
-    model: type[ModelType], source: Source, key: Key = (), *, unknown: str = WARNING
-) -> tuple[ModelType | None, list[Problem]]:
+    model: type[ModelType], source: SourceFile, key: Key = (), *, unknown: str = WARNING
+) -> tuple[ModelType | None, list[FileProblem]]:
     """The part of `source` at `key` as `model` (None with errors) and everything found; unknown keys as `unknown`."""
     data = source.at(key) if key else source.data
     problems = list(_unknown_keys(model, source, key, data, unknown))
@@ -79,7 +79,7 @@ def _without_empty(annotation: Any, data: object) -> object:
     return data
 
 
-def _problem(model: type[BaseModel], source: Source, key: Key, error: Any) -> Problem:
+def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -> FileProblem:
     inner: Key = tuple(error["loc"])
     where = (*key, *inner)
     annotation, metadata, description = _describe_at(model, inner)
@@ -198,9 +198,9 @@ def _limit(item: Any) -> str:
     return ""
 
 
-def _unknown_keys(annotation: Any, source: Source, key: Key, data: object, severity: str) -> list[Problem]:
+def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, severity: str) -> list[FileProblem]:
     annotation = _unwrap(annotation)[0]
-    problems: list[Problem] = []
+    problems: list[FileProblem] = []
     if isinstance(data, list) and typing.get_origin(annotation) is tuple:
         for index, item in enumerate(data):
             problems += _unknown_keys(typing.get_args(annotation)[0], source, (*key, index), item, severity)
@@ -217,7 +217,7 @@ def _unknown_keys(annotation: Any, source: Source, key: Key, data: object, sever
     return problems
 
 
-def _unknown(source: Source, key: Key, known: Mapping[str, FieldInfo], severity: str) -> Problem:
+def _unknown(source: SourceFile, key: Key, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
     """An unknown key is ignored, as in the original software; not where it looks like a slip that leaves a calibration,
     a gain or a limit at what it is when absent."""
     name = str(key[-1])

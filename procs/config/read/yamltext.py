@@ -29,11 +29,11 @@ _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?\
 _SPECIAL = re.compile(r"[-+]?\.(?:inf|Inf|INF)\Z|\.(?:nan|NaN|NAN)\Z")
 
 
-class _Loader(yaml.SafeLoader):
+class _YamlLoader(yaml.SafeLoader):
     """Tells plain words from quoted ones and resolves nothing else."""
 
 
-_Loader.yaml_implicit_resolvers = {}
+_YamlLoader.yaml_implicit_resolvers = {}
 
 if yaml.__with_libyaml__:
 
@@ -61,7 +61,7 @@ def parse_yaml(text: str) -> Parsed:
         raise TextError(before.count("\n") + 1, column, f"character #x{bad.character:04x}: {bad.reason}") from bad
     except RecursionError as bad:
         raise TextError(1, 1, "nested too deeply") from bad
-    reader = _Reader()
+    reader = _YamlReader()
     reader.parsed.lines[()] = 1 if node is None else _line(node)
     if node is not None:
         reader.parsed.data = reader.value(node, ())
@@ -72,14 +72,14 @@ def _compose(text: str) -> yaml.Node | None:
     if yaml.__with_libyaml__:
         with contextlib.suppress(yaml.YAMLError, UnicodeEncodeError):
             return _Quick(text).get_single_node()
-    loader = _Loader(text)
+    loader = _YamlLoader(text)
     try:
         return loader.get_single_node()
     finally:
         loader.dispose()
 
 
-class _Reader:
+class _YamlReader:
     def __init__(self) -> None:
         self.parsed = Parsed()
         self.nodes = 0

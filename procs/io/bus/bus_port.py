@@ -23,12 +23,12 @@ from procs.io.bus.port import (
     PortError,
     Quads,
 )
-from procs.io.bus.protocols import BroadcastWrite, QueryRead, Reader, SequentialRead, SequentialWrite, Writer
+from procs.io.bus.protocols import BoardReader, BroadcastWrite, QueryRead, SequentialRead, SequentialWrite, Writer
 from procs.io.bus.rows import Rows
 from procs.io.bus.transport import Transport
 from procs.io.bus.unasked import UnaskedRead
 
-_Found: TypeAlias = tuple[discovery.Hub, tuple[BoardInfo, ...]]
+_Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
 LONGEST_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
 
@@ -60,7 +60,7 @@ class BusPort:
         self._protocol, self._bridge = protocol, bridge
         self._exclusive, self._query_wait_ns = exclusive, query_wait_ns
         self._first_control, self._quiet = first_control, quiet
-        self._hub: discovery.Hub | None = None
+        self._hub: discovery.HubBoard | None = None
         count = len(self.board_ids)
         self._make_rows(registers.AXES)
         self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
@@ -74,7 +74,7 @@ class BusPort:
         if deadline_ms is not None:
             self._link.cycle_timeout_ms = deadline_ms
         self._nodes: ChainMap[int, int] = ChainMap()
-        self._reader: Reader | None = None
+        self._reader: BoardReader | None = None
         self._writer: Writer | None = None
 
     def _make_rows(self, width: int) -> None:
@@ -150,7 +150,7 @@ class BusPort:
         discovery.check_boards(self._link, boards, self.board_ids)
         return hub, boards
 
-    def _make_ours(self, hub: discovery.Hub) -> None:
+    def _make_ours(self, hub: discovery.HubBoard) -> None:
         """Nobody else drives the bus, or PortError; whatever a predecessor left on is switched off."""
         if self._exclusive and self.board_ids:
             discovery.refuse_other_host(self._link, hub)
@@ -163,7 +163,7 @@ class BusPort:
             raise self._not_ready()
         discovery.refuse_other_host(self._link, self._hub)
 
-    def _prepare(self, hub: discovery.Hub) -> None:
+    def _prepare(self, hub: discovery.HubBoard) -> None:
         known = {info.board: info for info in self.boards}
         wanted_boards = [known[board] for board in self.board_ids]
         layouts = tuple(blocks.layout_of(info.firmware, *blocks.AXES_OF[info.hardware]) for info in wanted_boards)
@@ -287,7 +287,7 @@ class BusPort:
         return PortError("the boards are not discovered", self._link.where, "open and discover first")
 
 
-def _parts(protocol: str, link: Link, rows: Rows) -> tuple[Reader, Writer]:
+def _parts(protocol: str, link: Link, rows: Rows) -> tuple[BoardReader, Writer]:
     """Reader and writer of a protocol (one of `port.PROTOCOLS`)."""
     if protocol == SEQUENTIAL:
         return SequentialRead(link, rows), SequentialWrite(link, rows)

@@ -78,7 +78,7 @@ class BusReset:
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class CdevResponse:
     """What became of a request; `data` only of reads that were answered."""
 
     closure: int
@@ -92,7 +92,7 @@ class Response:
         return head + (self.data.ljust(room, b"\0") + self.data if len(self.data) <= room else self.data + bytes(room))
 
 
-Event: TypeAlias = BusReset | Response
+Event: TypeAlias = BusReset | CdevResponse
 
 
 def decode_event(data: Buffer) -> Event | None:
@@ -101,7 +101,7 @@ def decode_event(data: Buffer) -> Event | None:
         return None
     closure, kind, code, length = _RESPONSE.unpack_from(data)
     if kind == RESPONSE and len(data) >= _RESPONSE.size + length:
-        return Response(closure, code, bytes(data[_RESPONSE.size : _RESPONSE.size + length]))
+        return CdevResponse(closure, code, bytes(data[_RESPONSE.size : _RESPONSE.size + length]))
     if kind == BUS_RESET and len(data) >= _RESET.size:
         closure, _, node, local, manager, resource, root, generation = _RESET.unpack_from(data)
         return BusReset(node, local, manager, resource, root, generation, closure)

@@ -26,7 +26,7 @@ from shm.clock import monotonic_ns
 Answer = dict[str, Any]
 
 
-class Desk:
+class BusServer:
     """The transactions a person may ask for, on a port without boards of its own."""
 
     def __init__(self, name: str, port: BusPort, held: contextlib.ExitStack) -> None:
@@ -79,7 +79,7 @@ def main() -> None:
         return
     _say({})
     with contextlib.closing(port), contextlib.ExitStack() as held:  # discovery opens it
-        desk = Desk(sys.argv[1], port, held)
+        desk = BusServer(sys.argv[1], port, held)
         for line in sys.stdin:
             _say(desk.answer(json.loads(line)))
 

@@ -23,7 +23,7 @@ OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or 
 
 
 @dataclass(frozen=True, slots=True)
-class Hub:
+class HubBoard:
     """The board whose hub memory is read: where there is one, that with the network cable."""
 
     board: int
@@ -33,7 +33,7 @@ class Hub:
     node: int  # at which it is asked before the nodes are known; BROADCAST: the hub by itself
 
 
-def find_hub(link: Link, bridge: bool) -> Hub:
+def find_hub(link: Link, bridge: bool) -> HubBoard:
     """Give the hub its address, take the bus generation from its first reply, and learn what it is."""
     transport = link.transport
     transport.ask_everybody()
@@ -53,7 +53,7 @@ def find_hub(link: Link, bridge: bool) -> Hub:
     return hub
 
 
-def find_told_hub(link: Link, bridge: bool) -> Hub | None:
+def find_told_hub(link: Link, bridge: bool) -> HubBoard | None:
     """The hub, found by reads alone, which refresh no watchdog; None where no earlier host gave it this address."""
     link.transport.ask_everybody()
     hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=TOLD_TRIES)
@@ -66,7 +66,7 @@ def find_told_hub(link: Link, bridge: bool) -> Hub | None:
     return hub if address in (0, told) else None
 
 
-def _known_hub(link: Link, hardware: int, bridge: bool) -> Hub:
+def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
     """What the hub is."""
     values = []
     for register in (registers.STATUS, registers.FIRMWARE, registers.ETHERNET):
@@ -79,14 +79,14 @@ def _known_hub(link: Link, hardware: int, bridge: bool) -> Hub:
     if firmware not in registers.FIRMWARE_REVISIONS:
         raise PortError(f"firmware Rev {firmware} on hub board {board}", link.where, "allowed: Rev 7, 8, 9")
     node = board if _does_without_firewire(firmware, fpga, bridge) else wire.BROADCAST
-    return Hub(board, firmware, fpga, registers.hardware_name(hardware), node)
+    return HubBoard(board, firmware, fpga, registers.hardware_name(hardware), node)
 
 
 def _does_without_firewire(firmware: int, fpga: int, bridge: bool) -> bool:
     return fpga == 3 and firmware >= 9 and not bridge
 
 
-def _aim(link: Link, hub: Hub, bridge: bool) -> int:
+def _aim(link: Link, hub: HubBoard, bridge: bool) -> int:
     return link.aim(hub.board, hub.firmware, by_board=_does_without_firewire(hub.firmware, hub.fpga, bridge))
 
 
@@ -94,7 +94,7 @@ def _silent(link: Link) -> PortError:
     return PortError("no controller answers", link.where, "check power, cable and address of the hub")
 
 
-def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[Hub, tuple[BoardInfo, ...]]:
+def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[HubBoard, tuple[BoardInfo, ...]]:
     """All boards of a bus that we are on ourselves, unjudged, and the one whose hub memory is best read.
 
     That is the one that reports last to a query: it has heard all others before.
@@ -105,7 +105,7 @@ def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[Hub, tuple[Boar
         raise PortError("no controller answers", link.where, "check power and FireWire cables")
     last = [info for info in boards if info.board in wanted or not wanted] or boards
     info = last[-1]
-    return Hub(info.board, info.firmware, info.fpga, info.hardware, info.node), boards
+    return HubBoard(info.board, info.firmware, info.fpga, info.hardware, info.node), boards
 
 
 def find_boards(link: Link, hub: int, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
@@ -181,7 +181,7 @@ def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
         link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, value)
 
 
-def refuse_other_host(link: Link, hub: Hub) -> None:
+def refuse_other_host(link: Link, hub: HubBoard) -> None:
     """Raise PortError when somebody else samples the boards: the time since the last sample would be too short."""
     if not link.real_time:
         return
@@ -195,7 +195,7 @@ def refuse_other_host(link: Link, hub: Hub) -> None:
                         link.where, "allowed: one host; stop the other")
 
 
-def _sample(link: Link, hub: Hub) -> bytes | None:
+def _sample(link: Link, hub: HubBoard) -> bytes | None:
     """The real-time block of the hub, before any other node number is known."""
     length = 4 * blocks.read_quads(hub.firmware, *blocks.AXES_OF.get(hub.hardware, blocks.AXES_OF["QLA1"]))
     return link.read_block(hub.node, registers.REAL_TIME, length, flags=wire.NO_FORWARD)

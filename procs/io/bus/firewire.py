@@ -326,10 +326,10 @@ class FirewireTransport:
             self._follow(fd, event)
             self._paths = {path: other for path, other in self._paths.items() if other != FOREIGN}  # names are reused
             self._looked_ns = 0
-        elif isinstance(event, firewire.Response) and event.closure != NO_ANSWER:
+        elif isinstance(event, firewire.CdevResponse) and event.closure != NO_ANSWER:
             self._answer(event)
 
-    def _answer(self, event: firewire.Response) -> None:
+    def _answer(self, event: firewire.CdevResponse) -> None:
         """A reply as it would have come over Ethernet; silence where the node did not answer."""
         if event.closure >> 24 != self._age:
             return

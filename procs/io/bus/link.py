@@ -257,14 +257,14 @@ class Link:
             self._forgets = self._forget()
             self._missing.clear()
 
-    def _decode(self, size: int, tcode: int, node: int) -> wire.Response | None:
+    def _decode(self, size: int, tcode: int, node: int) -> wire.WireResponse | None:
         if size <= 0:
             return None
         try:
             reply = wire.decode_response(self.rx[:size])
         except wire.WireError:
             reply = None
-        if isinstance(reply, wire.Response) and reply.tcode == tcode and node in (reply.node, wire.BROADCAST):
+        if isinstance(reply, wire.WireResponse) and reply.tcode == tcode and node in (reply.node, wire.BROADCAST):
             return reply
         self.counters.stray += 1
         self.doubt()

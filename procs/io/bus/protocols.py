@@ -33,7 +33,7 @@ QUERY_WAIT_NS: Final = 10_000  # for the first board, and for each further one, 
 _QUERY = struct.Struct(">IIII")
 
 
-class Reader(Protocol):
+class BoardReader(Protocol):
     """Samples all boards."""
 
     def ask(self) -> None:
@@ -50,7 +50,7 @@ class Writer(Protocol):
         """True: `rows.out` was sent."""
 
 
-class Bus:
+class BusNodes:
     """What every reader does first: find the nodes again when the bus generation changed."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
@@ -88,7 +88,7 @@ class QueryRead:
     """One query to all boards, then one read of everything from the hub."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
-        self._link, self._rows, self._bus = link, rows, Bus(link, rows)
+        self._link, self._rows, self._bus = link, rows, BusNodes(link, rows)
         self._time_mask = rows.layouts[-1].time_mask
         self._take_members()
         self._made_for = (-1, -1, b"")
@@ -162,7 +162,7 @@ class SequentialRead:
     """A block read of every board, one after the other; gives up at the first that fails."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
-        self._link, self._rows, self._bus = link, rows, Bus(link, rows)
+        self._link, self._rows, self._bus = link, rows, BusNodes(link, rows)
         self._quads = [layout.read_quads for layout in rows.layouts]
         self._starts = rows.starts(self._quads)
         self._sample = np.zeros(sum(self._quads), np.uint32)

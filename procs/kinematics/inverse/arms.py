@@ -14,7 +14,7 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.inverse.endoscope import EndoscopeInverse
 from procs.kinematics.inverse.master import Master
 from procs.kinematics.inverse.snake import Snake
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.inverse.wrist import Wrist
 
 Array = NDArray[np.float64]
@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
 BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
 BENDS[7, 4] = BENDS[6, 5] = 1.0
-Solvers = Callable[[Chain, Tool | None, Array | None], Inverse | None]
+Solvers = Callable[[Chain, Tool | None, Array | None], InverseSolver | None]
 """What the table of arm types names: the solver for a chain, its tool and its tip; None: it does not fit them."""
 
 
-def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> Inverse:
+def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> InverseSolver:
     """The solver of an arm type: of a PSM with its tool, of an ECM with its endoscope's `tip` (4, 4).
 
     ValueError for arms or chains that none fits.
@@ -40,28 +40,28 @@ def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array
     return solver
 
 
-def instrument_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+def instrument_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
     """Of a PSM with an instrument."""
     if tool is not None and _joints(chain, tool) == PSM_JOINTS:
-        return Inverse(Kinematics(chain, tool), Wrist(chain, tool))
+        return InverseSolver(Kinematics(chain, tool), Wrist(chain, tool))
     if tool is not None and tool.snake and _joints(chain, tool) == SNAKE_JOINTS:
-        return Inverse(Kinematics(chain, tool), Snake(chain, tool), free=BENDS)
+        return InverseSolver(Kinematics(chain, tool), Snake(chain, tool), free=BENDS)
     return None
 
 
-def endoscope_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+def endoscope_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
     """Of an ECM."""
     fits = tool is None and _joints(chain, tool) == ECM_JOINTS
     return EndoscopeInverse(chain, np.eye(4) if tip is None else tip) if fits else None
 
 
-def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
     """Of an MTM."""
     fits = tool is None and _joints(chain, tool) == MTM_JOINTS
-    return Inverse(Kinematics(chain), Master(chain)) if fits else None
+    return InverseSolver(Kinematics(chain), Master(chain)) if fits else None
 
 
-def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> Inverse | None:
+def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
     return None
 
 

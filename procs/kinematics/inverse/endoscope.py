@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from procs.document.system import Chain
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, cross, rigid_inverse
-from procs.kinematics.inverse.solver import Inverse
+from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import rotation_from_vector
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ MOST_TILT: Final = 0.5 * math.pi
 PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that four joints can have
 
 
-class Endoscope:
+class EndoscopeShaft:
     """ECM: four joints, so that a goal is a place and a turn about the shaft; where it looks follows from the place."""
 
     def __init__(self, chain: Chain, tip: Array) -> None:
@@ -54,14 +54,14 @@ class Endoscope:
             yield q
 
 
-class EndoscopeInverse(Inverse):
+class EndoscopeInverse(InverseSolver):
     """Of an ECM: where its goal does not look along the shaft it is tilted; `tilt` [rad] tells by how much.
 
     A goal that would have to be tilted by more than a right angle is refused.
     """
 
     def __init__(self, chain: Chain, tip: Array) -> None:
-        self._endoscope = Endoscope(chain, tip)
+        self._endoscope = EndoscopeShaft(chain, tip)
         super().__init__(Kinematics(chain), self._endoscope, rows=PLACE_AND_ROLL)
         self.tilt = 0.0
 
@@ -75,5 +75,5 @@ class EndoscopeInverse(Inverse):
         return super().solve(frame, seed)
 
     def approach(self, goal: Array, at: Array, most: Array) -> None:
-        """See Inverse; where the goal looks to is not asked."""
+        """See InverseSolver; where the goal looks to is not asked."""
         super().approach(self._endoscope.attainable(goal)[0], at, most)

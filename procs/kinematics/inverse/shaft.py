@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, Link
+from procs.document.system import Chain, DhLink
 from procs.kinematics.denavit import split_row
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ ROOM: Final = 1e-3  # rad or m beyond a limit where a solution is still worked o
 class Shaft:
     """Yaw, pitch, insertion and roll of an arm with a remote centre, whatever comes after the roll."""
 
-    def __init__(self, chain: Chain, links: tuple[Link, ...], tip: Array) -> None:
+    def __init__(self, chain: Chain, links: tuple[DhLink, ...], tip: Array) -> None:
         """`links` are those of the arm and its tool; `tip` (4, 4) follows the last."""
         self.n = len(links)
         self.befores = [split_row(chain.convention, link)[0] for link in links]

@@ -52,7 +52,7 @@ class Geometry(Protocol):
         """
 
 
-class Inverse:
+class InverseSolver:
     """Solves for one chain; `q` (n,) holds the last result, `reason` why there is none, `axis` which joint is to blame.
 
     `free` (n, m) maps m independent coordinates to the n joints (snakes bend twice by the same angle); None: all are

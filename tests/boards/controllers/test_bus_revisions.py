@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import GROUP, Bus
+from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg
@@ -21,10 +21,10 @@ def controllers(firmware: int, *ids: int, fpga: str = "V3") -> tuple[Controller,
 class Line:
     """A host on a clock that moves only when told."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: EmulatedBus) -> None:
         self.bus, self.tick = bus, 0
 
-    def ask(self, request: bytes, to: int = GROUP) -> wire.Response | wire.Dropped | None:
+    def ask(self, request: bytes, to: int = GROUP) -> wire.WireResponse | wire.Dropped | None:
         reply = self.bus.answer(request, self.tick, to)
         return None if reply is None else wire.decode_response(reply)
 
@@ -32,7 +32,7 @@ class Line:
         """What a quadlet read brings: (responder, value), "dropped" or None."""
         known = self.bus.generation if generation is None else generation
         response = self.ask(wire.quadlet_read(node, address, 9, known, flags), to)
-        if isinstance(response, wire.Response):
+        if isinstance(response, wire.WireResponse):
             return response.node, response.value
         return None if response is None else "dropped"
 
@@ -44,19 +44,19 @@ class Line:
         firmware = self.bus.firmware
         return [firmware.ids[row] for row in range(firmware.count) if firmware.read(row, address, self.tick) == value]
 
-    def query(self, sequence: int, mask: int, flags: int = 0) -> wire.Response | wire.Dropped | None:
+    def query(self, sequence: int, mask: int, flags: int = 0) -> wire.WireResponse | wire.Dropped | None:
         value = sequence << 16 | mask
         return self.ask(wire.quadlet_write(wire.BROADCAST, reg.QUERY, value, 33, self.bus.generation, flags))
 
     def hub(self, quads: int, node: int = 0, flags: int = 0, to: int = GROUP) -> list[int]:
         response = self.ask(wire.block_read(node, reg.HUB, 4 * quads, 34, self.bus.generation, flags), to)
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return [int(quad) for quad in np.frombuffer(response.data, ">u4")]
 
 
 @pytest.mark.parametrize("firmware", [7, 8])
 def test_bridges_up_to_rev_8_know_their_nodes_whatever_the_flags(firmware: int) -> None:
-    line = Line(Bus(controllers(firmware, 5, 2, fpga="V2")))
+    line = Line(EmulatedBus(controllers(firmware, 5, 2, fpga="V2")))
     assert line.read(0, reg.FIRMWARE) == line.read(0, reg.FIRMWARE, STAY) == (0, firmware)
     assert line.read(1, reg.FIRMWARE) == (1, firmware)
     assert line.read(1, reg.FIRMWARE, STAY) is None
@@ -65,7 +65,7 @@ def test_bridges_up_to_rev_8_know_their_nodes_whatever_the_flags(firmware: int) 
 
 
 def test_a_rev_9_bridge_goes_by_board_id_when_told_not_to_forward() -> None:
-    line = Line(Bus(controllers(9, 5, 2)))
+    line = Line(EmulatedBus(controllers(9, 5, 2)))
     assert line.read(0, reg.FIRMWARE) == (0, 9)
     assert line.read(0, reg.FIRMWARE, STAY) is None, "no board has id 0"
     assert line.read(5, reg.FIRMWARE, STAY) == (5, 9)
@@ -78,14 +78,14 @@ def test_a_rev_9_bridge_goes_by_board_id_when_told_not_to_forward() -> None:
 
 def test_trailers_of_rev_9_echo_that_a_request_was_not_to_be_forwarded() -> None:
     for firmware, echo in ((8, 0), (9, 0x10)):
-        response = Line(Bus(controllers(firmware, 0))).ask(
+        response = Line(EmulatedBus(controllers(firmware, 0))).ask(
             wire.quadlet_read(0, reg.FIRMWARE, 1, 1, STAY))
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         assert response.trailer.flags == echo
 
 
 def test_ethernet_only_boards_answer_at_their_own_address_only() -> None:
-    line = Line(Bus(controllers(9, 1, 5), network="ethernet"))
+    line = Line(EmulatedBus(controllers(9, 1, 5), network="ethernet"))
     assert line.read(5, reg.FIRMWARE, STAY, to=5) == (5, 9)
     assert line.read(5, reg.FIRMWARE, STAY, to=1) is None
     assert line.read(5, reg.FIRMWARE, STAY, to=7) is None
@@ -97,15 +97,15 @@ def test_ethernet_only_boards_answer_at_their_own_address_only() -> None:
 
 
 def test_ethernet_only_boards_have_their_id_added_to_their_ip_address() -> None:
-    bus = Bus(controllers(9, 1, 5), network="ethernet")
+    bus = EmulatedBus(controllers(9, 1, 5), network="ethernet")
     Line(bus).write(wire.BROADCAST, reg.IP_ADDRESS, reg.ip_quadlet("127.0.0.1"), STAY)
     assert [bus.board_at(bytes((127, 0, 0, last))) for last in (1, 2, 6)] == [None, 1, 5]
 
 
 def test_an_ethernet_only_hub_answers_a_query_by_itself_with_its_own_block_first() -> None:
-    line = Line(Bus(controllers(9, 5, 0, 3), network="ethernet"))
+    line = Line(EmulatedBus(controllers(9, 5, 0, 3), network="ethernet"))
     response = line.query(0x1234, 0x29, STAY)
-    assert isinstance(response, wire.Response)
+    assert isinstance(response, wire.WireResponse)
     assert (response.tl, response.node, response.trailer.flags) == (33, 5, 0x10)
     quads = [int(quad) for quad in np.frombuffer(response.data, ">u4")]
     assert len(quads) == 3 * 33 + 1
@@ -117,7 +117,7 @@ def test_an_ethernet_only_hub_answers_a_query_by_itself_with_its_own_block_first
 
 
 def test_an_ethernet_only_query_that_not_all_answer_brings_nothing_by_itself() -> None:
-    line = Line(Bus(controllers(9, 0, 3), network="ethernet"))
+    line = Line(EmulatedBus(controllers(9, 0, 3), network="ethernet"))
     assert line.query(1, 0x29, STAY) is None
     quads = line.hub(100, 0, STAY, to=0)
     assert [reg.board_of(quads[at + 2]) for at in (0, 33)] == [0, 3]
@@ -126,14 +126,15 @@ def test_an_ethernet_only_query_that_not_all_answer_brings_nothing_by_itself() -
 
 
 def test_mixed_boards_on_one_bridge_answer_each_in_its_own_way() -> None:
-    line = Line(Bus((Controller(3, firmware=9, fpga="V3"), Controller(0, firmware=7), Controller(4, "DQLA", 9, "V3"),
-                     Controller(6, "dRA1", 9, "V3"))))
+    line = Line(EmulatedBus((Controller(3, firmware=9, fpga="V3"), Controller(0, firmware=7),
+                             Controller(4, "DQLA", 9, "V3"),
+                             Controller(6, "dRA1", 9, "V3"))))
     assert [line.read(node, reg.FIRMWARE) for node in range(4)] == [(0, 9), (1, 7), (2, 9), (3, 9)]
     identities = [line.read(node, reg.HARDWARE_ID) for node in range(4)]
     assert identities == [(0, reg.QLA1), (1, reg.QLA1), (2, reg.DQLA), (3, reg.DRA1)]
     for node, board, quads in ((0, 3, 32), (1, 0, 28), (2, 4, 60), (3, 6, 59)):
         response = line.ask(wire.block_read(node, reg.REAL_TIME, 4 * quads, 1, line.bus.generation))
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         words = np.frombuffer(response.data, ">u4")
         assert reg.board_of(int(words[1])) == board
         assert words[4] & 0xFFFF == reg.CURRENT_ZERO
@@ -146,7 +147,7 @@ def test_mixed_boards_on_one_bridge_answer_each_in_its_own_way() -> None:
 
 
 def test_a_missing_board_keeps_those_after_it_from_reporting() -> None:
-    line = Line(Bus(controllers(8, 0, 2, 4, fpga="V2")))
+    line = Line(EmulatedBus(controllers(8, 0, 2, 4, fpga="V2")))
     line.query(1, 0b10111)
     quads = line.hub(4 * 33 + 1)
     assert quads[0]
@@ -154,7 +155,7 @@ def test_a_missing_board_keeps_those_after_it_from_reporting() -> None:
 
 
 def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
-    line = Line(Bus(controllers(7, 0, 2, 4, fpga="V2")))
+    line = Line(EmulatedBus(controllers(7, 0, 2, 4, fpga="V2")))
     line.query(1, 0b10101)
     line.bus.withhold(1, 1)
     line.query(2, 0b10111)
@@ -164,7 +165,7 @@ def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
 
 
 def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
-    line = Line(Bus(controllers(8, 0, 1, fpga="V2")))
+    line = Line(EmulatedBus(controllers(8, 0, 1, fpga="V2")))
     line.bus.withhold(1, 1)
     line.query(1, 3)
     assert [bool(quad) for quad in line.hub(67)[::33]] == [True, False, False], "no timing while a board is missing"
@@ -174,7 +175,7 @@ def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
 
 @pytest.mark.parametrize(("firmware", "wrong"), [(7, 0x0002), (8, 0x2101 << 1 | 1)])
 def test_a_spoilt_sequence_number_shows_in_the_header(firmware: int, wrong: int) -> None:
-    line = Line(Bus(controllers(firmware, 0, fpga="V2")))
+    line = Line(EmulatedBus(controllers(firmware, 0, fpga="V2")))
     line.bus.spoil_sequence(0, 1)
     line.query(1, 1)
     head = line.hub(blocks.layout_of(firmware).hub_quads + 1)[0]
@@ -184,7 +185,7 @@ def test_a_spoilt_sequence_number_shows_in_the_header(firmware: int, wrong: int)
 
 
 def test_a_board_without_power_is_gone_and_the_others_are_numbered_anew() -> None:
-    line = Line(Bus(controllers(8, 4, 7, 9, fpga="V2")))
+    line = Line(EmulatedBus(controllers(8, 4, 7, 9, fpga="V2")))
     before = line.bus.generation
     line.bus.take_away(1, True)
     assert line.bus.generation == before + 1
@@ -198,7 +199,7 @@ def test_a_board_without_power_is_gone_and_the_others_are_numbered_anew() -> Non
 
 
 def test_a_host_that_asks_for_a_bus_reset_gets_one() -> None:
-    line = Line(Bus(controllers(8, 4, fpga="V2")))
+    line = Line(EmulatedBus(controllers(8, 4, fpga="V2")))
     before = line.bus.generation
     line.write(wire.BROADCAST, reg.PHY_REQUEST, reg.PHY_WRITE | 1 << reg.PHY_REGISTER_SHIFT | 0x40 | 63)
     assert line.bus.generation == before + 1
@@ -212,48 +213,48 @@ def test_a_host_that_asks_for_a_bus_reset_gets_one() -> None:
 ])
 def test_controllers_there_never_were_are_refused(controller: Controller, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        Bus((controller,))
+        EmulatedBus((controller,))
 
 
 def test_ethernet_only_buses_need_rev_9_on_v3() -> None:
     with pytest.raises(ValueError, match="board 2: firmware 8"):
-        Bus((*controllers(9, 1), *controllers(8, 2)), network="ethernet")
+        EmulatedBus((*controllers(9, 1), *controllers(8, 2)), network="ethernet")
 
 
 @pytest.mark.parametrize(("hardware", "firmware", "most"), [("QLA1", 8, 15), ("DQLA", 9, 8), ("dRA1", 9, 8)])
 def test_no_bus_has_more_boards_than_hub_memory_has_room_for(hardware: str, firmware: int, most: int) -> None:
     boards = [Controller(i, hardware, firmware, "V3") for i in range(most + 1)]
     with pytest.raises(ValueError, match="quadlets in hub memory; allowed: 506"):
-        Bus(tuple(boards))
-    bus = Bus(tuple(boards[:most]), network="ethernet" if firmware == 9 else "bridge")
+        EmulatedBus(tuple(boards))
+    bus = EmulatedBus(tuple(boards[:most]), network="ethernet" if firmware == 9 else "bridge")
     reply = bus.answer(wire.quadlet_write(wire.BROADCAST, reg.QUERY, 1 << 16 | (1 << most) - 1, 1, 1, 1), 0)
     assert len(reply or b"") <= wire.MAX_DATA + 32
 
 
 def test_sixteen_boards_of_rev_7_have_room_in_hub_memory() -> None:
-    line = Line(Bus(controllers(7, *range(16), fpga="V2")))
+    line = Line(EmulatedBus(controllers(7, *range(16), fpga="V2")))
     line.query(1, 0xFFFF)
     assert len(line.hub(29 * 16 + 1)) == 465
 
 
 def test_hub_registers_tell_how_the_memory_was_filled() -> None:
-    line = Line(Bus(controllers(8, 1, 2, 5)))
+    line = Line(EmulatedBus(controllers(8, 1, 2, 5)))
     line.query(0x123, 0x26)
     found = [line.read(2, reg.QUERY + k) for k in range(4)]
     assert found == [(2, 0x123_0026), (2, 32 << 16 | 66), (2, 99), (2, 5 << 16 | 6)]
-    old = Line(Bus(controllers(7, 0, 5, 7, fpga="V2")))
+    old = Line(EmulatedBus(controllers(7, 0, 5, 7, fpga="V2")))
     old.query(1, 0xA1)
     assert [old.read(0, reg.QUERY + k) for k in (1, 2)] == [(0, 0x0570_5705), (0, 0x7057_0570)]
 
 
 def test_boards_on_the_network_tell_of_their_own_errors_only() -> None:
-    line = Line(Bus(controllers(9, 2, 5), network="ethernet"))
+    line = Line(EmulatedBus(controllers(9, 2, 5), network="ethernet"))
     astray = bytearray(wire.quadlet_read(5, reg.FIRMWARE, 9, line.bus.generation, STAY))
     astray[2] ^= 0x80  # another destination bus
     assert line.ask(bytes(astray), 5) is None
     errors = []
     for board in (2, 5):
         reply = line.ask(wire.quadlet_read(board, reg.ETHERNET, 9, line.bus.generation, STAY), board)
-        assert isinstance(reply, wire.Response)
+        assert isinstance(reply, wire.WireResponse)
         errors.append((reply.value >> 25 & 1, reply.trailer.flags & wire.ETHERNET_ERROR != 0))
     assert errors == [(0, False), (1, True)]

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.document.system import Controller, Quirks
 from procs.fpga import registers as reg
 from procs.fpga import wire
@@ -20,7 +20,7 @@ class Bench:
     """A host of one board, one microsecond or more between two requests."""
 
     def __init__(self, firmware: int, lag: bool = True) -> None:
-        self.bus = Bus((Controller(2, firmware=firmware, quirks=Quirks(direction_lag=lag)),), testboard=True)
+        self.bus = EmulatedBus((Controller(2, firmware=firmware, quirks=Quirks(direction_lag=lag)),), testboard=True)
         self.tick = 0
 
     def wait(self, us: float) -> None:
@@ -33,7 +33,7 @@ class Bench:
     def read(self, address: int) -> int:
         self.wait(10)
         response = wire.decode_response(self.bus.answer(wire.quadlet_read(0, address, 1, 1), self.tick) or b"")
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response.value
 
     def pins(self, pins: int) -> None:
@@ -113,12 +113,12 @@ def test_fast_pwm_on_the_test_board_costs_the_boards_little() -> None:
 
 
 def test_a_dqla_has_a_loop_back_board_on_each_of_its_qlas() -> None:
-    bus = Bus((Controller(3, "DQLA", 8, "V3"),), testboard=True)
+    bus = EmulatedBus((Controller(3, "DQLA", 8, "V3"),), testboard=True)
     tick = 0
 
     def read(address: int) -> int:
         response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response.value
 
     for register, inputs, moved in ((0xF0, 0x0000_0FFF, 4), (0x0F, 0x0FFF_0000, 0), (0x00, 0x0FFF_0FFF, 0)):
@@ -130,7 +130,7 @@ def test_a_dqla_has_a_loop_back_board_on_each_of_its_qlas() -> None:
 
 
 def test_each_half_of_a_dqla_has_its_own_encoders_currents_and_voltages() -> None:
-    bus = Bus((Controller(0, "DQLA", 9, "V3"),), testboard=True)
+    bus = EmulatedBus((Controller(0, "DQLA", 9, "V3"),), testboard=True)
     tick = 0
 
     def write(address: int, value: int) -> None:
@@ -140,7 +140,7 @@ def test_each_half_of_a_dqla_has_its_own_encoders_currents_and_voltages() -> Non
 
     def read(address: int) -> int:
         response = wire.decode_response(bus.answer(wire.quadlet_read(0, address, 1, 1), tick) or b"")
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response.value
 
     write(reg.WATCHDOG, 0)

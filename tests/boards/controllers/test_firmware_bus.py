@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import Bus
+from procs.boards.controllers.bus import EmulatedBus
 from procs.document.system import Controller
 from procs.fpga import registers as reg
 from procs.fpga import wire
@@ -21,15 +21,15 @@ class Host:
     """Speaks to a bus on a clock that moves only when told."""
 
     def __init__(self, *ids: int, serial: str = "1234-56") -> None:
-        self.bus = Bus(tuple(Controller(board, serial=serial) for board in ids))
+        self.bus = EmulatedBus(tuple(Controller(board, serial=serial) for board in ids))
         self.tick = 0
 
-    def ask(self, request: bytes) -> wire.Response | None:
+    def ask(self, request: bytes) -> wire.WireResponse | None:
         reply = self.bus.answer(request, self.tick)
         if reply is None:
             return None
         response = wire.decode_response(reply)
-        assert isinstance(response, wire.Response)
+        assert isinstance(response, wire.WireResponse)
         return response
 
     def read(self, node: int, address: int, flags: int = 0) -> int | None:
@@ -84,7 +84,7 @@ def test_another_bus_generation_drops_reads_with_a_trailer() -> None:
 
 def test_another_destination_bus_is_not_answered() -> None:
     host = Host(0)
-    request = wire.encode_request(wire.Request(wire.QUADLET_READ, 0, 0, 1, host.bus.generation, bus=0x3FE))
+    request = wire.encode_request(wire.WireRequest(wire.QUADLET_READ, 0, 0, 1, host.bus.generation, bus=0x3FE))
     assert host.bus.answer(request, 0) is None
 
 
@@ -269,7 +269,7 @@ def test_impossible_sets_of_boards_are_refused(ids: tuple[int, ...]) -> None:
 
 
 def test_captured_rev_8_requests_are_answered_in_kind(data: Callable[[str], Path]) -> None:
-    bus = Bus((Controller(0), Controller(1)))
+    bus = EmulatedBus((Controller(0), Controller(1)))
     bus.generation = 3
     for name in ("d_r8_p0", "d_r8_p1", "d_r8_p2"):
         rows = [json.loads(line) for line in (data("golden/wire") / f"{name}.jsonl").read_text().splitlines()]
@@ -282,7 +282,7 @@ def test_captured_rev_8_requests_are_answered_in_kind(data: Callable[[str], Path
             elif len(request) > 8:
                 assert last is not None
                 want, got = wire.decode_response(request), wire.decode_response(last)
-                assert isinstance(want, wire.Response) and isinstance(got, wire.Response)
+                assert isinstance(want, wire.WireResponse) and isinstance(got, wire.WireResponse)
                 assert (got.tcode, got.node, got.tl, len(got.data)) == (want.tcode, want.node, want.tl, len(want.data))
                 answered += 1
         assert answered > 10

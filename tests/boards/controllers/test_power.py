@@ -20,7 +20,7 @@ class Bus:
     """Two boards, ids 0 and 1, and the tick of the next datagram."""
 
     def __init__(self, *, watchdog: int | None = 0) -> None:
-        self.bus = wired.Bus((Controller(0), Controller(1)))
+        self.bus = wired.EmulatedBus((Controller(0), Controller(1)))
         self.tick = 0
         if watchdog is not None:
             for node in (0, 1):
@@ -36,7 +36,7 @@ class Bus:
     def read(self, address: int = reg.STATUS, node: int = 0) -> int:
         reply = wire.decode_response(
             self.bus.answer(wire.quadlet_read(node, address, 1, self.bus.generation), self.tick) or b"")
-        assert isinstance(reply, wire.Response)
+        assert isinstance(reply, wire.WireResponse)
         return reply.value
 
     def motor(self, axis: int = 0) -> int:
@@ -338,7 +338,7 @@ def test_a_board_may_be_told_not_to_check() -> None:
 
 
 def test_switching_off_what_is_off_is_not_heeded_and_anything_else_is() -> None:
-    model = power.Power(models_of((Controller(6), Controller(7))), np.zeros((2, 4), dtype=bool))
+    model = power.BoardPower(models_of((Controller(6), Controller(7))), np.zeros((2, 4), dtype=bool))
     off = np.full(2, reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF, dtype=np.uint32)
     assert not model.heeds(off)
     assert not model.heeds(np.zeros(2, dtype=np.uint32))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from procs.boards.controllers.quadrature import DELAY
 from procs.boards.controllers.testboard import Loopback
-from procs.boards.devices.outputs import PLAY, Outputs
+from procs.boards.devices.outputs import PLAY, BoardOutputs
 from procs.boards.devices.waveform import VALID
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
@@ -28,7 +28,7 @@ class Rig:
     """A board with its test board, handled as the boards do it, pins as the original library writes them."""
 
     def __init__(self, quirks: Quirks = FAITHFUL, first: int = 0) -> None:
-        self.outputs = Outputs(4 + first)
+        self.outputs = BoardOutputs(4 + first)
         self.loop = Loopback(self.outputs, first=first, quirks=quirks)
         self.tick, self._first = 0, first
         self.positions = np.zeros(4, dtype=np.uint32)
@@ -112,7 +112,7 @@ def test_axes_are_preloaded_one_by_one() -> None:
 
 @pytest.mark.parametrize("volts", [2.25, 0.0, 4.5, 1.0])
 def test_analog_inputs_show_the_voltage(volts: float) -> None:
-    loop = Loopback(Outputs(), volts=volts)
+    loop = Loopback(BoardOutputs(), volts=volts)
     words = loop.adc(np.full(4, reg.CURRENT_ZERO, dtype=np.uint32), np.ones(4, dtype=np.bool_))
     assert [abs((int(word) >> 16) * 4.5 / 65535 - volts) < 1e-4 for word in words] == [True] * 4
     loop.set_volts(3.0)
@@ -120,7 +120,7 @@ def test_analog_inputs_show_the_voltage(volts: float) -> None:
 
 
 def test_commanded_current_flows_where_amplifiers_are_on() -> None:
-    loop, on = Loopback(Outputs()), np.array([True, True, False, True])
+    loop, on = Loopback(BoardOutputs()), np.array([True, True, False, True])
     for command in (0x8000, 0x8200, 0x7E00, 0x8600, 0x7A00):
         measured = loop.adc(np.full(4, command, dtype=np.uint32), on) & 0xFFFF
         assert measured.tolist() == [command, command, 0x8000, command]
@@ -132,7 +132,7 @@ def test_new_outputs_begin_with_pins_high_and_counters_at_zero() -> None:
     rig.preload(77)
     assert rig.read() == 0
     rig.tick += 1000
-    rig.loop.power_up(Outputs(), rig.tick)
+    rig.loop.power_up(BoardOutputs(), rig.tick)
     rig.tick += 1000
     assert rig.read() == 0xFFF0FFF | 0xF << 16
     assert rig.counts() == [0] * 4

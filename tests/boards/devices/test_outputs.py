@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procs.boards.devices.outputs import PLAY, Outputs
+from procs.boards.devices.outputs import PLAY, BoardOutputs
 from procs.boards.devices.waveform import NEVER, VALID
 
 MS = 49152
@@ -67,7 +67,7 @@ class Slow:
         return self.levels() | (self.index << 16 | valid | PLAY if self.mask else 0)
 
 
-def turns(outputs: Outputs, after: int, until: int) -> list[tuple[int, int]]:
+def turns(outputs: BoardOutputs, after: int, until: int) -> list[tuple[int, int]]:
     return list(outputs.changes(after, until).items)
 
 
@@ -75,7 +75,7 @@ def turns(outputs: Outputs, after: int, until: int) -> list[tuple[int, int]]:
 
 
 def test_only_masked_outputs_are_written() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.write(0xF0A, 5)
     outputs.write(0x305, 6)
     assert outputs.read(6) == outputs.levels(6) == 0x9
@@ -86,7 +86,7 @@ def test_only_masked_outputs_are_written() -> None:
 
 @pytest.mark.parametrize(("high", "low", "spans"), [(10, 5, (12, 7)), (1, 1, (3, 3)), (65534, 2, (65536, 4))])
 def test_pwm_turns_after_count_plus_2_ticks(high: int, low: int, spans: tuple[int, int]) -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(2, high << 16 | low, 50)
     outputs.write(0x404, 100)
     first, period = 100 + spans[0], sum(spans)
@@ -96,7 +96,7 @@ def test_pwm_turns_after_count_plus_2_ticks(high: int, low: int, spans: tuple[in
 
 
 def test_one_shot_turns_once_and_is_held_for_ever() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 100 << 16, 0)
     outputs.write(0x101, 1000)
     assert turns(outputs, 1000, 10**12) == [(1102, 0)]
@@ -105,7 +105,7 @@ def test_one_shot_turns_once_and_is_held_for_ever() -> None:
 
 
 def test_write_of_the_output_restarts_its_timer_alone() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     for k in range(2):
         outputs.configure(k, 100 << 16, 0)
     outputs.write(0x303, 1000)
@@ -114,7 +114,7 @@ def test_write_of_the_output_restarts_its_timer_alone() -> None:
 
 
 def test_change_of_the_control_register_restarts_nothing() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 100 << 16 | 100, 0)
     outputs.write(0x101, 1000)
     outputs.configure(0, 200 << 16 | 50, 1060)
@@ -124,7 +124,7 @@ def test_change_of_the_control_register_restarts_nothing() -> None:
 
 
 def test_count_already_exceeded_turns_as_soon_as_it_counts() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 1000 << 16, 0)
     outputs.write(0x101, 0)
     outputs.configure(0, 10 << 16, 500)
@@ -132,7 +132,7 @@ def test_count_already_exceeded_turns_as_soon_as_it_counts() -> None:
 
 
 def test_stopped_counter_goes_on_where_it_stood() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 100 << 16, 0)
     outputs.write(0x101, 1000)
     outputs.configure(0, 0, 1040)
@@ -142,7 +142,7 @@ def test_stopped_counter_goes_on_where_it_stood() -> None:
 
 
 def test_two_changes_of_the_control_register_cost_two_ticks() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 100 << 16, 0)
     outputs.write(0x101, 1000)
     outputs.configure(0, 90 << 16, 1010)
@@ -151,7 +151,7 @@ def test_two_changes_of_the_control_register_cost_two_ticks() -> None:
 
 
 def test_counter_of_a_held_level_wraps_at_65536() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 0xFFFF_0000, 0)
     outputs.write(0x101, 0)
     outputs.configure(0, 100 << 16, 65536 + 50)
@@ -160,14 +160,14 @@ def test_counter_of_a_held_level_wraps_at_65536() -> None:
 
 @pytest.mark.parametrize(("quirk", "expected"), [(True, []), (False, [(65537, 0)])])
 def test_longest_count_is_held_for_ever_unless_told_otherwise(quirk: bool, expected: list[tuple[int, int]]) -> None:
-    outputs = Outputs(longest_holds=quirk)
+    outputs = BoardOutputs(longest_holds=quirk)
     outputs.configure(0, 0xFFFF_0000, 0)
     outputs.write(0x101, 0)
     assert turns(outputs, 0, 10**6) == expected
 
 
 def test_pause_of_minutes_is_cut_short_and_says_so() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     for k in range(4):
         outputs.configure(k, 1 << 16 | 1 + k, 0)
     outputs.write(0xF05, 10)
@@ -188,7 +188,7 @@ def test_pause_of_minutes_is_cut_short_and_says_so() -> None:
 
 
 def test_changes_begin_with_the_last_write() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(0, 10 << 16 | 10, 0)
     outputs.write(0x101, 100)
     assert outputs.changes(50, 130) == outputs.changes(100, 130)
@@ -196,7 +196,7 @@ def test_changes_begin_with_the_last_write() -> None:
 
 
 def test_changes_of_some_outputs_are_not_hidden_by_fast_pwm_on_others() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.configure(2, 1 << 16 | 1, 0)
     outputs.configure(0, 4915 << 16, 0)
     outputs.write(0xF05, 100)
@@ -210,7 +210,7 @@ def test_changes_of_some_outputs_are_not_hidden_by_fast_pwm_on_others() -> None:
 
 
 def test_extra_inputs_are_read_beside_the_outputs() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.write(0xF03, 0)
     assert outputs.read(0) == 3
     outputs.extra = 0x1C
@@ -228,7 +228,7 @@ WRITES = st.one_of(
     st.tuples(st.just("table"), st.integers(0, 4), ENTRIES))
 
 
-def carry_out(outputs: Outputs, slow: Slow, order: tuple[object, ...]) -> None:
+def carry_out(outputs: BoardOutputs, slow: Slow, order: tuple[object, ...]) -> None:
     """Make a write on both."""
     match order:
         case ("write", int(value), bool(play)):
@@ -247,7 +247,7 @@ def carry_out(outputs: Outputs, slow: Slow, order: tuple[object, ...]) -> None:
 @settings(max_examples=120, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 40), WRITES), max_size=12), st.integers(0, 80))
 def test_stepping_in_one_go_equals_tick_by_tick(orders: list[tuple[int, tuple[object, ...]]], rest: int) -> None:
-    outputs, asked, slow = Outputs(), Outputs(), Slow()
+    outputs, asked, slow = BoardOutputs(), BoardOutputs(), Slow()
     for wait, order in [*orders, (rest, ("table", 9, [0]))]:
         start, seen = slow.tick, [(slow.tick, slow.levels())]
         for _ in range(wait):

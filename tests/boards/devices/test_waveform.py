@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.devices.outputs import PLAY, Outputs
+from procs.boards.devices.outputs import PLAY, BoardOutputs
 from procs.boards.devices.waveform import NEVER, VALID
 
 
@@ -13,12 +13,12 @@ def entry(ticks: int, levels: int) -> int:
     return VALID | (ticks - 1) << 8 | levels
 
 
-def turns(outputs: Outputs, after: int, until: int) -> list[tuple[int, int]]:
+def turns(outputs: BoardOutputs, after: int, until: int) -> list[tuple[int, int]]:
     return list(outputs.changes(after, until).items)
 
 
-def playing(*entries: int, start: int = 1000, mask: int = 0xF) -> Outputs:
-    outputs = Outputs()
+def playing(*entries: int, start: int = 1000, mask: int = 0xF) -> BoardOutputs:
+    outputs = BoardOutputs()
     outputs.write_table(0, list(entries), 0)
     outputs.write(PLAY | mask << 8, start)
     return outputs
@@ -41,7 +41,7 @@ def test_read_value_shows_index_and_activity() -> None:
 
 
 def test_outputs_not_handed_over_keep_their_own_timers() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.write_table(0, [entry(100, 0xF), 0], 0)
     outputs.configure(2, 8 << 16 | 8, 0)
     outputs.write(0x404, 0)
@@ -53,7 +53,7 @@ def test_outputs_not_handed_over_keep_their_own_timers() -> None:
 
 
 def test_levels_written_with_the_start_hold_after_the_end() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.write_table(0, [entry(4, 0xA), 0], 0)
     outputs.write(PLAY | 0xF05, 100)
     assert [outputs.levels(tick) for tick in (103, 104)] == [0xA, 0x5]
@@ -86,14 +86,14 @@ def test_full_table_goes_round_for_ever() -> None:
 
 
 def test_table_is_read_and_written_in_parts_that_wrap() -> None:
-    outputs = Outputs()
+    outputs = BoardOutputs()
     outputs.write_table(1022, [1, 2, 3, 4], 0)
     assert outputs.read_table(1021, 5, 0) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("hides", [True, False])
 def test_reads_give_the_entry_that_is_on_while_playing(hides: bool) -> None:
-    outputs = Outputs(playing_hides_table=hides)
+    outputs = BoardOutputs(playing_hides_table=hides)
     table = [entry(10, 1), entry(10, 2), 0]
     outputs.write_table(0, table, 0)
     outputs.write(PLAY | 0xF00, 100)

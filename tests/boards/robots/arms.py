@@ -7,7 +7,17 @@ import dataclasses
 import numpy as np
 
 from procs.boards.robots.plant import Plant
-from procs.document.system import Actuator, Arm, Emulation, Encoder, Io, Likeness, Linear, Robot, System
+from procs.document.system import (
+    Actuator,
+    ArmConfig,
+    EmulationConfig,
+    Encoder,
+    IoConfig,
+    Likeness,
+    Linear,
+    Robot,
+    SystemConfig,
+)
 from tests import stock
 
 PERIOD = 1e-3
@@ -34,8 +44,8 @@ def robot(name: str, types: str) -> Robot:
     return Robot(name, "0", "QLA1", actuators)
 
 
-def arm(name: str, kind: str, file: str, tool: str = "") -> Arm:
-    return Arm(
+def arm(name: str, kind: str, file: str, tool: str = "") -> ArmConfig:
+    return ArmConfig(
         name=name,
         type=kind,
         generation="Classic",
@@ -49,9 +59,10 @@ def arm(name: str, kind: str, file: str, tool: str = "") -> Arm:
     )
 
 
-def system(robots: tuple[Robot, ...], arms: tuple[Arm, ...], seed: int = 1, *like: Likeness) -> System:
-    io = Io("IO1", "udp:127.1.0.16", "broadcast-query-read-write", 1 / 1500, 0.03, True, robots, (), ())
-    return System("test", "", "lockstep", (io,), arms, Emulation(PERIOD, (), seed=seed, likenesses=like), ())
+def system(robots: tuple[Robot, ...], arms: tuple[ArmConfig, ...], seed: int = 1, *like: Likeness) -> SystemConfig:
+    io = IoConfig("IO1", "udp:127.1.0.16", "broadcast-query-read-write", 1 / 1500, 0.03, True, robots, (), ())
+    return SystemConfig("test", "", "lockstep", (io,), arms, EmulationConfig(PERIOD, (), seed=seed, likenesses=like),
+                        ())
 
 
 def psm(tool: str = LND, count: int = 1, seed: int = 1, *like: Likeness) -> Plant:

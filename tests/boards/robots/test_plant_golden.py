@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.document.system import Chain, Likeness, Link
+from procs.document.system import Chain, DhLink, Likeness
 from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, SNAKE, arm, holding, psm, robot, run, si, system
@@ -63,7 +63,7 @@ def set_up_chain(data: Data, file: str, name: str) -> Chain:
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", data(f"dvrk-share/{file}").read_text(), flags=re.DOTALL)
     rows = next(one for one in json.loads(text)["arms"] if one["name"] == name)["DH"]["links"]
     keys = ("alpha", "A", "theta", "D", "offset")
-    links = tuple(Link(f"{i}", r["type"], *(r.get(k, 0.0) for k in keys), -3.1, 3.1, 0.0) for i, r in enumerate(rows))
+    links = tuple(DhLink(f"{i}", r["type"], *(r.get(k, 0.0) for k in keys), -3.1, 3.1, 0.0) for i, r in enumerate(rows))
     return Chain("modified", links, source=file)
 
 

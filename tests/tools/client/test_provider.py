@@ -17,7 +17,7 @@ from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
-from shm.pulse import Pulse
+from shm.pulse import ControlPage
 from shm.ring import RingReader
 from tests.conftest import World
 from tools.client import provider
@@ -53,7 +53,7 @@ class Place:
         return rows
 
     def beat(self) -> None:
-        pulse = Pulse(self.name, "supervisor", write=True)
+        pulse = ControlPage(self.name, "supervisor", write=True)
         pulse.field("heartbeat_ns")[...] = monotonic_ns()
         pulse.show("RUNNING")
         pulse.close()
@@ -171,7 +171,7 @@ def test_buttons_are_levels_and_events(place: Place) -> None:
 
 
 def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None:
-    console = Pulse(place.name, "console", write=True)
+    console = ControlPage(place.name, "console", write=True)
     with trocar.provide("MTMR", place.name) as master:
         for change in (lambda: master.press("operator_present"), lambda: master.click("clutch")):
             console.field("nap")[...] = 1  # it sleeps
@@ -218,7 +218,7 @@ def test_status_tells_whether_it_is_attached(place: Place) -> None:
 def test_it_learns_that_the_system_ends(place: Place) -> None:
     with trocar.provide("MTMR", place.name) as master:
         assert master.tick()
-        pulse = Pulse(place.name, "supervisor", write=True)
+        pulse = ControlPage(place.name, "supervisor", write=True)
         pulse.show("STOPPING")
         assert not master.tick()
         pulse.show("RUNNING")

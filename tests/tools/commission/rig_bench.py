@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.boards.incidents import Incidents
+from procs.boards.incidents import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.rig import Rig
 from tests.io.stand import FakeCommand
-from tools.commission.bench import Answer
+from tools.commission.bench import CommandOutcome
 from tools.commission.played import Played
 from tools.commission.subject import Subject, subjects_of
 from tools.commission.window import FIELDS, Window
@@ -20,7 +20,7 @@ from tools.commission.window import FIELDS, Window
 class Hands(Played):
     """The played person; `confirmed` notes what was confirmed, `answers` are given instead of yes."""
 
-    def __init__(self, rig: Rig, faults: Incidents) -> None:
+    def __init__(self, rig: Rig, faults: BoardFaults) -> None:
         self._rig, self._faults = rig, faults
         self.confirmed: list[str] = []
         self.says = True
@@ -54,7 +54,7 @@ class RigBench:
         assert loaded.system is not None, loaded.errors
         self.document = loaded.system
         self.rig = Rig(loaded.system, driven=True)
-        self.faults = Incidents(self.rig.world, self.rig.plant)
+        self.faults = BoardFaults(self.rig.world, self.rig.plant)
         self.subjects = subjects_of(loaded.system)
         self.person = Hands(self.rig, self.faults)
         self.rig.run(0.1)
@@ -63,7 +63,7 @@ class RigBench:
         return self._noted(round(seconds * 1e9 / self.rig.period_ns))
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
-            tuple[Answer, Window]:
+            tuple[CommandOutcome, Window]:
         asked, rows = FakeCommand(command, text, *values), []
         left = round(timeout * 1e9 / self.rig.period_ns)
         rows.append(self._noted(1, asked))
@@ -71,7 +71,7 @@ class RigBench:
             rows.append(self._noted(1))
             left -= 1
         rows.append(self._noted(20))
-        return Answer(*asked.answers[-1]), Window.joined(rows)
+        return CommandOutcome(*asked.answers[-1]), Window.joined(rows)
 
     def _noted(self, count: int, *commands: FakeCommand) -> Window:
         record, notes, stamps = self.rig.record, {name: [] for name in FIELDS}, []

@@ -14,7 +14,7 @@ from procs.config import PROJECT_CONFIGS
 from tools.cli import build
 from tools.commission import verb
 from tools.commission.finding import Finding, Outcome
-from tools.commission.stages import NAMES, Stage
+from tools.commission.stages import NAMES, CommissionStage
 from tools.errors import Problem
 
 DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
@@ -27,7 +27,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome
     outcomes: dict[str, Outcome | Problem] = {}
     monkeypatch.chdir(tmp_path)
 
-    def load(stage: Stage) -> Callable[..., Outcome]:
+    def load(stage: CommissionStage) -> Callable[..., Outcome]:
         def run(bench: object, *_: object, **__: object) -> Outcome:
             ran.append(stage.name)
             outcome = outcomes.get(stage.name, Outcome(figures={"volts": 2.5}))
@@ -41,7 +41,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome
         jobs.append(job)
         yield  # stages that are stood in for look at nothing
 
-    monkeypatch.setattr(Stage, "load", load)
+    monkeypatch.setattr(CommissionStage, "load", load)
     monkeypatch.setattr(verb, "_running", running)
     ran.clear()
     return outcomes

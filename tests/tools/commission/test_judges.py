@@ -9,10 +9,10 @@ import pytest
 
 from tests.tools.commission.rig_bench import RigBench
 from tools.commission import axis, home, move, power, read, scan, stop
-from tools.commission.bench import Answer
+from tools.commission.bench import CommandOutcome
 from tools.commission.subject import Subject
 from tools.commission.window import Window
-from tools.desk import Board
+from tools.desk import FoundBoard
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +34,10 @@ def window(bench: RigBench) -> Window:
 # -- scan --------------------------------------------------------------------------------------------------------------
 
 
-def _board(number: int, **changes) -> Board:
+def _board(number: int, **changes) -> FoundBoard:
     values = {"board": number, "node": number, "hardware": "QLA1", "firmware": 8, "fpga": 2, "description": 0,
               "is_hub": False}
-    return Board(**(values | changes))
+    return FoundBoard(**(values | changes))
 
 
 @pytest.mark.parametrize(("boards", "says"), [
@@ -92,7 +92,7 @@ def test_an_encoder_that_another_axis_moves_has_its_plug(window: Window, psm: Su
 def _drive(moved: float = 0.035, pot: float | None = None, **changes) -> axis.Drive:
     moves, pots = np.zeros(7), np.zeros(7)
     moves[0], pots[0] = moved, moved if pot is None else pot
-    return dataclasses.replace(axis.Drive(Answer("done", ""), moves, pots, 0.5, 1.0), **changes)
+    return dataclasses.replace(axis.Drive(CommandOutcome("done", ""), moves, pots, 0.5, 1.0), **changes)
 
 
 @pytest.mark.parametrize(("up", "down", "says"), [
@@ -100,7 +100,8 @@ def _drive(moved: float = 0.035, pot: float | None = None, **changes) -> axis.Dr
     (_drive(), _drive(0.03), "for currents both ways; allowed: there and back; something else moves it"),
     (_drive(measured=0.02), _drive(-0.035), "0.02 A measured for each A requested"),
     (_drive(pot=-0.035), _drive(-0.035, 0.035), "the sign of voltage_to_position is wrong"),
-    (_drive(answer=Answer("failed", "power went off")), _drive(-0.035), "driving it was failed: power went off"),
+    (_drive(answer=CommandOutcome("failed", "power went off")), _drive(-0.035),
+     "driving it was failed: power went off"),
 ])
 def test_an_axis_that_does_not_do_as_told_is_told(up: axis.Drive, down: axis.Drive, says: str, psm: Subject) -> None:
     assert axis.judge(_drive(), _drive(-0.035), psm, 0) == []
