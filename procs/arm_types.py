@@ -83,7 +83,7 @@ class ArmType:
     efforts: EffortModeLimits
     kinematic_home: tuple[float, ...]
     arm_file: str = "procs.config.models.arm_file:ArmFile"
-    process: str = "procs.arm.arm:Arm"
+    process: str = "procs.arm.arm:ArmLogic"
     client: str = "tools.client.arm:Arm"
     inverse: str = ""
     views: tuple[str, ...] = ()
@@ -126,7 +126,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         actuators=7,
         joints=3,
         arm_file="procs.config.models.arm_file:PsmFile",
-        process="procs.arm.psm.psm:Psm",
+        process="procs.arm.psm.psm:PsmLogic",
         client="tools.client.kinds:Psm",
         inverse="procs.kinematics.inverse.arms:instrument_inverse",
         gains={"Classic": "pid/sawControllersPID-PSM.json", "Si": "pid/sawControllersPID-PSM-Si.json"},
@@ -161,7 +161,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         actuators=7,
         joints=7,
         arm_file="procs.config.models.arm_file:MtmFile",
-        process="procs.arm.mtm.mtm:Mtm",
+        process="procs.arm.mtm.mtm:MtmLogic",
         client="tools.client.kinds:Mtm",
         inverse="procs.kinematics.inverse.arms:master_inverse",
         gains=dict.fromkeys(("Classic", "Si"), "pid/sawControllersPID-MTM.json"),
@@ -196,7 +196,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         actuators=4,
         joints=4,
         arm_file="procs.config.models.arm_file:EcmFile",
-        process="procs.arm.ecm:Ecm",
+        process="procs.arm.ecm:EcmLogic",
         client="tools.client.kinds:Ecm",
         inverse="procs.kinematics.inverse.arms:endoscope_inverse",
         gains={"Classic": "pid/sawControllersPID-ECM.json", "Si": "pid/sawControllersPID-ECM-Si.json"},

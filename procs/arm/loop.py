@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes, runtime
-from procs.arm.arm import ArmLogic as AnyArm
-from procs.arm.arm import Surroundings
+from procs.arm.arm import ArmLogic, Surroundings
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.psm.detection import ToolReading
 from procs.arm.setup_base import SetupBase, place_of
@@ -167,7 +166,7 @@ class ArmLoop(runtime.Loop):
         self._setpoint, self._state = me.writes("setpoint"), me.writes("state")
         faults = me.fault_cell()
         self._mailbox = me.mailbox(faults)
-        self.arm = class_of(ARM_TYPES[arm.type].process, AnyArm)(arm, Surroundings(
+        self.arm = class_of(ARM_TYPES[arm.type].process, ArmLogic)(arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
             me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot),

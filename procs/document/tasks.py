@@ -47,7 +47,7 @@ class TaskRobot:
 
 
 @dataclass(slots=True)
-class TaskSample:
+class Sample:
     """One good sample of the robot; the arrays stay the same objects, have one value an actuator, cannot be written."""
 
     position: Floats  # rad or m
@@ -65,7 +65,7 @@ class TaskSample:
 class Task(Protocol):
     """A user's own code in the cycle."""
 
-    def step(self, sample: TaskSample, effort: Floats) -> None:
+    def step(self, sample: Sample, effort: Floats) -> None:
         """Look at the sample and write into `effort` (all 0 before) what to add to the joint controller's efforts."""
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.codes import Code
 from procs.document import system as document
-from procs.document.tasks import Task, TaskMaker, TaskRobot, TaskSample
+from procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
 from procs.io.pid import Pid
 from procs.io.record import Flags, Floats, IoRecord
 from procs.io.reports import IoReports
@@ -49,7 +49,7 @@ class Attached:
     robot: int
     name: str
     task: Task
-    sample: TaskSample
+    sample: Sample
     effort: Floats  # the task's own view on its row: it may even be reshaped
     row: Floats
     budget_ns: int
@@ -155,9 +155,9 @@ class Tasks:
         self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}")
 
 
-def _sample(axes: slice, samples: Samples, record: IoRecord) -> TaskSample:
+def _sample(axes: slice, samples: Samples, record: IoRecord) -> Sample:
     """The robot's part of io's own arrays, behind views that cannot be written."""
-    return TaskSample(
+    return Sample(
         _read_only(samples.position[axes]), _read_only(samples.velocity[axes]), _read_only(samples.current[axes]),
         _read_only(record.setpoint_position[axes]), _read_only(record.setpoint_velocity[axes]),
         _read_only(record.setpoint_effort[axes]), _read_only(record.effort_mode[axes]),

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from procs import codes
-from procs.arm.arm import ArmConfigLogic as AnyArm
-from procs.arm.arm import Surroundings
+from procs.arm.arm import ArmLogic, Surroundings
 from procs.arm.psm.detection import ToolReading
 from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
@@ -354,7 +353,7 @@ class FakeRequest:
 class Rig:
     """An arm on a fake io and a fake clock."""
 
-    def __init__(self, arm: ArmConfig | None = None, period_ns: int = PERIOD_NS, *, kind: type[AnyArm] = PsmLogic,
+    def __init__(self, arm: ArmConfig | None = None, period_ns: int = PERIOD_NS, *, kind: type[ArmLogic] = PsmLogic,
                  inputs: dict[str, int] | None = None, has_brakes: bool = False) -> None:
         """`inputs`: places of io's digital inputs by name."""
         self.document = arm or fixed_arm()

@@ -10,7 +10,7 @@ from procs.boards.emulation import Emulation
 from procs.boards.setup_joints import SetupJointsPlant
 from procs.config import load_system
 from procs.document.emulated import EmulatedSetupArm
-from procs.document.emulated import EmulatedSetupJointsPlant as Described
+from procs.document.emulated import EmulatedSetupJoints as Described
 from procs.document.system import Controller, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire

@@ -15,7 +15,7 @@ from procs.boards.devices.waveform import VALID
 from procs.boards.emulation import Emulation
 from procs.boards.setup_joints import SetupJointsPlant
 from procs.document.emulated import EmulatedSetupArm
-from procs.document.emulated import EmulatedSetupJointsPlant as Described
+from procs.document.emulated import EmulatedSetupJoints as Described
 from procs.document.system import Controller, SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire

@@ -13,7 +13,7 @@ from procs.config import load_system
 from procs.config.build.tasks import TaskKeys
 from procs.config.read.yamltext import parse_yaml
 from procs.document.system import PidConfig, TaskRow
-from procs.document.tasks import TaskRobot, TaskSample
+from procs.document.tasks import Sample, TaskRobot
 from procs.io.tasks import TaskError
 from tests.conftest import ROOT
 from tests.io.stand import Stand, gains
@@ -60,7 +60,7 @@ def test_the_example_damps(task: TaskRow) -> None:
     mine = stand.core._tasks._attached[0].task
     robot = TaskRobot("PSM1", NAMES, ("REVOLUTE",) * 7, 1 / 1500, *(np.full(7, x) for x in (-1.5, 1.5, 2.0)),
                       task.options)
-    sample = TaskSample(*(np.zeros(7) for _ in range(6)), *(np.zeros(7, dtype=bool) for _ in range(2)))
+    sample = Sample(*(np.zeros(7) for _ in range(6)), *(np.zeros(7, dtype=bool) for _ in range(2)))
     sample.velocity[0], effort = 0.5, np.zeros(7)
     type(mine)(robot).step(sample, effort)
     np.testing.assert_allclose(effort, [-0.25, 0, 0, 0, 0, 0, 0])

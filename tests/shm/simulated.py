@@ -293,7 +293,7 @@ class Real:
 
     def nap(self) -> Any:
         """A Nap, the first of the page."""
-        return self._naps.Nap(self._page(), NAPS_AT)
+        return self._naps.Wakeup(self._page(), NAPS_AT)
 
     def member(self, name: str, table: Any) -> Any:
         """A Member of simulated time."""
@@ -307,7 +307,7 @@ class Real:
         page = Segment(self, "clock", "clock", self.lockstep.SCHEMA, 1)
         page.header.info.clear()
         page.header.info.update(table.to_info())
-        naps = [self._naps.Nap(self._page(), NAPS_AT + 4 * place) for place in range(len(table.members))]
+        naps = [self._naps.Wakeup(self._page(), NAPS_AT + 4 * place) for place in range(len(table.members))]
         return page, naps, lambda: None
 
     def _page(self) -> Segment:

@@ -19,8 +19,8 @@ from shm.segment import SegmentError, segment_name, unlink
 LONG_S = 1800.0
 NAPPER = """
 import sys
-from shm.pulse import Pulse
-pulse = Pulse(sys.argv[1], "PSM1", write=True)
+from shm.pulse import ControlPage
+pulse = ControlPage(sys.argv[1], "PSM1", write=True)
 nap, cycles = pulse.nap(), pulse.field("cycles")
 for seen in range(int(sys.argv[2])):
     while not nap.sleep(lambda: int(cycles) > seen, 60_000_000_000):
@@ -157,11 +157,11 @@ def test_news_looked_for_too_early_are_slept_through(world: Any, pulse: ControlP
 
 
 SLEEPS = {
-    "a nap": "Pulse(sys.argv[1], 'PSM1', write=True).nap().sleep(lambda: False, 60_000_000_000)",
+    "a nap": "ControlPage(sys.argv[1], 'PSM1', write=True).nap().sleep(lambda: False, 60_000_000_000)",
     "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
     "a pause": "pause(60)",
 }
-SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.pulse import Pulse; "
+SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.pulse import ControlPage; "
 CLOCK_NANOSLEEP, FUTEX_ON_X86_64 = 230, 202
 CLOCK_MONOTONIC = 1
 

@@ -18,7 +18,7 @@ from procs import runtime
 
 
 class Loop(runtime.Loop):
-    def __init__(self, me: runtime.Me) -> None:
+    def __init__(self, me: runtime.Node) -> None:
         super().__init__(me)
         self._state, self._mailbox = me.writes("state"), me.mailbox()
         self._beats = self._state.field("beats")

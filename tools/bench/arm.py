@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import runtime
-from procs.arm.arm import ArmLogic as RunningArm
+from procs.arm.arm import ArmLogic
 from procs.arm.loop import ArmLoop
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.io.kinematic import KinematicIo
@@ -79,7 +79,7 @@ class ArmBench:
         self._client = Client(self.name, row.name)
 
     @property
-    def arm(self) -> RunningArm:
+    def arm(self) -> ArmLogic:
         """The arm itself."""
         return self._loop.arm
 
@@ -154,7 +154,7 @@ def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     }
 
 
-def kinematics(arm: RunningArm, poses: int) -> dict[str, float]:
+def kinematics(arm: ArmLogic, poses: int) -> dict[str, float]:
     """Forward and inverse kinematics of an arm by themselves."""
     forward, inverse = arm.joints.kinematics, arm.joints.inverse
     if forward is None or inverse is None:
