@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 
 INTERVAL_NS = 1_000_000_000
 SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has not enough time for everybody

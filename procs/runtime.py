@@ -32,14 +32,14 @@ from shm import directory, loglines
 from shm.audit import Audit
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
+from shm.control_page import ControlPage
 from shm.events import Events
 from shm.faults import Cell, FaultCell, Faults
 from shm.lockstep import LockstepClock
 from shm.mailbox import DIED, Mailbox
-from shm.nap import Wakeup
-from shm.pulse import ControlPage
 from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError
+from shm.wakeup import Wakeup
 
 SUPERVISOR_CHECK_NS = 100_000_000
 SIMULATED_LOST = 10

@@ -1,7 +1,7 @@
 """Lock-step: simulated time that its members advance themselves, without a conductor.
 
-Every member says when it wants to go on, and sleeps (a nap, shm/nap.py, in its control page). When all sleep and nobody
-is due, time goes to the earliest of these wishes; whoever finds that out does it, usually the last to fall asleep. Who
+Every member says when it wants to go on, and sleeps (shm/wakeup.py, in its control page). When all sleep and nobody
+is due, time goes to the earliest of these; whoever finds that out does it, usually the last to fall asleep. Who
 has news for a member wakes it, and time stands until it sleeps again. One member may be a server, which sleeps at its
 sockets; nobody answers what some others send there, so they wake it before they sleep.
 
@@ -32,14 +32,14 @@ from functools import partial
 from typing import Any, Final
 
 from shm.clock import local_ns, monotonic_ns, pause
+from shm.control_page import ControlPage
 from shm.layout import schema_of
 from shm.locks import Places
-from shm.nap import Wakeup
 from shm.order import full_fence
-from shm.pulse import ControlPage
 from shm.ring import attach
 from shm.segment import Make, Segment, SegmentError, create, segment_name
 from shm.topics import Field, Topic
+from shm.wakeup import Wakeup
 
 MEMBERS: Final = 64
 EPOCH_NS: Final = 1_000_000_000_000  # where simulated time begins: differences stay positive, and it is easy to see

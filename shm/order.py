@@ -18,7 +18,7 @@ Elsewhere (ARM, POWER, RISC-V) neither order is given. There every load and stor
 two full fences of libatomic: stronger and slower than needed, and easy to believe. Without libatomic a ring or mailbox
 cannot be attached. TROCAR_FENCES=1 in the environment asks for the fences on x86-64 too.
 
-Where a store must not be overtaken by a later load (shm/nap.py), x86-64 needs a fence as well: `full_fence`.
+Where a store must not be overtaken by a later load (shm/wakeup.py), x86-64 needs a fence as well: `full_fence`.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import numpy as np
 
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
+from shm.control_page import ControlPage
 from shm.header import SegmentError
 from shm.locks import AllTaken, Places
 from shm.mailbox import LAST_NUMBER
@@ -32,7 +33,6 @@ from shm.mailbox_map import (
     MailboxMap,
 )
 from shm.origins import NOBODY, Whose
-from shm.pulse import ControlPage
 from shm.received import OUTCOMES
 
 SEQUENCES = (tuple, list)

@@ -14,11 +14,11 @@ from shm.messages import AUDIT as AUDIT
 from shm.messages import COMMAND as COMMAND
 from shm.messages import EVENTS as EVENTS
 from shm.messages import REPLY as REPLY
-from shm.operation import CONSOLE_STATE as CONSOLE_STATE
-from shm.operation import EXTERNAL_STATE as EXTERNAL_STATE
-from shm.operation import FOCUS_STATE as FOCUS_STATE
-from shm.operation import SYSTEM_STATE as SYSTEM_STATE
-from shm.operation import TELEOP_STATE as TELEOP_STATE
+from shm.operator_topics import CONSOLE_STATE as CONSOLE_STATE
+from shm.operator_topics import EXTERNAL_STATE as EXTERNAL_STATE
+from shm.operator_topics import FOCUS_STATE as FOCUS_STATE
+from shm.operator_topics import SYSTEM_STATE as SYSTEM_STATE
+from shm.operator_topics import TELEOP_STATE as TELEOP_STATE
 from shm.rows import Field as Field
 from shm.rows import Topic as Topic
 from shm.rows import View as View

@@ -22,7 +22,7 @@ from procs.teleop import loop as teleop
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from tests.conftest import World
 
 MS = 1_000_000

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from procs.config.read.paths import log_folder
 from shm.clock import monotonic_ns, pause
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.segment import SegmentError
 from tools.cleanup import Keeper
 from tools.ending import POLL_S, STOP_S, stop_system

@@ -18,7 +18,7 @@ from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import ArmCommandRow, ArmCommands, Table
 from procs.arm.control import SAID_NS, Control
-from procs.arm.duties import IoRequests
+from procs.arm.io_requests import IoRequests
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import JointSpace, joints, kinematic_home
 from procs.arm.machine import ArmStates
@@ -26,6 +26,7 @@ from procs.arm.motion import Mode, Space
 from procs.arm.psm.detection import ToolReading
 from procs.arm.readings import ArmReadings, Fields
 from procs.arm.record import ArmRecord, SetpointRecord
+from procs.arm.recovery import PreviousState, beginning, predecessor
 from procs.arm.settings import Settings
 from procs.arm.setup_base import SetupBase
 from procs.arm.stages.homed import Homed, Manual
@@ -34,7 +35,6 @@ from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from procs.arm.stages.stage import Stage
 from procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
 from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
-from procs.arm.takeover import PreviousState, beginning, predecessor
 from procs.arm_types import ARM_TYPES
 from procs.document import system as document
 from procs.faults import FaultReport

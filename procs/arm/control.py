@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.cartesian import Cartesian
-from procs.arm.duties import IoRequests
 from procs.arm.effort_guard import EffortGuard
 from procs.arm.effort_limits import EffortLimits
 from procs.arm.efforts import Efforts
 from procs.arm.gravity import Weight
+from procs.arm.io_requests import IoRequests
 from procs.arm.joints import JointSpace
 from procs.arm.machine import ArmStates
 from procs.arm.motion import Mode, Motion, Space

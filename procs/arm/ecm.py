@@ -16,8 +16,8 @@ from procs.arm.control import Refused
 from procs.arm.gravity import Weight
 from procs.arm.joints import joints
 from procs.arm.motion import Mode
+from procs.arm.recovery import PreviousState
 from procs.arm.states import ArmState
-from procs.arm.takeover import PreviousState
 from procs.kinematics.endoscopes import NAMES
 from procs.requests import Request
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm.contiguous import stacked
 from procs.arm.joints import JointSpace
-from procs.arm.stack import stacked
 from procs.codes import ARM_LOST, ERROR, FAULTS
 
 Fields = Callable[[str], NDArray[Any]]

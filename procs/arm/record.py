@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm.contiguous import stacked
 from procs.arm.joints import JointSpace
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import ROWS, ArmReadings, Fields
-from procs.arm.stack import stacked
 from procs.arm.states import PUBLISHED, ArmState
 from procs.arm.supervision import Generations
 from shm.layout import shorten

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.boards.controllers.currents import CURRENT_EXCESS
 from procs.boards.controllers.lines import Lines
-from procs.boards.mishaps import PacketFaults
+from procs.boards.packet_faults import PacketFaults
 from procs.boards.setup_joints import fit
 from procs.boards.wiring import Wiring
 from procs.document.system import SystemConfig

@@ -22,7 +22,7 @@ from typing import Final, cast
 
 from procs.boards.controllers.bus import GROUP
 from procs.boards.frames import FrameSocket
-from procs.boards.mishaps import PacketFaults
+from procs.boards.packet_faults import PacketFaults
 from procs.document.system import BusConfig
 from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
 from procs.udp_holders import holders

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from procs.boards.board_faults import BoardFaults
 from procs.boards.devices.dallas import Dallas, instrument_memory
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import BoardFaults
 from procs.boards.robots.plant import Plant
 from procs.document.catalogue import CANDIDATES, find, taken_apart
 from procs.document.system import ArmConfig, SystemConfig, Tool

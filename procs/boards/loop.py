@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procs import codes, runtime
+from procs.boards.board_commands import BoardCommands
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
-from procs.boards.orders import BoardCommands
 from procs.boards.robots.plant import Plant
 from shm.ring import RingWriter
 

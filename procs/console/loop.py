@@ -7,10 +7,10 @@ from functools import partial
 from procs import runtime
 from procs.codes import HEAD_SENSOR
 from procs.console.commands import ConsoleCommands
-from procs.console.desk import Mailboxes
 from procs.console.goovis import Goovis
 from procs.console.inputs import Inputs
 from procs.console.logic import Logic
+from procs.console.outbox import Mailboxes
 from procs.console.record import ConsoleRecord, go_on
 from procs.console.selection import members_of
 from procs.document.system import SystemConfig, TeleopPsmConfig

@@ -33,8 +33,8 @@ from procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
 from procs.document.emulated import Likeness as Likeness
 from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
-from procs.document.external import External as External
 from procs.document.tasks import TaskRow as TaskRow
+from procs.document.third_party import External as External
 
 T = TypeVar("T")
 

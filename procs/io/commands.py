@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.faults import fault_of
+from procs.io.arm_requests import ArmRequests
 from procs.io.brakes import Brakes
 from procs.io.devices import (
     AxisDriveDevice,
@@ -21,11 +22,10 @@ from procs.io.devices import (
     PowerDevice,
     SafetyDevice,
 )
-from procs.io.follow import SetpointTracker
 from procs.io.pid import Pid
 from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
-from procs.io.wishes import ArmRequests
+from procs.io.setpoint_tracker import SetpointTracker
 from procs.requests import CommandOrigin
 from procs.wishes import SWITCHING
 from shm.faults import OwnCell

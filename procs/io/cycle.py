@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.document.system import IoConfig, PidAxis
+from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
@@ -23,22 +24,21 @@ from procs.io.bus.port import Port
 from procs.io.buttons import Buttons
 from procs.io.commands import IoCommand, IoCommands
 from procs.io.digital_outputs import DigitalOutputs
-from procs.io.follow import SetpointSource, SetpointTracker
+from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains
 from procs.io.idle_outputs import IdleOutputs
 from procs.io.instruments import InstrumentReaders
 from procs.io.outputs import Outputs
 from procs.io.pid import Pid
 from procs.io.power import Power
-from procs.io.reactions import FaultHandler
 from procs.io.record import Field, Flags, IoRecord
 from procs.io.reports import IoReports, also
 from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
+from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
-from procs.io.wishes import ArmRequests, WishCommand
 from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off

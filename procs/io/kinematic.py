@@ -18,18 +18,18 @@ from typing import Final
 import numpy as np
 
 from procs.document.system import IoConfig, PidAxis
+from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
 from procs.io.commands import IoCommand, IoCommands
-from procs.io.follow import SetpointSource, SetpointTracker
+from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains
 from procs.io.instruments import Asker
 from procs.io.pid import Pid
-from procs.io.reactions import FaultHandler
 from procs.io.record import Field, Flags, Floats, IoRecord
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
-from procs.io.wishes import ArmRequests, WishCommand
+from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from shm.faults import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves

@@ -10,16 +10,16 @@ from procs.io.bus import owner
 from procs.io.bus.bus_port import BusPort
 from procs.io.bus.ports import port_of
 from procs.io.cycle import RobotIo
-from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
 from procs.io.robots import Robots
+from procs.io.setpoint_tracker import WishFields
 from procs.io.start import POWER_OFF, prepare
 from shm.events import ERROR, STATUS, WARNING
 from shm.faults import NoFaults, robot_component
-from shm.nap import Wakeup
 from shm.ring import RingReader
+from shm.wakeup import Wakeup
 
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
 

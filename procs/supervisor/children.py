@@ -13,7 +13,7 @@ from procs import lifecycle
 from procs.document.system import Process
 from procs.manifest import proc
 from shm.clock import monotonic_ns
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 
 ROOT = Path(__file__).resolve().parents[2]
 HEALTHY_NS = 10_000_000_000

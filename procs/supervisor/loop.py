@@ -31,11 +31,11 @@ from procs.udp_holders import holders
 from shm import directory, loglines
 from shm.audit import Audit
 from shm.clock import monotonic_ns, pause
+from shm.control_page import ControlPage
 from shm.events import Events
 from shm.layout import shorten
 from shm.lockstep import Timekeeper
 from shm.mailbox import Mailbox
-from shm.pulse import ControlPage
 from shm.ring import RingWriter
 from shm.segment import Make, SegmentError
 

@@ -14,11 +14,11 @@ from procs.manifest import THIRD_PARTY, proc
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
+from shm.control_page import create_control
 from shm.faults import create_faults, robot_component
 from shm.lockstep import Table, create_clock
 from shm.mailbox_map import create_mailbox
 from shm.owners import SERVICE_USER
-from shm.pulse import create_control
 from shm.segment import (
     FOLDER,
     Make,

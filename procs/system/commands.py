@@ -7,7 +7,7 @@ from typing import Final
 
 from procs import codes
 from procs.requests import Request
-from procs.system.climb import HOME, POWER_OFF, POWER_ON, ArmStatus, BringUp
+from procs.system.bring_up import HOME, POWER_OFF, POWER_ON, ArmStatus, BringUp
 from procs.system.sound import Sound
 from shm.client import LoopClient
 from shm.events import Events

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from procs import codes, runtime
 from procs.system.arms import arms_of
-from procs.system.centre import MessageHub, MessageSource
 from procs.system.commands import SystemCommands
+from procs.system.message_hub import MessageHub, MessageSource
 from procs.system.record import SystemRecord
 from procs.system.sound import Sound
 from shm.clock import monotonic_ns

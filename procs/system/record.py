@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from procs.system.arms import ENABLED, FAULT
-from procs.system.centre import MessageHub
-from procs.system.climb import ArmStatus
+from procs.system.bring_up import ArmStatus
 from procs.system.commands import SystemCommands
+from procs.system.message_hub import MessageHub
 from procs.system.sound import Sound
 from shm.events import Events
 from shm.layout import shorten

@@ -8,11 +8,11 @@ from procs import runtime
 from procs.document.system import TeleopPsmConfig as PsmRow
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.ecm import TeleopEcm
-from procs.teleop.outside import ThirdPartyArm
 from procs.teleop.presence import Operator
 from procs.teleop.psm import JawRange, TeleopPsm
 from procs.teleop.record import TeleopRecord
 from procs.teleop.teleop import Teleop
+from procs.teleop.third_party import ThirdPartyArm
 from shm.faults import Cell, Watched
 from shm.ring import RingWriter
 

@@ -14,12 +14,12 @@ from procs.arm.loop import gripper_in, place_in
 from procs.arm_types import ARM_TYPES, class_of
 from procs.document.system import SystemConfig
 from procs.faults import FaultReport
-from procs.io.follow import WishFields
+from procs.io.setpoint_tracker import WishFields
 from shm.client import Reply
 from shm.topics import ARM_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record
 from tests.arm.test_kinematic_arm import Order
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 
 SETPOINTS = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
              "effort", "feed_forward")

@@ -17,9 +17,9 @@ from procs.supervisor import memory
 from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
 from shm.events import Events
 from shm.mailbox import Mailbox
-from shm.pulse import ControlPage
 from tests.arm.fake_io import FakeIo, View, fixed_arm
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.arm.stack import stacked
+from procs.arm.contiguous import stacked
 from procs.codes import AMPLIFIER, POWER_TIMEOUT, Code
 from tests.arm.fake_io import Rig, bare_arm, fixed_arm
 

@@ -14,9 +14,9 @@ from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
-from procs.io.follow import WishFields
 from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord as IoRecord
+from procs.io.setpoint_tracker import WishFields
 from shm.client import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record

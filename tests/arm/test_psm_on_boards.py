@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.boards.instruments import EmulatedInstruments
 from procs.config import load_system
 from procs.kinematics.forward import Kinematics

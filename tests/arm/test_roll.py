@@ -10,7 +10,7 @@ import pytest
 from tests.arm.fake_io import PERIOD_NS
 from tests.arm.fake_master import ROLL, STOP, MasterRig, master
 from tests.arm.test_homing import sub_states
-from tests.arm.test_takeover import restart
+from tests.arm.test_recovery import restart
 
 WAY = ["DISABLED", "POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL",
        "RESETTING_ROLL_ENCODER", "HOMING", "HOMED"]

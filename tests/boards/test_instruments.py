@@ -6,8 +6,8 @@ import dataclasses
 
 import pytest
 
+from procs.boards.board_faults import BoardFaults
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import BoardFaults
 from procs.boards.instruments import EmulatedInstruments
 from procs.document.system import (
     ArmConfig,

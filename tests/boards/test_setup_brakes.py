@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.boards.setup_joints import LIFT_M_S
 from procs.document.system import SystemConfig
 from procs.fpga import registers as reg

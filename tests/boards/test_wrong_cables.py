@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from procs.console.commands import LET_GO_NS, ConsoleCommands
 from procs.console.logic import Logic
 from procs.console.selection import PSM, Selectable
 from tests.console.test_logic import ALL, RIGHT, FakeDesk
-from tests.io.stand import FakeCommand
+from tests.io.harness import FakeCommand
 
 OTHER = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
 

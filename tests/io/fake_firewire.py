@@ -16,7 +16,7 @@ from collections.abc import Callable
 from procs.fpga import wire
 from procs.io.bus import cdev as firewire
 from procs.io.bus.firewire import FirewireTransport
-from tests.io.bench import Bench
+from tests.io.emulated_ports import Bench
 
 CARD, OTHER_CARD, DISK = "/dev/fw0", "/dev/fw1", "/dev/fw2"
 LOCAL_BUS = 0xFFC0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from procs.config import PROJECT_CONFIGS, load_system
-from tests.io.rig import Rig
-from tests.io.stand import FakeCommand
+from tests.io.boards_harness import Rig
+from tests.io.harness import FakeCommand
 
 
 def _rig(name: str) -> Rig:

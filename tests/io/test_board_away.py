@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.io.stand import PERIOD_NS, Stand
+from tests.io.harness import PERIOD_NS, Stand
 
 
 @pytest.fixture

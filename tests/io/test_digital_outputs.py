@@ -8,8 +8,8 @@ from procs.config import load_system
 from procs.document.system import DigitalOutput
 from procs.fpga import registers
 from tests import stock
-from tests.io.rig import Rig
-from tests.io.stand import Stand
+from tests.io.boards_harness import Rig
+from tests.io.harness import Stand
 
 LIGHT, LAMP = DigitalOutput("light", 0, 1), DigitalOutput("lamp", 0, 2)
 PULSE = DigitalOutput("pulse", 1, 0, high_s=1e-4)

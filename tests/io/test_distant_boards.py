@@ -15,7 +15,7 @@ import pytest
 from procs.fpga import blocks, registers
 from procs.io.bus.port import PROTOCOLS
 from procs.io.bus.ports import port_of
-from tests.io.bench import ROOT, in_namespace
+from tests.io.emulated_ports import ROOT, in_namespace
 
 pytestmark = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 

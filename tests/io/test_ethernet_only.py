@@ -10,7 +10,7 @@ from procs.fpga import blocks, registers, wire
 from procs.io.bus.bus_port import BusPort
 from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
 from procs.io.bus.udp import address_of
-from tests.io.rig import Direct
+from tests.io.boards_harness import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
 from tests.lib import board_side
 

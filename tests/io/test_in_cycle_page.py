@@ -16,7 +16,7 @@ from procs.document.system import PidConfig, TaskRow
 from procs.document.tasks import Sample, TaskRobot
 from procs.io.tasks import TaskError
 from tests.conftest import ROOT
-from tests.io.stand import Stand, gains
+from tests.io.harness import Stand, gains
 
 PAGE = (ROOT / "docs/in-cycle.md").read_text()
 DEMO = ROOT / "configs/systems/demo.yaml"

@@ -6,7 +6,7 @@ from procs.fpga import blocks, registers
 from procs.io.bus.port import PortError
 from procs.io.robots import Robots
 from procs.io.start import prepare
-from tests.io.stand import FakePort, Stand, document, robot, with_actuators
+from tests.io.harness import FakePort, Stand, document, robot, with_actuators
 
 
 def test_encoders_take_the_value_of_constant_potentiometers() -> None:

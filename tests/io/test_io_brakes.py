@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.document.system import Brake, Linear
-from tests.io.stand import Stand, robot
+from tests.io.harness import Stand, robot
 
 TIMES = (0.5, 0.25)
 

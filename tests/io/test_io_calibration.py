@@ -8,8 +8,8 @@ import pytest
 from procs.config import load_system
 from procs.fpga import registers
 from tests import stock
-from tests.io.rig import Rig
-from tests.io.stand import Stand
+from tests.io.boards_harness import Rig
+from tests.io.harness import Stand
 
 
 def codes(stand: Stand, kind: str) -> list[str]:

@@ -10,8 +10,8 @@ import pytest
 from procs.config import load_system
 from procs.document.system import Brake, Linear
 from tests import stock
-from tests.io.rig import Rig
-from tests.io.stand import Stand, robot
+from tests.io.boards_harness import Rig
+from tests.io.harness import Stand, robot
 
 AMOUNT_A, LAST_S = 0.5, 10 / 1024
 

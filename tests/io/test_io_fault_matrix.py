@@ -17,7 +17,7 @@ from procs.codes import FAULTS
 from procs.document.system import Brake, Linear
 from procs.fpga import blocks, lookup, registers
 from procs.io.bias import ATTEMPTS
-from tests.io.stand import Stand, actuator, robot
+from tests.io.harness import Stand, actuator, robot
 
 RELEASED_A, ENGAGED_A = 0.1, 0.0
 EFFORT = 0.4  # what the robot is asked for, 0.2 A on every actuator

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.document.gains import GAINS, value_of
-from tests.io.stand import FakeCommand, Stand, robot
+from tests.io.harness import FakeCommand, Stand, robot
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from procs.boards.board_faults import BoardFaults
 from procs.boards.devices.dallas import Dallas, instrument_memory
-from procs.boards.incidents import BoardFaults
 from procs.config import load_system
 from procs.document.system import InstrumentReader
 from procs.fpga import instrument, registers
@@ -20,8 +20,8 @@ from procs.io.instruments import LONGEST_NS, InstrumentReaders
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from tests import stock
-from tests.io.rig import Rig
-from tests.io.stand import FakeCommand, document
+from tests.io.boards_harness import Rig
+from tests.io.harness import FakeCommand, document
 
 STEP_NS = 1_000_000
 LND = instrument_memory("Large Needle Driver", 400006, 3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from procs import codes
 from shm.faults import NoFaults
 from shm.origins import Origin
-from tests.io.stand import FakeCommand, Stand
+from tests.io.harness import FakeCommand, Stand
 
 
 class Cell(NoFaults):

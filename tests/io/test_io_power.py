@@ -5,7 +5,7 @@ import pytest
 
 from procs.fpga import blocks, registers
 from procs.io import commands
-from tests.io.stand import Stand, actuator, robot, with_actuators
+from tests.io.harness import Stand, actuator, robot, with_actuators
 
 
 def test_nothing_is_powered_before_somebody_asks() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from procs.fpga import blocks, registers
-from tests.io.stand import Stand
+from tests.io.harness import Stand
 
 
 def test_over_current_trips_on_the_101st_cycle() -> None:

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.document.system import PidConfig
-from tests.io.stand import PERIOD_NS, Stand, actuator, gains, robot
+from tests.io.harness import PERIOD_NS, Stand, actuator, gains, robot
 
 TIMEOUT = 30_000_000 // PERIOD_NS
 

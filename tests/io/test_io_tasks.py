@@ -9,7 +9,7 @@ import pytest
 
 from procs.document.system import TaskRow
 from procs.io.tasks import FORGIVEN_AFTER, TaskError
-from tests.io.stand import Stand
+from tests.io.harness import Stand
 
 HEAD = """
 import numpy as np

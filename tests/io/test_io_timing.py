@@ -7,7 +7,7 @@ import pytest
 from procs.io.record import IoRecord
 from procs.io.reports import IoReports
 from procs.io.timing import Timing
-from tests.io.stand import Stand
+from tests.io.harness import Stand
 
 PERIOD_S = 1 / 1500
 SLOW_NS = 1_333_334  # just above twice the period

@@ -13,7 +13,7 @@ from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
 from shm.topics import SETPOINT
-from tests.io.stand import PERIOD_NS, Stand
+from tests.io.harness import PERIOD_NS, Stand
 
 TIMEOUT = 30_000_000 // PERIOD_NS
 NAMES = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",

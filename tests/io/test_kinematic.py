@@ -8,11 +8,11 @@ import pytest
 from procs.arm_types import ARM_TYPES
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import IoConfig
-from procs.io.follow import DRIVE
 from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord
+from procs.io.setpoint_tracker import DRIVE
 from procs.kinematics.trajectory import Trajectory
-from tests.io.stand import Clock, FakeCommand, FakeSource
+from tests.io.harness import Clock, FakeCommand, FakeSource
 
 PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)

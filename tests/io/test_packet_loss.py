@@ -10,7 +10,7 @@ import pytest
 from procs.config import load_system
 from procs.fpga import registers
 from tests import stock
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 from tests.system.robot import ROOT
 
 SWING, HZ = 0.15, 0.8  # rad: 0.75 rad/s, 65 counts a cycle

@@ -11,7 +11,7 @@ from procs.fpga import registers, wire
 from procs.io.bus import ethernet, owner
 from procs.io.bus.ethernet import EthernetTransport, interface_of
 from procs.io.bus.port import PortError
-from tests.io.bench import OTHER_END, OUR_END, Bench, in_namespace
+from tests.io.emulated_ports import OTHER_END, OUR_END, Bench, in_namespace
 from tests.lib import board_side
 
 on_cable = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.boards.robots.plant import Plant
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 from tests.io.test_real_robots import rig_of
 
 pytestmark = pytest.mark.slow

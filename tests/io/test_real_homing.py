@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.boards.instruments import EmulatedInstruments
 from procs.config import load_system
 from procs.kinematics.coupling import coupling
 from tests import stock
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 from tests.io.test_real_robots import rig_of
 
 ROLL, STOP = 6, math.radians(-480.0)

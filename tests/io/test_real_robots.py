@@ -12,7 +12,7 @@ from procs.fpga import lookup
 from procs.io.bus.port import PortError
 from procs.io.start import prepare
 from tests import stock
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 
 
 def rig_of(name: str) -> Rig:

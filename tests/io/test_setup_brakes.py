@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.document.system import DigitalInput, DigitalOutput
 from procs.fpga import registers
-from tests.io.stand import Stand
+from tests.io.harness import Stand
 from tests.io.test_real_robots import rig_of
 
 LET_GO, HOLD = (1, registers.DIGITAL_OUTPUT, 0x100), (1, registers.DIGITAL_OUTPUT, 0x101)

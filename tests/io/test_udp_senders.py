@@ -11,8 +11,8 @@ import pytest
 
 from procs.fpga import wire
 from procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
-from tests.io.bench import block_address
-from tests.io.stand import Stand
+from tests.io.emulated_ports import block_address
+from tests.io.harness import Stand
 from tests.lib import board_side
 
 ASKING = wire.quadlet_read(wire.BROADCAST, 4, 1, 0)

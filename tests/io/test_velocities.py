@@ -9,7 +9,7 @@ import pytest
 
 from procs.config import load_system
 from tests import stock
-from tests.io.rig import Rig
+from tests.io.boards_harness import Rig
 
 SWING, HZ, JOINT = 0.2, 0.5, 0
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.nap import Wakeup
+from shm.control_page import ControlPage
 from shm.order import full_fence
-from shm.pulse import ControlPage
+from shm.wakeup import Wakeup
 from tests.shm.witness import die_with_parent
 
 PHASES = 4096

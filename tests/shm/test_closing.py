@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from shm import directory
+from shm.control_page import ControlPage, create_control
 from shm.lockstep import LockstepClock, Table, Timekeeper
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.place import take_place
-from shm.pulse import ControlPage, create_control
 from shm.segment import Segment
 from shm.topics import SETPOINT
 

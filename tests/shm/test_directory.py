@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from shm import directory
+from shm.control_page import create_control
 from shm.mailbox_map import create_mailbox
-from shm.pulse import create_control
 from shm.segment import SegmentError
 from shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
 

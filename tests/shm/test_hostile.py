@@ -21,11 +21,11 @@ from hypothesis import strategies as st
 from procs.document.system import SystemConfig, from_json
 from shm import directory
 from shm.client import Client
+from shm.control_page import ControlPage, create_control
 from shm.layout import LayoutError, schema_from_json
 from shm.lockstep import LockstepClock, Table, create_clock
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
-from shm.pulse import ControlPage, create_control
 from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
 from shm.topics import SUPERVISOR_STATE
 

@@ -19,14 +19,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import faults, header, lockstep, mailbox, mailbox_map, nap, pulse, received, ring
+from shm import control_page as pulse
+from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring
+from shm import wakeup as nap
 from shm.commands import COMMANDS
+from shm.control_page import STATES, ControlPage, create_control
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
 from shm.mailbox import Mailbox
 from shm.mailbox_map import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, create_mailbox
 from shm.place import take_place
-from shm.pulse import STATES, ControlPage, create_control
 from shm.ring import RingWriter
 from shm.segment import NAME, Segment, SegmentError, path_of, segment_name
 from shm.topics import TOPICS, Field, Topic

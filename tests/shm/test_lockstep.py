@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from shm.clock import monotonic_ns
+from shm.control_page import ControlPage, create_control
 from shm.lockstep import BEHIND_NS, EPOCH_NS, LockstepClock, Table, Timekeeper, wait_for_wakeup
-from shm.pulse import ControlPage, create_control
 from shm.segment import SegmentError
 
 MS = 1_000_000

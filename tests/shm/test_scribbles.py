@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from shm.control_page import ControlPage, create_control
 from shm.directory import create_ring
 from shm.lockstep import SCHEMA, LockstepClock, Table, Timekeeper
-from shm.pulse import ControlPage, create_control
 from shm.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 from shm.topics import Field, Topic

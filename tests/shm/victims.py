@@ -6,8 +6,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from shm.control_page import ControlPage, create_control
 from shm.directory import create_ring
-from shm.pulse import ControlPage, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from tests.shm.witness import Author, Lives, Notes, Violation, Witness, holds, topic

@@ -19,9 +19,9 @@ from shm.mailbox import (
     Received,
 )
 from shm.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
-from shm.nap import Wakeup
 from shm.place import MailboxFull, Place
 from shm.ring import HEAD, RingReader, RingWriter
+from shm.wakeup import Wakeup
 
 
 def head_first() -> None:

@@ -21,7 +21,7 @@ from tests.soak.system import System
 from tools.arms import DISABLED, HOMED, ArmBringUp
 from tools.errors import Problem, Refused
 from tools.examples.hand import Hand, figure_eight
-from tools.examples.surgeon import OperatorSim
+from tools.examples.operator_sim import OperatorSim
 from tools.inspect.amplifiers import Amplifiers
 from tools.inspect.watch import Watch
 from tools.remote import Remote

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from procs.arm_types import ARM_TYPES
 from shm.clock import monotonic_ns, pause
 from tools.errors import Problem
-from tools.examples.surgeon import Seen
+from tools.examples.operator_sim import Seen
 from tools.remote import Remote
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from tests.soak.diary import Asking, Diary
 from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, Person
 from tests.soak.system import System, wait_for
 from tools.arms import HOMED
-from tools.examples.surgeon import Seen
+from tools.examples.operator_sim import Seen
 from tools.systems import ROOT
 
 RENEWED_S = 0.1

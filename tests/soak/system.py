@@ -16,7 +16,7 @@ from procs.document.system import SystemConfig as Document
 from procs.document.system import from_json
 from shm import directory
 from shm.clock import monotonic_ns, pause
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.segment import SegmentError, names_of
 from tools.errors import Problem
 from tools.supervising import Background, StartRequest

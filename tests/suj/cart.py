@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.boards.setup_joints import SetupJointsPlant as Plant
 from procs.config import load_system
 from procs.suj.classic import Classic
@@ -16,9 +16,9 @@ from procs.suj.multiplexer import Multiplexer
 from shm.topics import SUJ_STATE
 from tests import stock
 from tests.boards.rails import Rails
-from tests.io.rig import Rig
-from tests.io.stand import FakeCommand, FakeSource
-from tests.suj.stand import Memory, Stand
+from tests.io.boards_harness import Rig
+from tests.io.harness import FakeCommand, FakeSource
+from tests.suj.harness import Memory, Stand
 
 PLACES = {
     "ECM": (0.41, -0.3, 0.2, 3.3, 0.0, 0.0), "PSM1": (0.52, 0.4, -1.1, 0.3, 0.2, -0.7),

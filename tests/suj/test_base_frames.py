@@ -12,7 +12,7 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import inverse, pose_from_matrix
 from shm.topics import SUJ_STATE
 from tests import stock
-from tests.suj.stand import Memory, Stand, system_of
+from tests.suj.harness import Memory, Stand, system_of
 
 ECM_TIP = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 NAMES = ("ECM", "PSM1", "PSM2", "PSM3")

@@ -18,8 +18,8 @@ from procs.suj.brakes import SetupArmBrakes
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from procs.suj.si import EmulatedBoards, Si, counts
-from tests.io.stand import FakeCommand
-from tests.suj.stand import Stand, system_of
+from tests.io.harness import FakeCommand
+from tests.suj.harness import Stand, system_of
 
 STEP_NS = 666_667
 

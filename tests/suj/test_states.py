@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from procs.suj.machine import NoPower, SetupState, SetupStates
-from tests.io.stand import FakeCommand
-from tests.suj.stand import FakeReports
+from tests.io.harness import FakeCommand
+from tests.suj.harness import FakeReports
 
 
 class FakePower(NoPower):

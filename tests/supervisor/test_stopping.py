@@ -14,7 +14,7 @@ from procs.supervisor import loop, memory
 from procs.supervisor.children import Child
 from procs.supervisor.loop import Supervisor
 from shm.clock import monotonic_ns
-from shm.pulse import ControlPage, create_control
+from shm.control_page import ControlPage, create_control
 from shm.segment import SegmentError, names_of
 
 SLOW = """

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from shm import directory
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.segment import SegmentError, names_of
 
 ROOT = Path(__file__).resolve().parents[2]

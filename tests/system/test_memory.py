@@ -23,11 +23,11 @@ import tools.systems
 from procs.config import load_system
 from procs.document.system import SystemConfig
 from procs.supervisor import memory
+from shm.control_page import ControlPage
 from shm.directory import systems
 from shm.layout import schema_of
 from shm.lockstep import Timekeeper
 from shm.owners import SERVICE_USER
-from shm.pulse import ControlPage
 from shm.segment import FOLDER, Segment, SegmentError, SegmentFull, create, names_of, path_of, segment_name, unlink
 from shm.topics import ARM_STATE
 from tests.system.robot import DEMO, ROOT, Robot

@@ -11,7 +11,7 @@ import pytest
 
 from shm import directory
 from tests.system.robot import Robot, wait_for
-from tools.examples.surgeon import OperatorSim, Seen
+from tools.examples.operator_sim import OperatorSim, Seen
 from tools.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.teleop.theatre import EcmTheatre
+from tests.teleop.harness import EcmTheatre
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_io import FakeRequest
+from tests.teleop.harness import EcmTheatre, Theatre
 from tests.teleop.test_trouble import show
-from tests.teleop.theatre import EcmTheatre, Theatre
 
 DEGREE = math.pi / 180
 

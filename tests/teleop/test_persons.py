@@ -7,7 +7,7 @@ from typing import Any
 
 from shm.origins import Origin
 from tests.arm.fake_io import FakeRequest
-from tests.teleop.theatre import Theatre
+from tests.teleop.harness import Theatre
 
 PERSON = Origin(77, 3, "trocar send")
 

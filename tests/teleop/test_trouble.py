@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tests.teleop.theatre import Theatre
+from tests.teleop.harness import Theatre
 
 
 @pytest.fixture

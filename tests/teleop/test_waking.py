@@ -13,7 +13,7 @@ from procs.supervisor.memory import create_all, remove_all
 from procs.teleop.loop import IDLE_PERIODS, TeleopLoop
 from shm.client import Client, LoopClient
 from shm.clock import monotonic_ns, pause
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from tests.conftest import World
 
 PERIOD_NS = 6_000_000_000

@@ -27,9 +27,9 @@ from procs.document.system import (
 from procs.supervisor import memory
 from shm import directory
 from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
 from shm.events import Events
 from shm.mailbox import Mailbox
-from shm.pulse import ControlPage
 from shm.segment import names_of, segment_name, unlink
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")

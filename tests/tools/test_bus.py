@@ -23,9 +23,10 @@ from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from tests.lib import board_side
 from tools import cli
-from tools.desk import FoundBoard
+from tools.bus_client import FoundBoard
 from tools.errors import Misuse, Problem
-from tools.inspect import meanings, samples, serials
+from tools.inspect import register_names as meanings
+from tools.inspect import samples, serials
 from tools.verbs import bus
 
 APP = cli.build("bus")

@@ -62,7 +62,7 @@ def test_codes_go_through_rows_only() -> None:
     files = [path for folder in ("procs", "shm", "tools") for path in ROOT.glob(f"{folder}/**/*.py")]
     places = {str(path.relative_to(ROOT)) for path in files
               if re.search(r"emit\([^)]*severity=", path.read_text(encoding="utf-8"))}
-    assert places == {"shm/events.py", "procs/io/loop.py", "procs/system/centre.py"}
+    assert places == {"shm/events.py", "procs/io/loop.py", "procs/system/message_hub.py"}
 
 
 def test_the_check_tells_a_stale_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

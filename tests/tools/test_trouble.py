@@ -23,7 +23,7 @@ from tests.tools.robot import Played, nothing_ages, robot
 from tools import cli
 from tools.bench import io_loop as bench_io
 from tools.errors import Problem
-from tools.examples.surgeon import Seen
+from tools.examples.operator_sim import Seen
 from tools.inspect.processes import cells, lives, remarks
 from tools.inspect.topics import catalogue
 from tools.inspect.views import open_topic

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.segment import SegmentError, names_of
 from tools.supervising import StartRequest
 from tools.systems import ROOT

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from procs.codes import Code
-from procs.system.centre import BEEP_NS, MessageHub, MessageSource
 from procs.system.commands import SystemCommands
+from procs.system.message_hub import BEEP_NS, MessageHub, MessageSource
 from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
 from shm.events import SEVERITIES
 from shm.layout import schema_of
 from shm.topics import EVENTS
-from tests.io.stand import FakeCommand
-from tests.whole.test_climb import FakeArm
+from tests.io.harness import FakeCommand
+from tests.whole.test_bring_up import FakeArm
 
 
 class FakeEvents:

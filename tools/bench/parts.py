@@ -12,10 +12,10 @@ from time import monotonic_ns
 
 from shm.client import LoopClient
 from shm.clock import pause
+from shm.control_page import ControlPage, create_control
 from shm.directory import create_ring
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
-from shm.pulse import ControlPage, create_control
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from shm.topics import PROBE, PROBE_4K, Topic

@@ -22,12 +22,12 @@ import psutil
 
 from shm import directory
 from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
 from shm.events import ERROR, WARNING
-from shm.pulse import ControlPage
 from shm.ring import RingReader
 from tools.arms import home, power_off
 from tools.errors import Problem
-from tools.examples.surgeon import OperatorSim, Seen, Sway, seats
+from tools.examples.operator_sim import OperatorSim, Seen, Sway, seats
 from tools.following import beats
 from tools.inspect.processes import lives
 from tools.inspect.watch import Watch, powered_names

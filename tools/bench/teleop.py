@@ -33,7 +33,7 @@ from tools.arms import home, power_off, silent
 from tools.bench.system import Told
 from tools.errors import Problem
 from tools.examples.hand import Hand
-from tools.examples.surgeon import OperatorSim, SimTeleop
+from tools.examples.operator_sim import OperatorSim, SimTeleop
 from tools.inspect.processes import lives
 from tools.inspect.tracing import Column, Trace
 from tools.inspect.watch import arm_document

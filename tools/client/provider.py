@@ -21,10 +21,10 @@ from procs.pauses import Pauses, duration
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
+from shm.control_page import ControlPage
 from shm.events import Events
 from shm.mailbox import PER_CYCLE, Mailbox
 from shm.mailbox_map import COMMANDS_DEPTH
-from shm.pulse import ControlPage
 from shm.received import Received
 from shm.topics import EXTERNAL_STATE
 from tools.client.values import Array, numbers, six_numbers

@@ -7,8 +7,8 @@ from typing import Any, Final, Protocol
 
 from procs.document.system import IoConfig, Robot, SystemConfig
 from procs.fpga import registers
+from tools.bus_client import BusClient, FoundBoard
 from tools.commission.finding import Finding, Outcome
-from tools.desk import BusClient, FoundBoard
 from tools.inspect import serials
 
 UNKNOWN: Final = "HARDWARE_UNDEFINED"

@@ -11,12 +11,12 @@ import numpy as np
 from procs.document.system import IoConfig
 from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
+from tools.bus_client import BusClient, FoundBoard
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import Stop
 from tools.commission.subject import Subject
 from tools.commission.window import Window
-from tools.desk import BusClient, FoundBoard
 from tools.inspect import samples
 from tools.running import CONTINUE, RunningProcess, running
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tools.converters.element import Element
-from tools.converters.era import Era
+from tools.converters.format_version import Era
 from tools.converters.units import PRISMATIC, REVOLUTE, Unit
 
 Json = dict[str, object]

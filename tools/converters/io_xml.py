@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tools.converters.actuator import Actuators
 from tools.converters.digital import dallas_chip, digital_input, digital_output
 from tools.converters.element import Element
-from tools.converters.era import Era, era_of
+from tools.converters.format_version import Era, era_of
 from tools.converters.names import plain, today
 from tools.converters.pots import potentiometers
 from tools.converters.report import ConversionReport

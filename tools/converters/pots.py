@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tools.converters.element import Element
-from tools.converters.era import Era
+from tools.converters.format_version import Era
 from tools.converters.report import number_text
 from tools.converters.units import Unit
 

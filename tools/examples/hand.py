@@ -12,7 +12,7 @@ from shm import directory
 from shm.clock import pause
 from shm.system_time import Patience
 from tools.errors import Problem
-from tools.examples.surgeon import OperatorSim, Seen, SimTeleop
+from tools.examples.operator_sim import OperatorSim, Seen, SimTeleop
 from tools.remote import Remote
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from procs.document.system import Process, from_json
 from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.segment import Segment, SegmentError, segment_name
 from tools.printing import number, plain
 from tools.systems import alive, is_simulated

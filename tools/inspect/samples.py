@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from procs.fpga import blocks, registers
-from tools.desk import BusClient, FoundBoard
+from tools.bus_client import BusClient, FoundBoard
 from tools.errors import Problem
-from tools.inspect import meanings
+from tools.inspect import register_names as meanings
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Final
 
 from procs.fpga import registers
 from shm.clock import pause
-from tools.desk import BusClient, FoundBoard
+from tools.bus_client import BusClient, FoundBoard
 
 FPGA_COMMAND: Final = 0x031F_FF00  # read the page with the serial number; the only one FPGA V3 heeds
 QLA_COMMAND: Final = 0xFE00_0003  # read four quadlets from the PROM's start

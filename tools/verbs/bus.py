@@ -11,9 +11,10 @@ import typer
 
 from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
-from tools.desk import BusClient, FoundBoard, shared_id
+from tools.bus_client import BusClient, FoundBoard, shared_id
 from tools.errors import Misuse, Problem
-from tools.inspect import meanings, samples, serials
+from tools.inspect import register_names as meanings
+from tools.inspect import samples, serials
 from tools.options import JsonOption
 from tools.printing import emit, made_table, note, number, table
 

@@ -18,7 +18,7 @@ from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.arms import home, power_off, power_on
 from tools.errors import Problem
 from tools.examples.hand import Hand, figure_eight
-from tools.examples.surgeon import OperatorSim, SimTeleop
+from tools.examples.operator_sim import OperatorSim, SimTeleop
 from tools.following import beats
 from tools.inspect.health import HealthWatch
 from tools.inspect.processes import lives

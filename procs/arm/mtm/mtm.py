@@ -17,11 +17,11 @@ from procs.arm.motion import Mode, Space
 from procs.arm.mtm.gripper import GripperLogic
 from procs.arm.mtm.orientation_lock import OrientationLock
 from procs.arm.mtm.platform_spring import Platform
+from procs.arm.recovery import PreviousState
 from procs.arm.stages.homing import Biased, Calibrating
 from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
 from procs.arm.stages.stage import Stage
 from procs.arm.states import ArmEvent, ArmState
-from procs.arm.takeover import PreviousState
 
 Array = NDArray[np.float64]
 

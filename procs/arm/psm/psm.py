@@ -16,15 +16,15 @@ from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import SAID_NS, Refused
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode
+from procs.arm.psm.attachment import Attachment, Fit
 from procs.arm.psm.cannula import Cannula
 from procs.arm.psm.detection import Detection
-from procs.arm.psm.fitted import Attachment, Fit
 from procs.arm.psm.jaw import JawCommands
+from procs.arm.recovery import PreviousState
 from procs.arm.stages.engaging import Engaging
 from procs.arm.stages.homed import Homed
 from procs.arm.stages.stage import Stage
 from procs.arm.states import ArmEvent, ArmState
-from procs.arm.takeover import PreviousState
 from procs.document.catalogue import full_name
 from procs.document.system import Tool
 from procs.kinematics.coupling import coupling

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm_types import ARM_TYPES, ArmInertia, JointInertia
+from procs.boards.robots.backlash import SHARE
 from procs.boards.robots.inertia import (
     DISC,
     GRIPPER_RANGE,
@@ -26,7 +27,6 @@ from procs.boards.robots.inertia import (
     arm_inertia,
     wrist_inertia,
 )
-from procs.boards.robots.play import SHARE
 from procs.document.system import Actuator, ArmConfig, Chain, DhLink, Likeness, Robot, Tool
 from procs.kinematics.denavit import split_row
 from procs.kinematics.endoscopes import endoscope

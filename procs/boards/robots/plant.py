@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.boards.robots.assembly import assemble
+from procs.boards.robots.backlash import SHARE, Play
 from procs.boards.robots.constraint import Block, Projection
 from procs.boards.robots.friction import Friction
 from procs.boards.robots.inertia import GRIPPER_INITIAL
@@ -28,7 +29,6 @@ from procs.boards.robots.mechanics import (
     mechanism,
     parallelogram,
 )
-from procs.boards.robots.play import SHARE, Play
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
 from procs.document.system import Chain, EmulationConfig, Likeness, Robot, SystemConfig, Tool

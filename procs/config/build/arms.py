@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
 from procs.config.build import convert
-from procs.config.build.belongings import gripper_of, inputs_of, reader_of
+from procs.config.build.arm_io_names import gripper_of, inputs_of, reader_of
 from procs.config.build.buses import BusFiles, find_bus
 from procs.config.build.chains import load_chain
 from procs.config.build.context import Context, Opened

@@ -25,7 +25,7 @@ from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
 from procs.document.cart import Cart
 from procs.document.consoles import GOOVIS, Console, Focus, HidSensor, TeleopEcmConfig, TeleopPsmConfig, WiredInput
-from procs.document.external import External
+from procs.document.third_party import External
 
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"

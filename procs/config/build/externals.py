@@ -11,7 +11,7 @@ from procs.config.models.base_frame import base_frame_of
 from procs.config.models.system_file import RESERVED, InterfaceKeys, SystemFile
 from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
-from procs.document.external import External
+from procs.document.third_party import External
 
 GENERIC: Final = "_GENERIC"
 COMPONENTS: Final = "COMPONENTS"

@@ -24,9 +24,9 @@ from procs.io.bus.port import (
     Quads,
 )
 from procs.io.bus.protocols import BoardReader, BroadcastWrite, QueryRead, SequentialRead, SequentialWrite, Writer
+from procs.io.bus.push_read import UnaskedRead
 from procs.io.bus.rows import Rows
 from procs.io.bus.transport import Transport
-from procs.io.bus.unasked import UnaskedRead
 
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 

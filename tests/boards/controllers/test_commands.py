@@ -6,7 +6,7 @@ import pytest
 
 from procs.fpga import registers as reg
 from procs.fpga import wire
-from tests.boards.desk import ENABLE, MASK, MS, ON, VALID, Desk, board
+from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
 
 ID_7 = 3 << reg.DAC_BOARD_SHIFT
 

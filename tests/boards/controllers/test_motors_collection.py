@@ -6,7 +6,7 @@ import pytest
 
 from procs.boards.devices.collection import COLLECTING, MEASURED
 from procs.fpga import registers as reg
-from tests.boards.desk import COLLECT, MASK, MS, VALID, Desk, board
+from tests.boards.harness import COLLECT, MASK, MS, VALID, Desk, board
 
 ALL = (7, 8, 9)
 

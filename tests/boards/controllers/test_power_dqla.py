@@ -6,7 +6,7 @@ import pytest
 
 from procs.boards.controllers import power
 from procs.fpga import registers as reg
-from tests.boards.desk import COLLECT, MASK, MS, ON, VALID, Desk, board
+from tests.boards.harness import COLLECT, MASK, MS, ON, VALID, Desk, board
 
 PLAIN = 0x8300_3F00  # 8 axes, board 3; its own expanders, outputs known and bidirectional
 POWERED = 0x000C_C000  # both supplies good, their sum, and wanted

@@ -10,7 +10,7 @@ from procs.boards.controllers.espm import SUPPLY_BITS
 from procs.boards.devices.dallas import instrument_memory
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
-from tests.boards.desk import COLLECT, MASK, MS, ON, VALID, Desk, board
+from tests.boards.harness import COLLECT, MASK, MS, ON, VALID, Desk, board
 
 BASE = 0xA300_0007  # 10 axes, board 3, ESPM there in all respects, encoders not preloaded
 PRELOADED = 8

@@ -7,7 +7,7 @@ import pytest
 from procs.boards.controllers import power
 from procs.boards.controllers.motors import COMPARATOR_VOLTS, SUPPLY_VOLTS, WINDING_OHMS
 from procs.fpga import registers as reg
-from tests.boards.desk import MASK, MS, ON, VALID, Desk, board
+from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
 
 VOLTAGE = 1 << 24
 CONFIG = reg.axis_register(0, reg.MOTOR_CONFIG)

@@ -7,7 +7,7 @@ import pytest
 from procs.boards.controllers import power
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
-from tests.boards.desk import ENABLE, MASK, MS, ON, VALID, Desk, board
+from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
 
 ALL = (7, 8, 9)
 POWER_AND_AMPS = reg.CONTROL_POWER_ON | reg.CONTROL_AMPS_ON

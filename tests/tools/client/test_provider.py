@@ -17,7 +17,7 @@ from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 from shm.ring import RingReader
 from tests.conftest import World
 from tools.client import provider

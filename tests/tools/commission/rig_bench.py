@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.boards.incidents import BoardFaults
+from procs.boards.board_faults import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
-from tests.io.rig import Rig
-from tests.io.stand import FakeCommand
+from tests.io.boards_harness import Rig
+from tests.io.harness import FakeCommand
 from tools.commission.bench import CommandOutcome
 from tools.commission.played import Played
 from tools.commission.subject import Subject, subjects_of

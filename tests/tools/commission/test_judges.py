@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.tools.commission.rig_bench import RigBench
+from tools.bus_client import FoundBoard
 from tools.commission import axis, home, move, power, read, scan, stop
 from tools.commission.bench import CommandOutcome
 from tools.commission.subject import Subject
 from tools.commission.window import Window
-from tools.desk import FoundBoard
 
 
 @pytest.fixture(scope="module")

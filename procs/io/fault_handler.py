@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import Final
 
 from procs import codes, wording
+from procs.io.arm_requests import ArmRequests
 from procs.io.brakes import Brakes
 from procs.io.devices import BiasDevice, PowerDevice
-from procs.io.follow import SetpointTracker
 from procs.io.record import IoRecord
 from procs.io.reports import IoEvent, IoFaultReport, IoReports
 from procs.io.robots import Robots
-from procs.io.wishes import ArmRequests
+from procs.io.setpoint_tracker import SetpointTracker
 from shm.events import SEVERITIES
 from shm.faults import OwnCell
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from procs.teleop.arms import TeleopArm
-from procs.teleop.outside import ThirdPartyArm
-from shm.operation import EXTERNAL_STATE
-from tests.teleop.theatre import EcmTheatre, FakeArm, Ring, Theatre
+from procs.teleop.third_party import ThirdPartyArm
+from shm.operator_topics import EXTERNAL_STATE
+from tests.teleop.harness import EcmTheatre, FakeArm, Ring, Theatre
 
 RECORD_NS = 10_000_000  # a hundred records a second
 

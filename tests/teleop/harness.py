@@ -22,7 +22,7 @@ from procs.teleop.teleop import Teleop
 from shm.events import SEVERITIES
 from shm.faults import NoFaults
 from shm.layout import schema_of
-from shm.operation import CONSOLE_STATE, TELEOP_STATE
+from shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
 from shm.origins import Origin
 from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_io import FakeRequest

@@ -7,7 +7,7 @@ import pytest
 from procs import codes
 from procs.wishes import OFF, ON
 from shm.origins import Origin
-from tests.io.stand import FakeCommand, Stand
+from tests.io.harness import FakeCommand, Stand
 from tests.io.test_io_fault_matrix import braked
 from tests.io.test_io_persons import Cell
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs.boards.emulation import Emulation
-from procs.boards.mishaps import KINDS, NEVER, PacketFaults
+from procs.boards.packet_faults import KINDS, NEVER, PacketFaults
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses

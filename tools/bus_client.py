@@ -46,7 +46,7 @@ class BusClient:
     def __init__(self, port: str) -> None:
         """Find the boards of a port, named as in system files."""
         self.port = port
-        command = [sys.executable, "-m", "procs.io.bus.desk", port]
+        command = [sys.executable, "-m", "procs.io.bus.bus_server", port]
         # A session of its own: Ctrl-C is for us, and then its end of the pipe closes.
         self._child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                                        start_new_session=True)

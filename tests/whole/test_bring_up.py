@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procs.system.climb import HOME, POWER_OFF, POWER_ON, BringUp
+from procs.system.bring_up import HOME, POWER_OFF, POWER_ON, BringUp
 from shm.origins import Origin
 
 SECOND = 1_000_000_000

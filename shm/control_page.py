@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shm.layout import schema_of, shorten
-from shm.nap import Wakeup
 from shm.ring import attach
 from shm.segment import Make, Segment, create, segment_name
 from shm.topics import Field, Topic
+from shm.wakeup import Wakeup
 
 STATES = ("CREATED", "STARTING", "RUNNING", "STOPPING", "STOPPED", "FAILED")
 

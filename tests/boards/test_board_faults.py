@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procs.boards.board_faults import BoardFaults
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import BoardFaults
 from procs.document.system import Controller
 from procs.fpga import blocks, wire
 from procs.fpga import registers as reg

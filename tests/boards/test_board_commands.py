@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.boards.board_commands import BoardCommands
+from procs.boards.board_faults import BoardFaults
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import BoardFaults
-from procs.boards.mishaps import KINDS
-from procs.boards.orders import BoardCommands
+from procs.boards.packet_faults import KINDS
 from procs.boards.robots.hand import Grip, Hands
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses

@@ -10,7 +10,7 @@ import numpy as np
 
 from procs.fpga import blocks, registers
 from procs.fpga.velocity import FirmwareVelocity
-from tools.desk import FoundBoard
+from tools.bus_client import FoundBoard
 from tools.errors import Misuse
 
 LARGEST_ADDRESS: Final = 0xFFFF

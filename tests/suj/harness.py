@@ -17,7 +17,7 @@ from shm.events import SEVERITIES
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
 from tests import stock
-from tests.io.stand import FakeCommand
+from tests.io.harness import FakeCommand
 
 MS = 1_000_000
 HEAD = '{"$id": "dvrk-system.schema.json", "$version": "1", '

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import SCHEMA, STATES, ControlPage, create_control
+from shm.control_page import SCHEMA, STATES, ControlPage, create_control
 from shm.segment import SegmentError, segment_name
 
 

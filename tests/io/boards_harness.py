@@ -20,7 +20,7 @@ from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from tests.io.stand import Clock, FakeCommand, FakeSource
+from tests.io.harness import Clock, FakeCommand, FakeSource
 
 
 class Direct:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards.board_faults import BoardFaults
 from procs.boards.emulation import Emulation
-from procs.boards.incidents import BoardFaults
 from procs.boards.instruments import EmulatedInstruments
-from procs.boards.mishaps import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, PacketFaults
+from procs.boards.packet_faults import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, PacketFaults
 from procs.boards.robots.hand import Grip, Hands
 from procs.boards.robots.plant import Plant
 from procs.document.system import SystemConfig

@@ -1,6 +1,6 @@
 """A bus of controllers for a person at a desk: `trocar bus` asks line by line, and every line is one transaction.
 
-    python -m procs.io.bus.desk PORT
+    python -m procs.io.bus.bus_server PORT
 
 Requests and replies are JSON objects, one a line: `{"do": "read", "board": 0, "address": 4}` is answered
 `{"value": 1363956017}`, what cannot be done `{"error": "…"}`. The first line says whether the port's name is one.

@@ -15,9 +15,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.follow import SetpointTracker, TrackedRobot
 from procs.io.record import IoRecord
 from procs.io.robots import Robots
+from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
 from procs.wishes import NONE, OFF, ON, WISHES, Order
 from shm.commands import COMMANDS, CommandRow
 from shm.layout import shorten

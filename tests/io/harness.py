@@ -21,8 +21,8 @@ from procs.document.system import (
 from procs.fpga import blocks, registers
 from procs.io.bus.port import BoardInfo, Counters
 from procs.io.cycle import RobotIo
-from procs.io.follow import WishFields
 from procs.io.record import IoRecord, private
+from procs.io.setpoint_tracker import WishFields
 from procs.wishes import WISHES
 from shm.origins import Origin
 from shm.topics import SETPOINT

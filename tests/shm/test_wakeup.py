@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from shm.pulse import ControlPage, create_control
+from shm.control_page import ControlPage, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
 LONG_S = 1800.0
 NAPPER = """
 import sys
-from shm.pulse import ControlPage
+from shm.control_page import ControlPage
 pulse = ControlPage(sys.argv[1], "PSM1", write=True)
 nap, cycles = pulse.nap(), pulse.field("cycles")
 for seen in range(int(sys.argv[2])):
@@ -161,7 +161,7 @@ SLEEPS = {
     "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
     "a pause": "pause(60)",
 }
-SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.pulse import ControlPage; "
+SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.control_page import ControlPage; "
 CLOCK_NANOSLEEP, FUTEX_ON_X86_64 = 230, 202
 CLOCK_MONOTONIC = 1
 
