@@ -23,14 +23,14 @@ FIGURES = ("avg", "std", "min", "max", "p99")
 class Pacing:
     """One loop's deadlines and figures; all times in ns of the process's clock."""
 
-    def __init__(self, pulse: ControlPage, period_ns: int, phase_ns: int) -> None:
+    def __init__(self, page: ControlPage, period_ns: int, phase_ns: int) -> None:
         """`phase_ns` is where on the grid of periods cycles lie in lock-step."""
         self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
-        pulse.field("period_ns")[...] = period_ns
+        page.field("period_ns")[...] = period_ns
         names = ("heartbeat_ns", "cycles", "missed", "overruns", "interval_cycles")
-        self._beat, self._cycles, self._missed, self._overruns, self._interval = (pulse.field(n) for n in names)
+        self._beat, self._cycles, self._missed, self._overruns, self._interval = (page.field(n) for n in names)
         self._figures = {
-            which: [pulse.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work", "latency")
+            which: [page.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work", "latency")
         }
         self._periods, self._work, self._latencies = np.zeros(ROOM), np.zeros(ROOM), np.zeros(ROOM)
         self._count = self._latency_count = 0
@@ -63,7 +63,7 @@ class Pacing:
             error -= self.period_ns
         self._deadline += int(error * GAIN)
 
-    def is_short(self, now_ns: int) -> bool:
+    def is_overloaded(self, now_ns: int) -> bool:
         """Many deadlines were missed of late."""
         return now_ns < self._short_until
 

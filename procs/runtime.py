@@ -66,10 +66,10 @@ class Node:
         self.kind, self.system, self.name = kind, system, name
         self.document: SystemConfig = from_json(directory.document(system))
         self.row: Process = self.document.process(name)
-        self.pulse = ControlPage(system, name, write=True)
-        self.pulse.segment.claim(name)
-        self.pulse.field("pid")[...] = os.getpid()
-        self.pulse.show("STARTING")
+        self.page = ControlPage(system, name, write=True)
+        self.page.segment.claim(name)
+        self.page.field("pid")[...] = os.getpid()
+        self.page.show("STARTING")
         self.clock: WallClock | LockstepClock
         if self.document.clock == WALL:
             self.clock = WallClock(_spin_ns(self.document, name))
@@ -78,10 +78,10 @@ class Node:
         self.log = logging.getLogger(name)
         self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns, loglines.into(self.log))
         period_ns = round(self.row.period_s * 1e9)
-        self.pulse.field("pauses")[...] = 0
-        self._nap = self.pulse.nap()
-        self._pacing = Pacing(self.pulse, period_ns, round(proc(kind).phase * period_ns))
-        self._beat = self.pulse.field("heartbeat_ns")
+        self.page.field("pauses")[...] = 0
+        self._wakeup = self.page.wakeup()
+        self._pacing = Pacing(self.page, period_ns, round(proc(kind).phase * period_ns))
+        self._beat = self.page.field("heartbeat_ns")
         self._supervisor = ControlPage(system, "supervisor")
         self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
         self._check_at = 0
@@ -132,9 +132,9 @@ class Node:
         called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
         return self._hold(LoopClient(self.system, instance, called, self._pauses.is_over))
 
-    def rouses(self, instance: str) -> Wakeup:
-        """The way to wake an instance that waits for news, see `tick`; `rouse` it when the news is out."""
-        return self._hold(ControlPage(self.system, instance, write=True)).nap()
+    def waker_for(self, instance: str) -> Wakeup:
+        """The way to wake an instance that waits for news, see `tick`; `wake` it when the news is out."""
+        return self._hold(ControlPage(self.system, instance, write=True)).wakeup()
 
     def _hold(self, part: Part) -> Part:
         self._held.callback(part.close)
@@ -162,7 +162,7 @@ class Node:
         """Set-up has succeeded; whoever waits at the barrier goes on."""
         if self._mailbox is not None:  # nobody acts on what a predecessor was told
             self._mailbox.refuse_waiting(self._begun[0])
-        self.pulse.show("RUNNING")
+        self.page.show("RUNNING")
         if isinstance(self.clock, LockstepClock):
             self.clock.join(self._stopped)
         self.now_ns = self.clock.now_ns()
@@ -173,8 +173,8 @@ class Node:
         """After a pause, before the loop is made anew: as if the process had been killed and started again."""
         held_up = f"{self.name} was held up for {duration(self.held_up_ns)}"
         self._begun = held_up, held_up
-        self.pulse.show("STARTING")
-        self.pulse.field("pauses")[...] += 1
+        self.page.show("STARTING")
+        self.page.field("pauses")[...] += 1
         self.events.report(codes.HELD_UP, held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
         self.held_up_ns = 0
         self._pauses.end()
@@ -190,9 +190,9 @@ class Node:
         self._pacing.latency(latency_ns)
 
     @property
-    def is_short(self) -> bool:
+    def is_overloaded(self) -> bool:
         """The machine has not enough time for everybody: who can do with less should."""
-        return self._pacing.is_short(self.now_ns)
+        return self._pacing.is_overloaded(self.now_ns)
 
     @property
     def wall_ns(self) -> int:
@@ -205,7 +205,7 @@ class Node:
 
         `serve(timeout_ns)` is called while waiting, for processes that also answer sockets: see
         `LockstepClock.serve_until`. `news()` true begins the
-        next cycle early; it is asked when somebody rouses us (`rouses`; a command does, see shm/commands.py). Who has
+        next cycle early; it is asked when somebody wakes us (`waker_for`; a command does, see shm/commands.py). Who has
         nothing to do sleeps through so many `periods` instead of one.
         """
         deadline = self._pacing.end_of_work(self.clock.now_ns(), periods)
@@ -229,7 +229,7 @@ class Node:
             clock.sleep_until(deadline, self._stopped, news)
         else:
             while not found and (left := deadline - clock.now_ns()) > 0 and not self._stop:
-                found = self._nap.sleep(news, left)
+                found = self._wakeup.sleep(news, left)
         clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
         if (now := clock.now_ns()) < deadline:
             self._pacing.early(now)
@@ -254,54 +254,54 @@ class Node:
         gc.enable()
         if isinstance(self.clock, LockstepClock):
             self.clock.close()
-        self.pulse.close()
+        self.page.close()
 
 
 class Loop(ABC):
     """What a process does: made when it begins, then `wait` and `cycle` by turns, closed at the end on every path."""
 
-    def __init__(self, me: Node) -> None:
-        """Take rings and mailboxes by `me`, which gives them back after `close`."""
-        self.me = me
+    def __init__(self, node: Node) -> None:
+        """Take rings and mailboxes by `node`, which gives them back after `close`."""
+        self.node = node
 
     def wait(self) -> bool:
         """End this cycle, wait for the next one; False when the process must end."""
-        return self.me.tick()
+        return self.node.tick()
 
     @abstractmethod
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """Receive, decide, act, publish; `wall_ns` is `Node.wall_ns`."""
 
     def close(self) -> None:  # noqa: B027  # most have nothing
-        """Leave things in order, and give back what was not taken by `me`."""
+        """Leave things in order, and give back what was not taken by `node`."""
 
 
 def run(kind: str, make: Callable[[Node], Loop]) -> None:
     """The life of one process."""
-    with process(kind) as me:
+    with process(kind) as node:
         if proc(kind).realtime:
             gc.collect()
             gc.freeze()
             gc.disable()
-        live(me, make)
+        live(node, make)
 
 
-def live(me: Node, make: Callable[[Node], Loop]) -> None:
+def live(node: Node, make: Callable[[Node], Loop]) -> None:
     """Run a loop to the end of the process; after each pause a new one, as if the process had been started again."""
-    _run_one(me, make)
-    while not me.stop_reason:
-        me.begin_anew()
-        _run_one(me, make)
+    _run_one(node, make)
+    while not node.stop_reason:
+        node.begin_anew()
+        _run_one(node, make)
 
 
-def _run_one(me: Node, make: Callable[[Node], Loop]) -> None:
+def _run_one(node: Node, make: Callable[[Node], Loop]) -> None:
     with contextlib.ExitStack() as held:
-        held.callback(me.give_back)
-        loop = make(me)
+        held.callback(node.give_back)
+        loop = make(node)
         held.callback(loop.close)
-        me.ready()
-        while loop.wait() and not me.held_up_ns:
-            loop.cycle(me.now_ns, me.wall_ns)
+        node.ready()
+        while loop.wait() and not node.held_up_ns:
+            loop.cycle(node.now_ns, node.wall_ns)
 
 
 @contextlib.contextmanager
@@ -313,23 +313,23 @@ def process(kind: str) -> Iterator[Node]:
     chosen = arguments.parse_args()
     loglines.begin(sys.stderr)
     try:
-        me = Node(kind, chosen.system, chosen.name)
+        node = Node(kind, chosen.system, chosen.name)
     except (SegmentError, KeyError, ValueError) as error:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
-    _signals(me)
-    me.pulse.field("policy")[...] = realtime(
-        me.row, me.document.clock, locked=proc(kind).realtime, reserved=proc(kind).reserved).encode()
+    _signals(node)
+    node.page.field("policy")[...] = realtime(
+        node.row, node.document.clock, locked=proc(kind).realtime, reserved=proc(kind).reserved).encode()
     try:
-        yield me
+        yield node
     except Exception as error:
-        running = me.pulse.state == "RUNNING"
-        me.log.exception("ended by an error")
-        me.pulse.show("FAILED", f"{type(error).__name__}: {error}")
+        running = node.page.state == "RUNNING"
+        node.log.exception("ended by an error")
+        node.page.show("FAILED", f"{type(error).__name__}: {error}")
         sys.exit(LOOP_FAILED if running else SETUP_FAILED)
-    me.pulse.show("STOPPED", me.stop_reason)
-    me.log.info("ended: %s", me.stop_reason or "done")
-    me.close()
+    node.page.show("STOPPED", node.stop_reason)
+    node.log.info("ended: %s", node.stop_reason or "done")
+    node.close()
 
 
 def _spin_ns(system: SystemConfig, name: str) -> int:
@@ -338,9 +338,9 @@ def _spin_ns(system: SystemConfig, name: str) -> int:
     return round(min(spin_us, MOST_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
 
 
-def _signals(me: Node) -> None:
+def _signals(node: Node) -> None:
     def asked(number: int, frame: FrameType | None) -> None:
-        me.stop("asked to stop")
+        node.stop("asked to stop")
 
     signal.signal(signal.SIGTERM, asked)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,7 +1,7 @@
 """The control page: one per instance, where it shows that it lives, how it keeps time, and whether it sleeps.
 
 One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except `nap`, which whoever has news sets back, and `state` and `error` before there is an instance: the supervisor
+except `wakeup`, which whoever has news sets back, and `state` and `error` before there is an instance: the supervisor
 shows CREATED when it starts one. Statistics are of the last full second.
 """
 
@@ -27,7 +27,7 @@ CONTROL = Topic(
     depth_s=0,
     depth=1,
     fields=(
-        Field("nap", "<u4", "", "1: sleeps until there is news, a futex word (W: the instance; 0: who has news)"),
+        Field("wakeup", "<u4", "", "1: sleeps until there is news, a futex word (W: the instance; 0: who has news)"),
         Field("state", "u1", "", "place in STATES"),
         Field("pid", "<u4", "", "process"),
         Field("period_ns", "<i8", "ns", "nominal period, 0: event driven"),
@@ -98,9 +98,9 @@ class ControlPage:
         self._record["error"][0] = shorten(error, 399)
         self._record["state"][0] = STATES.index(state)
 
-    def nap(self) -> Wakeup:
+    def wakeup(self) -> Wakeup:
         """Sleeping until there is news, for the instance; waking it, for others. Needs write access."""
-        return Wakeup(self.segment, self.segment.header.first + SCHEMA.offset("nap"))
+        return Wakeup(self.segment, self.segment.header.first + SCHEMA.offset("wakeup"))
 
     def close(self) -> None:
         """Unmap."""

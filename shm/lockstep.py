@@ -115,10 +115,10 @@ def clock_page(system: str, *, write: bool = False) -> Segment:
 class Steps:
     """The page as members and supervisor share it: time, whose turn it is, and the step to the next instant."""
 
-    def __init__(self, segment: Segment, naps: Sequence[Wakeup], wake_server: Callable[[], object]) -> None:
-        """`segment` is the page, attached with write; `naps` those of the members, in the order of their places."""
+    def __init__(self, segment: Segment, wakeups: Sequence[Wakeup], wake_server: Callable[[], object]) -> None:
+        """`segment` is the page, attached with write; `wakeups` those of the members, in the order of their places."""
         self.table = table = Table.of_info(segment.header.info)
-        self.segment, self._naps, self._wake_server = segment, naps, wake_server
+        self.segment, self._wakeups, self._wake_server = segment, wakeups, wake_server
         first = segment.header.first
 
         def at(field: str) -> int:
@@ -130,7 +130,7 @@ class Steps:
         places = range(len(table.members))
         self._active, self._next, self._finished = ([at(field) + i for i in places]
                                                     for field in ("active", "next_ns", "finished"))
-        self._rows = tuple(zip(self._active, naps, self._next, self._finished, strict=True))
+        self._rows = tuple(zip(self._active, wakeups, self._next, self._finished, strict=True))
         self._server = table.members.index(table.server) if table.server in table.members else -1
         self._place = -1  # ours, where we are a member
         self._lock = Places(segment, first + SCHEMA.offset("now_ns"), 1)
@@ -167,9 +167,9 @@ class Steps:
         words, wish = self.words, NEVER
         finished.clear()
         now = words[self._now]
-        for active, nap, at, count in self._rows:
+        for active, wakeup, at, count in self._rows:
             if words[active]:
-                if not nap.sleeps:
+                if not wakeup.sleeps:
                     return 0
                 wanted = words[at]
                 if wanted <= now:
@@ -203,7 +203,7 @@ class Steps:
                 self._wake(place)
 
     def _wake(self, place: int) -> None:
-        if self._naps[place].wake() and place == self._server:
+        if self._wakeups[place].wake_after_fence() and place == self._server:
             self._wake_server()
 
     def close(self) -> None:
@@ -214,11 +214,12 @@ class Steps:
 class Member(Steps):
     """One member's end."""
 
-    def __init__(self, segment: Segment, naps: Sequence[Wakeup], wake_server: Callable[[], object], name: str) -> None:
+    def __init__(self, segment: Segment, wakeups: Sequence[Wakeup], wake_server: Callable[[], object],
+                 name: str) -> None:
         """It is awake, and due."""
-        super().__init__(segment, naps, wake_server)
+        super().__init__(segment, wakeups, wake_server)
         self._place = place = self.table.members.index(name)
-        self._own, self._asks = naps[place], name in self.table.asking and self._server >= 0
+        self._own, self._asks = wakeups[place], name in self.table.asking and self._server >= 0
         self.words[self._next[place]] = 0
         self._own.end()
 
@@ -247,7 +248,7 @@ class Member(Steps):
 
     def _sleep(self, deadline_ns: int, stopped: Callable[[], bool], news: Callable[[], bool],
                wait: Callable[[int], object]) -> bool:
-        words, now, nap, place = self.words, self._now, self._own, self._place
+        words, now, wakeup, place = self.words, self._now, self._own, self._place
         if words[now] >= deadline_ns:
             return False
         if self._asks:
@@ -256,17 +257,17 @@ class Member(Steps):
         while not stopped():
             words[self._finished[place]] = (words[self._finished[place]] + 1) % WORDS  # F2
             words[self._next[place]] = deadline_ns  # F3
-            nap.begin()  # F4
+            wakeup.begin()  # F4
             try:
                 if words[now] >= deadline_ns:
                     return False
                 if news():  # F5
                     return True
                 early = self.advance()  # F6
-                if words[now] < deadline_ns and nap.sleeps:
+                if words[now] < deadline_ns and wakeup.sleeps:
                     wait(min(early or POLL_NS, POLL_NS))  # F7
             finally:
-                nap.end()
+                wakeup.end()
             if words[now] >= deadline_ns:
                 return False
             if news():
@@ -287,7 +288,7 @@ class LockstepClock(Member):
             table = Table.of_info(segment.header.info)
             if name not in table.members:
                 raise SegmentError(f"{name} is no member of the simulated time of {system}")
-            super().__init__(segment, _naps(system, table, segment), _waker(system, table, segment), name)
+            super().__init__(segment, _wakeups(system, table, segment), _waker(system, table, segment), name)
             self.wakeup: socket.socket | None = None
             """What wakes the server, besides its own sockets."""
             if name == table.server:
@@ -306,7 +307,7 @@ class Timekeeper(Steps):
         self.size = create_clock(system, table, make)
         segment = clock_page(system, write=True)
         try:
-            super().__init__(segment, _naps(system, table, segment), _waker(system, table, segment))
+            super().__init__(segment, _wakeups(system, table, segment), _waker(system, table, segment))
         except BaseException:
             segment.close()
             raise
@@ -354,13 +355,13 @@ def wait_for_wakeup(files: Sequence[int], wakeup: socket.socket | None, timeout_
     return ready
 
 
-def _naps(system: str, table: Table, segment: Segment) -> list[Wakeup]:
+def _wakeups(system: str, table: Table, segment: Segment) -> list[Wakeup]:
     """Those of all members; closed with the segment."""
     pages = []
     for member in table.members:
         pages.append(ControlPage(system, member, write=True))
         segment.at_close(pages[-1].close)
-    return [page.nap() for page in pages]
+    return [page.wakeup() for page in pages]
 
 
 def _waker(system: str, table: Table, segment: Segment) -> Callable[[], object]:

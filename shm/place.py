@@ -63,13 +63,13 @@ class Place:
         self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
         self._words, self._view = places.words, places.view
         self._locks = Places(places.segment, places.locks, CLIENTS)
-        self._pulse: ControlPage | None = None
+        self._page: ControlPage | None = None
         try:
-            self._pulse = ControlPage(system, instance, write=True) if places.wakes else None
+            self._page = ControlPage(system, instance, write=True) if places.wakes else None
         except BaseException:
             places.segment.close()
             raise
-        self._nap = self._pulse.nap() if self._pulse is not None else None
+        self._wakeup = self._page.wakeup() if self._page is not None else None
         self.lost = 0
 
     def claim(self) -> None:
@@ -149,8 +149,8 @@ class Place:
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
-        if self._nap is not None:
-            self._nap.rouse()
+        if self._wakeup is not None:
+            self._wakeup.wake()
         return n
 
     def poll(self) -> list[Reply]:
@@ -183,8 +183,8 @@ class Place:
 
     def close(self) -> None:
         """Unmap, and free the place."""
-        if self._pulse is not None:
-            self._pulse.close()
+        if self._page is not None:
+            self._page.close()
         self._map.segment.close()
 
 

@@ -1,12 +1,12 @@
-"""The nap: one process sleeps, whoever has news for it wakes it, and pays nothing when it is awake.
+"""The wake-up word: one process sleeps, whoever has news for it wakes it, and pays nothing when it is awake.
 
 Its word is 1 while it sleeps.
 
 Sleep: P1 word := 1           P2 full fence            P3 is there news? then word := 0, done
        P4 futex wait while the word is 1, bounded; then word := 0
-Rouse: Q1 the news is out     Q2 full fence            Q3 word 1?         Q4 word := 0, futex wake
+Wake:  Q1 the news is out     Q2 full fence            Q3 word 1?         Q4 word := 0, futex wake
 
-A rouser that comes late in Q4 ends another sleep than it meant, early; nobody else ever stores 1, so none is missed.
+A waker that comes late in Q4 ends another sleep than it meant, early; nobody else ever stores 1, so none is missed.
 Without the fences the store of P1 and the load of P3 (and Q1, Q3) may pass each other even on x86-64, and a wake-up is
 lost (shm/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting
 the wall clock disturbs nobody.
@@ -75,7 +75,7 @@ class Wakeup:
         self._fence = full_fence()
 
     def sleep(self, news: Callable[[], bool], timeout_ns: int) -> bool:
-        """Sleep until roused or `timeout_ns`; returns `news()`. May return early without it."""
+        """Sleep until woken or `timeout_ns`; returns `news()`. May return early without it."""
         self.begin()
         try:
             if news():  # P3
@@ -91,7 +91,7 @@ class Wakeup:
         self._fence()  # P2
 
     def wait(self, timeout_ns: int) -> None:
-        """Until roused or so long."""
+        """Until woken or so long."""
         self._futex.wait(1, timeout_ns)
 
     def end(self) -> None:
@@ -103,13 +103,13 @@ class Wakeup:
         """It sleeps, and nobody has woken it."""
         return self._futex.value == 1
 
-    def rouse(self) -> None:
+    def wake(self) -> None:
         """Wake the sleeper if it sleeps; call after the news is out."""
         self._fence()  # Q2
-        self.wake()
+        self.wake_after_fence()
 
-    def wake(self) -> bool:
-        """`rouse` without its fence, where there is one already; returns whether it slept."""
+    def wake_after_fence(self) -> bool:
+        """`wake` without its fence, where there is one already; returns whether it slept."""
         if not self._futex.value:  # Q3
             return False
         self._futex.value = 0  # Q4

@@ -74,9 +74,9 @@ def only(data: bytes | str, name: str = "old.xml") -> dict:  # type: ignore[type
     return output.data
 
 
-def fates(result: Converted) -> dict[str, str]:
-    """The fate of every key that is told."""
-    return {change.key: change.fate for change in result.changes}
+def outcomes(result: Converted) -> dict[str, str]:
+    """The outcome of every key that is told."""
+    return {change.key: change.outcome for change in result.changes}
 
 
 def one_problem(data: bytes | str, name: str = "old.xml") -> str:

@@ -81,16 +81,16 @@ def test_many_missed_deadlines_mean_that_time_is_short_for_a_while(page: Page) -
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)
     now = loop(pacing, 0, [100] * 1100)[-1]
-    assert not pacing.is_short(now)
+    assert not pacing.is_overloaded(now)
     now = loop(pacing, now, ([2 * PERIOD] * 20 + [100] * 160) * 4)[-1]
-    assert pacing.is_short(now) and not pacing.is_short(now + SHORT_NS)
+    assert pacing.is_overloaded(now) and not pacing.is_overloaded(now + SHORT_NS)
 
 
 def test_one_pause_of_the_machine_does_not_mean_that_time_is_short(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)
     now = loop(pacing, 0, [100] * 300 + [50 * PERIOD] + [100] * 1000)[-1]
-    assert page["missed"] > 40 and not pacing.is_short(now)
+    assert page["missed"] > 40 and not pacing.is_overloaded(now)
 
 
 def test_work_of_exactly_one_period_misses_nothing(page: Page) -> None:

@@ -29,7 +29,7 @@ MS = 1_000_000
 LIMIT = 30 * MS
 
 
-class Clock:
+class PausedClock:
     """CLOCK_BOOTTIME as the test wants it."""
 
     def __init__(self) -> None:
@@ -40,13 +40,13 @@ class Clock:
 
 
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock() -> PausedClock:
+    return PausedClock()
 
 
 @pytest.mark.parametrize(("late_ns", "told_ns"), [(0, 0), (-MS, 0), (LIMIT, 0), (LIMIT + 1, LIMIT + 1)])
 def test_only_what_is_later_than_planned_by_more_than_the_limit_is_a_pause(
-    clock: Clock, late_ns: int, told_ns: int
+    clock: PausedClock, late_ns: int, told_ns: int
 ) -> None:
     pauses = Pauses(LIMIT, clock)
     pauses.begin()
@@ -54,7 +54,7 @@ def test_only_what_is_later_than_planned_by_more_than_the_limit_is_a_pause(
     assert pauses.next(10 * MS) == told_ns
 
 
-def test_small_delays_do_not_add_up(clock: Clock) -> None:
+def test_small_delays_do_not_add_up(clock: PausedClock) -> None:
     pauses = Pauses(LIMIT, clock)
     pauses.begin()
     for _ in range(100):
@@ -62,7 +62,7 @@ def test_small_delays_do_not_add_up(clock: Clock) -> None:
         assert pauses.next(MS) == 0
 
 
-def test_a_pause_in_the_middle_of_a_cycle_makes_all_of_it_too_old_until_there_is_a_new_beginning(clock: Clock) -> None:
+def test_a_pause_in_the_middle_of_a_cycle_makes_all_of_it_too_old_until_a_new_beginning(clock: PausedClock) -> None:
     pauses = Pauses(LIMIT, clock)
     pauses.begin()
     clock.now_ns += LIMIT
@@ -77,7 +77,7 @@ def test_a_pause_in_the_middle_of_a_cycle_makes_all_of_it_too_old_until_there_is
     assert pauses.next(0) == 0 and not pauses.is_over()
 
 
-def test_nothing_is_late_before_the_first_cycle_and_without_a_limit(clock: Clock) -> None:
+def test_nothing_is_late_before_the_first_cycle_and_without_a_limit(clock: PausedClock) -> None:
     pauses = Pauses(LIMIT, clock)
     assert not pauses.is_over() and pauses.next(MS) == 0
     never = Pauses(0, clock)
@@ -95,7 +95,7 @@ def test_a_duration_is_told_in_two_digits_or_tenths(held_up_ms: int, words: str)
 
 
 @pytest.fixture
-def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Iterator[Callable[[str, str], Node]]:
+def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock) -> Iterator[Callable[[str, str], Node]]:
     """A maker of processes by system file and name; their pauses are those of `clock`."""
     monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
     opened: list[Node] = []
@@ -105,29 +105,29 @@ def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Itera
             loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name, sets=["clock=wall"])
             assert loaded.system is not None, loaded.errors
             create_all(loaded.system)
-            pulse = ControlPage(world.name, "supervisor", write=True)
-            pulse.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
-            pulse.close()
+            page = ControlPage(world.name, "supervisor", write=True)
+            page.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
+            page.close()
             opened.append(Node(loaded.system.process(name).kind, world.name, name))
         return opened[0]
 
     yield make
-    for me in opened:
-        me.close()
+    for node in opened:
+        node.close()
     remove_all(world.name)
 
 
-class Played(runtime.Loop):
+class PausedProcess(runtime.Loop):
     """Accepts what it is asked for. In its first life the clock jumps in the middle of the second cycle."""
 
     lives = 0
 
-    def __init__(self, me: Node, clock: Clock, client: Client, sent: list[int]) -> None:
+    def __init__(self, node: Node, clock: PausedClock, client: Client, sent: list[int]) -> None:
         """`client` asks for two moves: one before the jump, one during it; `sent` is what we send to io meanwhile."""
-        super().__init__(me)
-        Played.lives += 1
-        self.life, self.cycles, self.clock, self.client, self.sent = Played.lives, 0, clock, client, sent
-        self.state, self.mailbox, self.io = me.writes("state"), me.mailbox(), me.commands("io")
+        super().__init__(node)
+        PausedProcess.lives += 1
+        self.life, self.cycles, self.clock, self.client, self.sent = PausedProcess.lives, 0, clock, client, sent
+        self.state, self.mailbox, self.io = node.writes("state"), node.mailbox(), node.commands("io")
 
     def ask_io(self) -> None:
         self.sent.append(self.io.send("power_on", (), "PSM1"))
@@ -144,21 +144,21 @@ class Played(runtime.Loop):
             self.ask_io()
             self.client.send("move_jp", (0.2,) * 6)
         elif self.cycles == 3:
-            self.me.stop("enough")
+            self.node.stop("enough")
 
     def close(self) -> None:
         self.ask_io()
 
 
 def test_a_held_up_process_drops_everything_and_begins_anew(
-    memory: Callable[[str, str], Node], clock: Clock, world: World
+    memory: Callable[[str, str], Node], clock: PausedClock, world: World
 ) -> None:
-    me = memory("kinematic.yaml", "PSM1")
-    Played.lives = 0
+    node = memory("kinematic.yaml", "PSM1")
+    PausedProcess.lives = 0
     client, sent = Client(world.name, "PSM1"), list[int]()
     state, events = directory.reader(world.name, "PSM1", "state"), directory.reader(world.name, "PSM1", "events")
-    runtime.live(me, lambda me: Played(me, clock, client, sent))
-    assert (Played.lives, state.epoch, me.pulse.get("pauses"), me.stop_reason) == (2, 2, 1, "enough")
+    runtime.live(node, lambda node: PausedProcess(node, clock, client, sent))
+    assert (PausedProcess.lives, state.epoch, node.page.get("pauses"), node.stop_reason) == (2, 2, 1, "enough")
     assert [bool(number) for number in sent] == [True, False, False, True], "nothing of the old cycle is sent"
     held_up = "PSM1 was held up for 1.5 s"
     assert client.poll() == [Reply(1, "accepted", ""), Reply(1, "failed", held_up), Reply(2, "refused", held_up)]
@@ -187,9 +187,10 @@ def belongings() -> tuple[int, int]:
 class OneCycle(runtime.Loop):
     """A loop that is held up after its first cycle."""
 
-    def __init__(self, me: Node, make: Callable[[Node], runtime.Loop], clock: Clock, left: Iterator[int]) -> None:
-        super().__init__(me)
-        self.loop, self.clock, self.left = make(me), clock, left
+    def __init__(self, node: Node, make: Callable[[Node], runtime.Loop], clock: PausedClock,
+                 left: Iterator[int]) -> None:
+        super().__init__(node)
+        self.loop, self.clock, self.left = make(node), clock, left
 
     def wait(self) -> bool:
         return self.loop.wait()
@@ -198,7 +199,7 @@ class OneCycle(runtime.Loop):
         self.loop.cycle(now_ns, wall_ns)
         self.clock.now_ns += 200 * MS
         if next(self.left, None) is None:
-            self.me.stop("enough")
+            self.node.stop("enough")
 
     def close(self) -> None:
         self.loop.close()
@@ -206,20 +207,20 @@ class OneCycle(runtime.Loop):
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_pauses_leak_no_file_no_memory_and_no_place_in_a_mailbox(
-    memory: Callable[[str, str], Node], clock: Clock, name: str
+    memory: Callable[[str, str], Node], clock: PausedClock, name: str
 ) -> None:
     file, loop = LOOPS[name]
-    me, found = memory(file, name), list[tuple[int, int]]()
+    node, found = memory(file, name), list[tuple[int, int]]()
     left = iter(range(TURNS))
 
-    def make(me: Node) -> runtime.Loop:
+    def make(node: Node) -> runtime.Loop:
         found.append(belongings())
-        return OneCycle(me, loop, clock, left)
+        return OneCycle(node, loop, clock, left)
 
     gc.freeze()  # as in a process of its own: what other tests have left is not looked through at each pause
     try:
-        runtime.live(me, make)
+        runtime.live(node, make)
     finally:
         gc.unfreeze()
-    assert len(found) == TURNS + 1 and me.pulse.get("pauses") == TURNS
+    assert len(found) == TURNS + 1 and node.page.get("pauses") == TURNS
     assert len(set(found[1:])) == 1, found

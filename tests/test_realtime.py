@@ -63,7 +63,7 @@ def test_only_real_time_kinds_collect_no_garbage(
     kind = Proc("clockwork", "procs.clockwork.loop", 0.01, 0.03, 3.0, "restart", priority=priority)
     monkeypatch.setattr(runtime, "proc", lambda name: kind)
     monkeypatch.setattr(runtime, "process", lambda name: contextlib.nullcontext())
-    monkeypatch.setattr(runtime, "live", lambda me, make: seen.append(gc.isenabled()))
+    monkeypatch.setattr(runtime, "live", lambda node, make: seen.append(gc.isenabled()))
     try:
         runtime.run("clockwork", runtime.Loop)  # type: ignore[type-abstract]
         assert seen == [collects] and bool(gc.get_freeze_count()) is not collects

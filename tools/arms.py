@@ -154,17 +154,17 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
                        stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
             for name in names
         ]
-        for climb in climbs:
-            climb.remote.on_behalf(whole)
-        while not all(climb.over for climb in climbs):
-            for climb in climbs:
-                if not climb.over:
-                    climb.step(monotonic_ns())
-            for news in filter(None, [climb.news(monotonic_ns()) for climb in climbs]):
+        for bring_up in climbs:
+            bring_up.remote.on_behalf(whole)
+        while not all(bring_up.over for bring_up in climbs):
+            for bring_up in climbs:
+                if not bring_up.over:
+                    bring_up.step(monotonic_ns())
+            for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in climbs]):
                 tell(news)
-            say(", ".join(climb.line() for climb in climbs), sum(c.over for c in climbs) / len(climbs))
+            say(", ".join(bring_up.line() for bring_up in climbs), sum(c.over for c in climbs) / len(climbs))
             pause(POLL_S)
-        return {climb.watch.name: climb.problem for climb in climbs}
+        return {bring_up.watch.name: bring_up.problem for bring_up in climbs}
 
 
 def power_on(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:

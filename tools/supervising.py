@@ -92,13 +92,13 @@ class Background:
     def state(self) -> str:
         """The state our supervisor shows; empty before it has shared memory."""
         try:
-            pulse = ControlPage(self.system, "supervisor")
+            page = ControlPage(self.system, "supervisor")
         except SegmentError:
             return ""
         try:
-            return pulse.state if pulse.segment.identity().pid == self.popen.pid else ""
+            return page.state if page.segment.identity().pid == self.popen.pid else ""
         finally:
-            pulse.close()
+            page.close()
 
     def stop(self, say: Say) -> int:
         """End it on every path: ask, then terminate, then kill; returns its exit code."""

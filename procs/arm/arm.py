@@ -26,7 +26,7 @@ from procs.arm.motion import Mode, Space
 from procs.arm.psm.detection import ToolReading
 from procs.arm.readings import ArmReadings, Fields
 from procs.arm.record import ArmRecord, SetpointRecord
-from procs.arm.recovery import PreviousState, beginning, predecessor
+from procs.arm.recovery import PreviousState, beginning, previous_state
 from procs.arm.settings import Settings
 from procs.arm.setup_base import SetupBase
 from procs.arm.stages.homed import Homed, Manual
@@ -75,30 +75,30 @@ class ArmLogic:
 
     def __init__(self, arm: document.ArmConfig, around: Surroundings) -> None:
         self._around = around
-        self._predecessor = predecessor(around.state)
+        self._previous_state = previous_state(around.state)
         first = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
         self.io = ArmReadings(around.field, around.robot, around.first_axis, first)
         cartesian = Cartesian(around.state, self.io)
         record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
         self.machine = machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
-        duties = IoRequests(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
-                            has_brakes=around.has_brakes)
+        io_requests = IoRequests(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
+                                 has_brakes=around.has_brakes)
         self.control = control = Control(
-            arm, first, self.io, duties, machine, around.reports, cartesian, record,
+            arm, first, self.io, io_requests, machine, around.reports, cartesian, record,
             SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators), around.fault_report, around.motors)
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
         frame = arm.reference_frame or f"{arm.name}_base"
-        if self._predecessor is not None:
-            frame, base = self._predecessor.reference_frame, self._predecessor.base
-            control.motion.ratio_v, control.motion.ratio_a = self._predecessor.ratio_v, self._predecessor.ratio_a
+        if self._previous_state is not None:
+            frame, base = self._previous_state.reference_frame, self._previous_state.base
+            control.motion.ratio_v, control.motion.ratio_a = self._previous_state.ratio_v, self._previous_state.ratio_a
         record.show_frame(frame)
         self._setup_base = around.setup_base
         cartesian.set_base(base if around.setup_base is None else None)
         record.show_ratios(control.motion)
         self._started = self._clutched = False
         self._epoch = self._switched_off_by = 0
-        self.prepare(self._predecessor)
+        self.prepare(self._previous_state)
         own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control, arm.base_from).table)
         self._commands = ArmCommands(control,
                                      (*own, {"state_command": ArmCommandRow(self._state_command)}, *self.tables()))
@@ -228,14 +228,14 @@ class ArmLogic:
             if machine.state in AT_HOME and not control.is_played:
                 control.guard.step(io.position, io.velocity, motion)
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())
-        control.duties.step(now_ns)
+        control.io_requests.step(now_ns)
         machine.settle(self._is_off())
         control.setpoint.show(motion, control.gravity.effort, io.position, control.driving)
         self._show()
 
     def _show(self) -> None:
         control, machine = self.control, self.machine
-        if self._started or self._predecessor is None:  # till then its state stands, should we die as well
+        if self._started or self._previous_state is None:  # till then its state stands, should we die as well
             control.record.show_state((machine.state, machine.desired, self._is_home(), machine.is_busy,
                                        control.homed_generation, control.motion.mode, control.motion.space))
             control.record.show_reason(self._reason())
@@ -250,7 +250,7 @@ class ArmLogic:
         self._started = True
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
-        begin = beginning(self._predecessor, io)
+        begin = beginning(self._previous_state, io)
         machine.reason = machine.fault_text = begin.reason
         control.motion.hold(io.setpoint, Mode.NONE)
         control.held = begin.state is ArmState.ENABLED
@@ -309,8 +309,8 @@ class ArmLogic:
             self._around.faults.fault()
         elif state is ArmState.DISABLED and left is not ArmState.FAULT:
             self._around.faults.switched_off(self._switched_off_by)
-        control.duties.forget_bias()
-        control.duties.want_no_fault(False)
+        control.io_requests.forget_bias()
+        control.io_requests.want_no_fault(False)
         if PUBLISHED[state] != "ENABLED" or state is ArmState.ENABLED:
             mode = Mode.POSITION if state is ArmState.PAUSED else Mode.NONE
             reason = f": {self.machine.reason}" if state is ArmState.FAULT else ""
@@ -335,4 +335,4 @@ class ArmLogic:
             self.unhome()
         self._switched_off_by = request.origin.id
         if self.machine.command(request, "" if self.io.fresh else "io does not answer") and request.origin.id:
-            self.control.duties.on_behalf(request.origin)
+            self.control.io_requests.on_behalf(request.origin)

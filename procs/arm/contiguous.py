@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def stacked(rows: Sequence[NDArray[Any]]) -> Array:
+def contiguous_view(rows: Sequence[NDArray[Any]]) -> Array:
     """A view (len(rows), …) of equal float64 arrays that lie at even distances in one buffer.
 
     ValueError when they do not: the order of fields in the topic table has changed.

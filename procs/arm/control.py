@@ -61,12 +61,12 @@ class Clipping:
 class Control:
     """The parts of one arm and the verbs that change its motion; `now_ns` is this cycle's time."""
 
-    def __init__(self, arm: ArmConfig, joints: JointSpace, io: ArmReadings, duties: IoRequests, machine: ArmStates,
+    def __init__(self, arm: ArmConfig, joints: JointSpace, io: ArmReadings, io_requests: IoRequests, machine: ArmStates,
                  reports: Reports,
                  cartesian: Cartesian, record: ArmRecord, setpoint: SetpointRecord,
                  fault_report: Callable[[int], FaultReport], motors: Sequence[float] = ()) -> None:
         """`motors`: see `EffortLimits`."""
-        self.arm, self.joints, self.io, self.duties, self.machine = arm, joints, io, duties, machine
+        self.arm, self.joints, self.io, self.io_requests, self.machine = arm, joints, io, io_requests, machine
         self.reports, self.cartesian, self.record, self.setpoint = reports, cartesian, record, setpoint
         self.fault_report = fault_report
         self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)

@@ -139,11 +139,11 @@ def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
     return -1
 
 
-def setup_base(me: runtime.Node, arm: ArmConfig) -> SetupBase | None:
+def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
     """What the set-up joints that carry the arm say of its base; None: it stands by itself."""
     if not arm.base_from:
         return None
-    ring = me.reads(arm.base_from, "state")
+    ring = node.reads(arm.base_from, "state")
     return SetupBase(ring, place_of(ring.info, arm.base_setup))
 
 
@@ -155,42 +155,42 @@ def most_periods(period_s: float) -> int:
 class ArmLoop(runtime.Loop):
     """One arm with its rings and mailbox; `cycle` is all it does once a period."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        arm = me.document.arm(me.name)
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        arm = node.document.arm(node.name)
         if arm.type not in ARM_TYPES:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(ARM_TYPES)} are")
-        io = me.document.io(arm.io)
+        io = node.document.io(arm.io)
         number, first_axis = place_in(io, arm)
-        self._io = LastGood(me.reads(arm.io, "state"))
-        self._setpoint, self._state = me.writes("setpoint"), me.writes("state")
-        faults = me.fault_cell()
-        self._mailbox = me.mailbox(faults)
+        self._io = LastGood(node.reads(arm.io, "state"))
+        self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
+        faults = node.fault_cell()
+        self._mailbox = node.mailbox(faults)
         self.arm = class_of(ARM_TYPES[arm.type].process, ArmLogic)(arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
-            bool(io.robots[number].brakes), me.commands(arm.io), self._state.field, self._setpoint.field,
-            me.events, fault_reports(self._io, me.reads(arm.io, "events"), arm.robot),
+            bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
+            node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),
             power_report=power_reports(self._io, io, number), gripper=gripper_in(io, arm),
-            setup_base=setup_base(me, arm), motors=motor_efforts(io.robots[number]),
-            reading=readings(me.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
+            setup_base=setup_base(node, arm), motors=motor_efforts(io.robots[number]),
+            reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
         self._unchanged = 0
-        self._events, self._name, self._warn_ns = me.events, me.name, 0
-        self._most_periods = most_periods(me.row.period_s)
+        self._events, self._name, self._warn_ns = node.events, node.name, 0
+        self._most_periods = most_periods(node.row.period_s)
 
     @property
     def may_rest(self) -> bool:
         """A played robot at rest: each cycle is as the one before."""
         return self._unchanged > AT_REST
 
-    def periods(self, is_short: bool, now_ns: int) -> int:
+    def periods(self, is_overloaded: bool, now_ns: int) -> int:
         """How many periods the next cycle takes: more than one where the machine is short of time, which is said.
 
         An arm that skips deadlines takes the time of others, and arms that together leave nothing are stopped by Linux
         for 50 ms: half as many cycles, evenly, are better.
         """
-        periods = min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods) if is_short else 1
+        periods = min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods) if is_overloaded else 1
         if periods > 1 and now_ns >= self._warn_ns:
             self._events.report(codes.CPU_OVERLOAD,
                                 f"{self._name}: the machine is short of time: one cycle in {periods}")
@@ -199,7 +199,7 @@ class ArmLoop(runtime.Loop):
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.me.tick(periods=self.periods(self.me.is_short, self.me.now_ns))
+        return self.node.tick(periods=self.periods(self.node.is_overloaded, self.node.now_ns))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the set-points and the arm's state out."""
@@ -211,7 +211,7 @@ class ArmLoop(runtime.Loop):
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)
-        self.me.follow(int(self.written), BEHIND_IO_NS)
+        self.node.follow(int(self.written), BEHIND_IO_NS)
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.contiguous import stacked
+from procs.arm.contiguous import contiguous_view
 from procs.arm.joints import JointSpace
 from procs.codes import ARM_LOST, ERROR, FAULTS
 
@@ -57,7 +57,7 @@ class ArmReadings:
         self.wish_generation, self.wish_void, self.wish_refused = (
             flag("wish_generation"), flag("wish_void"), flag("wish_refused"))
         # (6, axes): position, velocity, effort, measured and then as set-point
-        self._actuator = stacked([axis(name) for name in ROWS])
+        self._actuator = contiguous_view([axis(name) for name in ROWS])
         self._read = np.zeros((6, joints.axes))
         self.has_power = self.valid = False
         self.problem = 0

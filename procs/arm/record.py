@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.contiguous import stacked
+from procs.arm.contiguous import contiguous_view
 from procs.arm.joints import JointSpace
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import ROWS, ArmReadings, Fields
@@ -26,8 +26,8 @@ class ArmRecord:
         """`field` gives the arrays of the arm's record, `io` what they are filled from."""
         self._io = io
         self._valid, self._count, self._names = field("valid"), field("count"), field("names")
-        self._joint_rows = stacked([field(name) for name in ROWS])
-        self._has_jaw, self._jaw_rows = field("has_jaw"), stacked([field(name) for name in JAW_ROWS])
+        self._joint_rows = contiguous_view([field(name) for name in ROWS])
+        self._has_jaw, self._jaw_rows = field("has_jaw"), contiguous_view([field(name) for name in JAW_ROWS])
         self._tool, self._frame = field("tool"), field("reference_frame")
         self._state, self._sub_state, self._desired = field("state"), field("sub_state"), field("desired_state")
         self._is_homed, self._is_busy = field("is_homed"), field("is_busy")
@@ -117,7 +117,7 @@ class SetpointRecord:
         """`field` gives the arrays of the arm's set-point record."""
         self._mode, self._has_velocity = field("mode"), field("has_velocity")
         self._bias_generation, self._pid_generation = field("bias_generation"), field("pid_generation")
-        self._rows = stacked([field("position")[:axes], field("velocity")[:axes]])
+        self._rows = contiguous_view([field("position")[:axes], field("velocity")[:axes]])
         self._effort, self._feed_forward = field("effort")[:axes], field("feed_forward")[:axes]
         self._in_effort = field("in_effort")[:axes]
         self._mode[...] = 0

@@ -32,7 +32,7 @@ class PreviousState:
     bore_weight: bool
 
 
-def predecessor(field: Fields) -> PreviousState | None:
+def previous_state(field: Fields) -> PreviousState | None:
     """Read the record before anything is written to it; None when no arm has written it yet."""
     sub_state = _text(field("sub_state"))
     if not sub_state:

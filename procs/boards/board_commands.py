@@ -70,10 +70,11 @@ Order = Callable[[CommandValues], None]
 class BoardCommands:
     """Carries out commands at once."""
 
-    def __init__(self, incidents: BoardFaults, instruments: EmulatedInstruments, hands: Hands,
-                 mishaps: PacketFaults) -> None:
+    def __init__(self, board_faults: BoardFaults, instruments: EmulatedInstruments, hands: Hands,
+                 packet_faults: PacketFaults) -> None:
         """All of one world."""
-        self._incidents, self._instruments, self._hands, self._mishaps = incidents, instruments, hands, mishaps
+        self._board_faults, self._packet_faults = board_faults, packet_faults
+        self._instruments, self._hands = instruments, hands
         self._rows = {row.name: row for row in COMMANDS["boards"]}
         # how many numbers a command takes, and what it does
         self._table: dict[str, tuple[tuple[int, ...], Order]] = {
@@ -82,9 +83,9 @@ class BoardCommands:
     @classmethod
     def of(cls, system: SystemConfig, world: Emulation, plant: Plant) -> BoardCommands:
         """For the boards and robots of a system; `plant` is the world's own."""
-        incidents = BoardFaults(world, plant)
+        board_faults = BoardFaults(world, plant)
         hands = Hands(plant, tuple(arm.robot for arm in system.arms if arm.robot in world.wiring.robots))
-        return cls(incidents, EmulatedInstruments(system, world, incidents, plant), hands, world.mishaps)
+        return cls(board_faults, EmulatedInstruments(system, world, board_faults, plant), hands, world.packet_faults)
 
     def carry_out(self, command: Received) -> None:
         """Do it and answer; a wrong argument refuses it with the reason."""
@@ -105,63 +106,63 @@ class BoardCommands:
 
     def _for_people(self) -> dict[str, tuple[tuple[int, ...], Order]]:
         """What hands do."""
-        incidents, instruments = self._incidents, self._instruments
+        board_faults, instruments = self._board_faults, self._instruments
         return {
-            "press": ((1,), lambda w: incidents.press(w.text, w.on(0))),
-            "emergency_stop": ((1,), lambda w: incidents.stop(w.on(0), w.text)),
+            "press": ((1,), lambda w: board_faults.press(w.text, w.on(0))),
+            "emergency_stop": ((1,), lambda w: board_faults.stop(w.on(0), w.text)),
             "insert_instrument": ((0,), lambda w: instruments.insert(*_arm_and_name(w.text))),
             "remove_instrument": ((0,), lambda w: instruments.remove(w.text)),
-            "push": ((), lambda w: incidents.push(w.text, w.values.copy())),
-            "place": ((), lambda w: incidents.place(w.text, w.values.copy())),
+            "push": ((), lambda w: board_faults.push(w.text, w.values.copy())),
+            "place": ((), lambda w: board_faults.place(w.text, w.values.copy())),
             "hand": ((POSE, POSE + 2, POSE + 4, POSE + 6), self._hold),
             "hand_release": ((0,), lambda w: self._hands.release(w.text)),
         }
 
     def _for_robots(self) -> dict[str, tuple[tuple[int, ...], Order]]:
         """Faults of a robot and its sensors."""
-        incidents = self._incidents
+        board_faults = self._board_faults
         return {
-            "power_loss": ((1,), lambda w: incidents.lose_supply(w.text, w.on(0))),
-            "amp_fault": ((2,), lambda w: incidents.fail_amplifier(w.text, w.axis(), w.on(1))),
-            "encoder_jump": ((2,), lambda w: incidents.jump_encoder(
+            "power_loss": ((1,), lambda w: board_faults.lose_supply(w.text, w.on(0))),
+            "amp_fault": ((2,), lambda w: board_faults.fail_amplifier(w.text, w.axis(), w.on(1))),
+            "encoder_jump": ((2,), lambda w: board_faults.jump_encoder(
                 w.text, w.axis(), w.whole(1, -ENCODER_HALF, ENCODER_HALF))),
-            "current_error": ((2,), lambda w: incidents.shift_current(w.text, w.axis(), w.number(1))),
-            "pot_drift": ((2, 3), lambda w: incidents.drift(
+            "current_error": ((2,), lambda w: board_faults.shift_current(w.text, w.axis(), w.number(1))),
+            "pot_drift": ((2, 3), lambda w: board_faults.drift(
                 w.text, w.axis(), w.number(1), w.number(2) if len(w.values) > 2 else None)),
-            "pot_dead": ((2,), lambda w: incidents.kill_pot(w.text, w.axis(), w.on(1))),
-            "encoder_scale": ((2,), lambda w: incidents.scale_encoder(w.text, w.axis(), w.number(1))),
-            "swap_motors": ((2,), lambda w: incidents.swap_motors(w.text, w.axis(), w.whole(1, 0, 255))),
-            "jam": ((2,), lambda w: incidents.jam(w.text, w.axis(), w.on(1))),
+            "pot_dead": ((2,), lambda w: board_faults.kill_pot(w.text, w.axis(), w.on(1))),
+            "encoder_scale": ((2,), lambda w: board_faults.scale_encoder(w.text, w.axis(), w.number(1))),
+            "swap_motors": ((2,), lambda w: board_faults.swap_motors(w.text, w.axis(), w.whole(1, 0, 255))),
+            "jam": ((2,), lambda w: board_faults.jam(w.text, w.axis(), w.on(1))),
         }
 
     def _for_boards(self) -> dict[str, tuple[tuple[int, ...], Order]]:
         """Faults of a board or its bus."""
-        incidents = self._incidents
+        board_faults = self._board_faults
         return {
-            "board_gone": ((2,), lambda w: incidents.take_away(w.board(), w.on(1), w.text)),
-            "bus_reset": ((0,), lambda w: incidents.reset_bus(w.text)),
-            "miss_block": ((2,), lambda w: incidents.withhold(w.board(), w.times(1), w.text)),
-            "spoil_sequence": ((2,), lambda w: incidents.spoil_sequence(w.board(), w.times(1), w.text)),
-            "temperature": ((2, 3), lambda w: incidents.heat(
+            "board_gone": ((2,), lambda w: board_faults.take_away(w.board(), w.on(1), w.text)),
+            "bus_reset": ((0,), lambda w: board_faults.reset_bus(w.text)),
+            "miss_block": ((2,), lambda w: board_faults.withhold(w.board(), w.times(1), w.text)),
+            "spoil_sequence": ((2,), lambda w: board_faults.spoil_sequence(w.board(), w.times(1), w.text)),
+            "temperature": ((2, 3), lambda w: board_faults.heat(
                 w.board(), w.number(1), w.number(len(w.values) - 1), w.text)),
         }
 
     def _for_replies(self) -> dict[str, tuple[tuple[int, ...], Order]]:
         """Faults on the way."""
-        mishaps, buses = self._mishaps, self._incidents.buses
+        packet_faults, buses = self._packet_faults, self._board_faults.buses
 
         def next_ones(kind: str) -> tuple[tuple[int, ...], Order]:
-            return (1,), lambda w: mishaps.strike(kind, w.times(0), buses(w.text))
+            return (1,), lambda w: packet_faults.strike(kind, w.times(0), buses(w.text))
 
         return {
             "lose_replies": next_ones(LOST),
             "duplicate_replies": next_ones(DUPLICATED),
             "drop_replies": next_ones(DROPPED_REPLY),
             "mislabel_replies": next_ones(MISLABELLED),
-            "delay_replies": ((2,), lambda w: mishaps.strike(LATE, w.times(0), buses(w.text), _delay_ns(w, 1))),
+            "delay_replies": ((2,), lambda w: packet_faults.strike(LATE, w.times(0), buses(w.text), _delay_ns(w, 1))),
             "reply_rate": ((1, 2), self._set_rate),
-            "packet_loss": ((1,), lambda w: mishaps.lose_packets(w.number(0, 0.0, 1.0), buses(w.text))),
-            "no_mishaps": ((0,), lambda w: mishaps.end()),
+            "packet_loss": ((1,), lambda w: packet_faults.lose_packets(w.number(0, 0.0, 1.0), buses(w.text))),
+            "no_mishaps": ((0,), lambda w: packet_faults.end()),
         }
 
     def _hold(self, words: CommandValues) -> None:
@@ -175,7 +176,8 @@ class BoardCommands:
         if (len(words.values) == 2) != (kind == LATE):
             raise ValueError(f"{kind}: {len(words.values)} numbers; allowed: rate, and delay_s of {LATE} ones")
         delay_ns = _delay_ns(words, 1) if kind == LATE else 0
-        self._mishaps.strike_often(kind, words.number(0, 0.0, 1.0), self._incidents.buses(bus.strip()), delay_ns)
+        self._packet_faults.strike_often(kind, words.number(0, 0.0, 1.0), self._board_faults.buses(bus.strip()),
+                                         delay_ns)
 
 
 def _delay_ns(words: CommandValues, at: int) -> int:

@@ -100,7 +100,7 @@ class Emulation:
         self.epoch_ns = now_ns
         self.skipped_steps = 0
         self.sensor_errors: SensorErrors | None = None  # None: they tell the truth
-        self.mishaps = PacketFaults(len(self.buses), system.emulation.seed)
+        self.packet_faults = PacketFaults(len(self.buses), system.emulation.seed)
         self._world = world
         self.on_step: Callable[[], None] = _nothing  # called when a step has begun
         self._span = round(system.emulation.period_s * reg.CLOCK_HZ)

@@ -68,7 +68,7 @@ class Endpoints:
     """All sockets of the buses."""
 
     def __init__(self, buses: tuple[BusConfig, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
-                 mishaps: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
+                 packet_faults: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
                  wakeup: socket.socket | None = None) -> None:
         """OSError when an address is taken. Receive times are the kernel's; in simulated time they are `now_ns()`.
 
@@ -77,7 +77,7 @@ class Endpoints:
         `addressee` tells which board of a bus at 0.0.0.0 has an address (four bytes); None: none.
         """
         self._answer, self._now_ns, self._simulated = answer, now_ns, simulated
-        self._mishaps, self._addressee = mishaps or PacketFaults(len(buses)), addressee
+        self._packet_faults, self._addressee = packet_faults or PacketFaults(len(buses)), addressee
         self._wakeup = wakeup
         self._doors: list[Door] = []
         try:
@@ -121,8 +121,8 @@ class Endpoints:
 
         Returns whether there was any.
         """
-        if self._mishaps.active:
-            timeout_ns = min(timeout_ns, self._mishaps.next_ns - self._now_ns())
+        if self._packet_faults.active:
+            timeout_ns = min(timeout_ns, self._packet_faults.next_ns - self._now_ns())
         ready = wait_for_wakeup(self._files, self._wakeup, timeout_ns)
         if len(ready) == 1:
             self._reply(*self._receive(self._numbers[ready[0]]))
@@ -130,8 +130,8 @@ class Endpoints:
             arrived = [self._receive(self._numbers[file]) for file in ready]
             for arrival in sorted(arrived, key=_STAMP_OF):
                 self._reply(*arrival)
-        if self._mishaps.active:
-            for _, reply, receiver in self._mishaps.due(self._now_ns()):
+        if self._packet_faults.active:
+            for _, reply, receiver in self._packet_faults.due(self._now_ns()):
                 self._send_to(reply, receiver)
         return bool(ready)
 
@@ -169,19 +169,19 @@ class Endpoints:
             self._offset = (before + after) // 2 - between  # else we were held up, and the old one is better
 
     def _reply(self, number: int, size: int, stamp_ns: int, sender: Sender, to: int, source: bytes) -> None:
-        door, mishaps = self._doors[number], self._mishaps
+        door, packet_faults = self._doors[number], self._packet_faults
         if door.only_from is not None and not _heard(str(sender[0]), door.only_from):
             return
         if door.frames is not None and size == 0:
             return
         request, reply = self._views[number][:size], None
-        if not mishaps.active or mishaps.arrives(door.bus):
+        if not packet_faults.active or packet_faults.arrives(door.bus):
             reply = self._answer(door.bus, request, stamp_ns, to)
-        if reply is not None and not mishaps.active:
+        if reply is not None and not packet_faults.active:
             self._send(door.replies, reply, sender, source)
             return
         way = (door.replies, sender, source)
-        leaving = [] if reply is None else mishaps.leave(door.bus, reply, way, self._now_ns())
+        leaving = [] if reply is None else packet_faults.leave(door.bus, reply, way, self._now_ns())
         for data, receiver in leaving:
             self._send_to(data, receiver)
         if self._simulated and not leaving and door.frames is None and _is_read(request):

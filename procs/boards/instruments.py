@@ -16,9 +16,9 @@ VERSION = 1  # where neither the name nor the index says one
 class EmulatedInstruments:
     """Puts instruments on and takes them off."""
 
-    def __init__(self, system: SystemConfig, world: Emulation, incidents: BoardFaults, plant: Plant) -> None:
+    def __init__(self, system: SystemConfig, world: Emulation, board_faults: BoardFaults, plant: Plant) -> None:
         """The instruments that `plant` holds already are seen at once."""
-        self._system, self._world, self._incidents, self._plant = system, world, incidents, plant
+        self._system, self._world, self._board_faults, self._plant = system, world, board_faults, plant
         for arm in system.arms:
             held = find(plant.instrument(arm.name), _tools(arm)).entry
             if held is not None:
@@ -47,7 +47,7 @@ class EmulatedInstruments:
 
     def _switch(self, name: str, closed: bool) -> None:
         if name in self._world.wiring.inputs:
-            self._incidents.press(name, closed)
+            self._board_faults.press(name, closed)
 
     def _readers(self, arm: ArmConfig) -> list[tuple[Dallas, int]]:
         """What reads an arm's instrument, and the ticks there: the readers of its name, else those on its boards."""
@@ -56,7 +56,7 @@ class EmulatedInstruments:
                    for io in self._system.ios if io.name == arm.io for reader in io.instrument_readers]
         own = wiring.boards_of(arm.robot) if arm.robot in wiring.robots else []
         rows = {row for named, row in readers if named} or {row for _, row in readers if row in own}
-        found = [self._incidents.board(row) for row in sorted(rows)]
+        found = [self._board_faults.board(row) for row in sorted(rows)]
         return [(bus.boards[local].dallas, bus.now) for bus, local in found]
 
 

@@ -62,35 +62,36 @@ class Publisher:
 class BoardsLoop(runtime.Loop):
     """All emulated boards with their robots."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        system, emulation = me.document.emulated(), me.document.emulation
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        system, emulation = node.document.emulated(), node.document.emulation
         if emulation is None:
             raise ValueError("this system has no emulated boards")
         plant = Plant(system)
-        self._world = world = Emulation(system, plant, me.clock.now_ns())
-        publisher = Publisher(me.writes("state"), world)
+        self._world = world = Emulation(system, plant, node.clock.now_ns())
+        publisher = Publisher(node.writes("state"), world)
         world.on_step = publisher.publish
-        self._orders, self._mailbox = BoardCommands.of(system, world, plant), me.mailbox()
-        self._endpoints = Endpoints(emulation.buses, world.answer, me.clock.now_ns, me.clock.simulated, world.mishaps,
-                                    world.board_at, me.clock.wakeup)
+        self._orders, self._mailbox = BoardCommands.of(system, world, plant), node.mailbox()
+        self._endpoints = Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated,
+                                    world.packet_faults,
+                                    world.board_at, node.clock.wakeup)
         self._skipped = 0
         publisher.publish()
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.me.tick(self._endpoints.serve)
+        return self.node.tick(self._endpoints.serve)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         world = self._world
         world.advance(now_ns)
-        self.me.follow(world.board_ns, BEHIND_STEP_NS)
+        self.node.follow(world.board_ns, BEHIND_STEP_NS)
         for command in self._mailbox.drain(wall_ns):
             self._orders.carry_out(command)
         if world.skipped_steps != self._skipped:
             steps, self._skipped = world.skipped_steps - self._skipped, world.skipped_steps
-            self.me.events.report(codes.BOARDS_LATE, f"stopped for {steps} physics steps; the robots stood still "
+            self.node.events.report(codes.BOARDS_LATE, f"stopped for {steps} physics steps; the robots stood still "
                                    "meanwhile", value=steps)
 
     def close(self) -> None:

@@ -26,25 +26,25 @@ def first_scale(system: SystemConfig, console: str) -> float:
 class ConsoleLoop(runtime.Loop):
     """One console with its rings and mailboxes."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        row, members = me.document.console(me.name), members_of(me.document)
-        self._state = me.writes("state")
-        self._desk = Mailboxes(me, members)
-        self._logic = logic = Logic(me.name, members, self._desk, first_scale(me.document, me.name))
-        began_anew = go_on(me.reads(me.name, "state"), logic)
-        warn = partial(me.events.report, HEAD_SENSOR, component=me.name)
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        row, members = node.document.console(node.name), members_of(node.document)
+        self._state = node.writes("state")
+        self._desk = Mailboxes(node, members)
+        self._logic = logic = Logic(node.name, members, self._desk, first_scale(node.document, node.name))
+        began_anew = go_on(node.reads(node.name, "state"), logic)
+        warn = partial(node.events.report, HEAD_SENSOR, component=node.name)
         self._head = Goovis(row.head, warn) if row.head is not None else None
-        self._inputs = Inputs(row, me.document, me.reads, self._head, began_anew=began_anew)
+        self._inputs = Inputs(row, node.document, node.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:
-            me.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
+            node.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
         self._record, self._commands = ConsoleRecord(self._state.field, row, logic), ConsoleCommands(logic)
-        self._faults = Watched(me.faults(), [arm for member in logic.mine for arm in member.arms])
-        self._mailbox = me.mailbox(self._faults)
+        self._faults = Watched(node.faults(), [arm for member in logic.mine for arm in member.arms])
+        self._mailbox = node.mailbox(self._faults)
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.me.tick(news=self._has_news)
+        return self.node.tick(news=self._has_news)
 
     def _has_news(self) -> bool:
         return self._inputs.has_news or self._mailbox.has_news

@@ -22,20 +22,20 @@ PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, 
 class Mailboxes:
     """The desk of `procs.console.logic` on shared memory."""
 
-    def __init__(self, me: Node, members: Sequence[Selectable]) -> None:
+    def __init__(self, node: Node, members: Sequence[Selectable]) -> None:
         """Takes a place in every mailbox that is needed; `members` are the tele-operations of all consoles."""
-        running = {row.name for row in me.document.processes}
-        self._me = me
-        mine = [member.name for member in members if member.console == me.name and member.name in running]
-        self._teleops = {name: me.commands(name) for name in mine}
-        self._states = {name: me.reads(name, "state") for name in mine}
+        running = {row.name for row in node.document.processes}
+        self._node = node
+        mine = [member.name for member in members if member.console == node.name and member.name in running]
+        self._teleops = {name: node.commands(name) for name in mine}
+        self._states = {name: node.reads(name, "state") for name in mine}
         self._epochs = {name: ring.epoch for name, ring in self._states.items()}
         self._desired = {name: ring.field("desired_state") for name, ring in self._states.items()}
-        self._homes = {member.name: member.console for member in members if member.console in running - {me.name}}
+        self._homes = {member.name: member.console for member in members if member.console in running - {node.name}}
         others = dict.fromkeys(self._homes.values())
-        self._consoles = {name: me.commands(name) for name in others}
-        self._others = [(me.reads(name, "state"), [m.name for m in members if m.console == name]) for name in others]
-        self._system = me.commands("system") if "system" in running else None
+        self._consoles = {name: node.commands(name) for name in others}
+        self._others = [(node.reads(name, "state"), [m.name for m in members if m.console == name]) for name in others]
+        self._system = node.commands("system") if "system" in running else None
         self._under_way: dict[tuple[str, int], str] = {}
         self._told: dict[str, str] = {}
 
@@ -58,19 +58,19 @@ class Mailboxes:
 
     def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
         """An event."""
-        self._me.events.emit(event, text, component=component, value=value)
+        self._node.events.emit(event, text, component=component, value=value)
 
     def button(self, name: str, kind: int) -> None:
         """A button event."""
-        self._me.events.emit("button", NAMES[kind], code=NAMES[kind], component=name, value=PAYLOADS[kind])
+        self._node.events.emit("button", NAMES[kind], code=NAMES[kind], component=name, value=PAYLOADS[kind])
 
     def status(self, text: str) -> None:
         """Something a person may like to know."""
-        self._me.events.status(text, self._me.name)
+        self._node.events.status(text, self._node.name)
 
     def report(self, code: Code, text: str) -> None:
         """Something a person should know."""
-        self._me.events.report(code, text, self._me.name)
+        self._node.events.report(code, text, self._node.name)
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         """A sound, at the system's volume."""
@@ -103,7 +103,7 @@ class Mailboxes:
     def _complain(self, teleop: str, reason: str) -> None:
         if self._told.get(teleop) != reason:
             self._told[teleop] = reason
-            self._me.events.report(codes.TELEOP_REFUSED, f"{teleop} refuses: {reason}", teleop)
+            self._node.events.report(codes.TELEOP_REFUSED, f"{teleop} refuses: {reason}", teleop)
 
 
 def _send(client: LoopClient | None, command: str, values: Sequence[float], text: str) -> int:

@@ -18,19 +18,19 @@ WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 class Wires:
     """Pedals and outputs on the records of io; the desk of `procs.focus.lens`."""
 
-    def __init__(self, me: runtime.Node, row: Focus) -> None:
+    def __init__(self, node: runtime.Node, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""
-        self._me, self._row = me, row
-        self._rings = {io: me.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals)}}
+        self._node, self._row = node, row
+        self._rings = {io: node.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals)}}
         self._ages = {io: ring.field("age_ns") for io, ring in self._rings.items()}
-        outputs = [output.name for output in me.document.io(row.io).digital_outputs]
+        outputs = [output.name for output in node.document.io(row.io).digital_outputs]
         self._pins = [self._rings[row.io].field("output")[outputs.index(name), ...] for name in row.outputs]
         self._pedals = [self._pedal(wired) for wired in row.pedals]
-        self._client = me.commands(row.io)
+        self._client = node.commands(row.io)
 
     def _pedal(self, wired: WiredInput) -> tuple[str, NDArray[Any]]:
         """Its io, and its place in the record of that."""
-        place = self._me.document.inputs(wired.io).index(wired.name)
+        place = self._node.document.inputs(wired.io).index(wired.name)
         return wired.io, self._rings[wired.io].field("input")[place, ...]
 
     def pedals(self) -> list[bool]:
@@ -48,11 +48,11 @@ class Wires:
 
     def tell(self, event: str, on: bool) -> None:
         """See Desk."""
-        self._me.events.emit(event, component=self._me.name, value=float(on))
+        self._node.events.emit(event, component=self._node.name, value=float(on))
 
     def _is_fresh(self, io: str) -> bool:
         ring = self._rings[io]
-        return ring.newest() and self._me.now_ns - ring.stamp_ns + int(self._ages[io]) <= STALE_NS
+        return ring.newest() and self._node.now_ns - ring.stamp_ns + int(self._ages[io]) <= STALE_NS
 
 
 def carry_out(request: Request, lens: Lens, now_ns: int) -> None:
@@ -71,10 +71,10 @@ def carry_out(request: Request, lens: Lens, now_ns: int) -> None:
 class FocusLoop(runtime.Loop):
     """One endoscope's focus."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        self._wires = Wires(me, me.document.focus_of(me.name))
-        self._lens, self._state, self._mailbox = Lens(self._wires), me.writes("state"), me.mailbox()
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        self._wires = Wires(node, node.document.focus_of(node.name))
+        self._lens, self._state, self._mailbox = Lens(self._wires), node.writes("state"), node.mailbox()
         field = self._state.field
         self._valid, self._locked, self._focusing = field("valid"), field("locked"), field("focusing")
 

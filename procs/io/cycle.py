@@ -100,8 +100,8 @@ class RobotIo:
         self._commands = IoCommands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                     self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
                                     cells, wishes)
-        self._reactions = FaultHandler(robots, record, self.reports, self._follow, self._power, self._bias,
-                                       self._brakes, cells, wishes)
+        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, self._power, self._bias,
+                                           self._brakes, cells, wishes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -145,7 +145,7 @@ class RobotIo:
             self._show_validity(good, now_ns)
             self._commands.execute(commands, now_ns)
             if self.reports.trips:
-                self._reactions.act(now_ns)
+                self._fault_handler.act(now_ns)
             self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
             if good:
                 self._control(now_ns)
@@ -266,7 +266,7 @@ class RobotIo:
                     self.reports.trip(codes.TRACKING, robot, axis, float(self.record.position_error[axes][axis]),
                                       float(self.pid.tolerance[axes][axis]), also(tripped[axes]))
         if self.reports.trips:
-            self._reactions.act(now_ns)
+            self._fault_handler.act(now_ns)
         self._axis_drive.step(now_ns)
 
     def _not_finite(self, now_ns: int) -> None:
@@ -277,7 +277,7 @@ class RobotIo:
             if bad.any():
                 self.reports.trip(codes.NOT_FINITE, robot, int(np.argmax(bad)), detail=also(bad))
         request[~np.isfinite(request)] = 0.0
-        self._reactions.act(now_ns)
+        self._fault_handler.act(now_ns)
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
         """The rest of the record; the boards have been written already."""
@@ -306,7 +306,7 @@ class RobotIo:
             self._stranger, self._stranger_ns = stranger, now_ns
             self.reports.warn(codes.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
 
-    def farewell(self) -> None:
+    def shutdown(self) -> None:
         """Zero every output: amplifiers and power off, relays open; then the books. On every path out.
 
         The boards come first, and with nothing in between that an error in the loop may have left unable to run.
@@ -317,8 +317,8 @@ class RobotIo:
             self._outputs.encode(nothing)
             self._port.write_all()
             self._outputs.written()
-        self._setup_brakes.farewell()
-        self._idle_outputs.farewell()
+        self._setup_brakes.shutdown()
+        self._idle_outputs.shutdown()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)

@@ -37,7 +37,7 @@ class IdleOutputs:
                 self._writes[number] -= 1
                 self._write(place, robot)
 
-    def farewell(self) -> None:
+    def shutdown(self) -> None:
         """All rest."""
         for place, robot in self._places:
             for _ in range(WRITES):

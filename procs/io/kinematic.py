@@ -167,8 +167,8 @@ class KinematicIo:
         wishes = ArmRequests(robots, record, self._follow, tell)
         self._commands = IoCommands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes,
                                     NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
-        self._reactions = FaultHandler(robots, record, self.reports, self._follow, power, bias, brakes, cells,
-                                       wishes)
+        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, power, bias, brakes, cells,
+                                           wishes)
         self._stamps_ns = [0] * len(robots.names)
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)
@@ -188,7 +188,7 @@ class KinematicIo:
             self._follow.receive(now_ns)
             self._commands.execute(commands, now_ns)
             if reports.trips:
-                self._reactions.act(now_ns)
+                self._fault_handler.act(now_ns)
             self._commands.answer()
             self._move(now_ns)
             self.pid.step(record.position, record.velocity, record.at_limit)
@@ -213,7 +213,7 @@ class KinematicIo:
                 np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
             self._stamps_ns[robot] = stamp_ns
 
-    def farewell(self) -> None:
+    def shutdown(self) -> None:
         """Everything off, in the books. On every path out."""
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):

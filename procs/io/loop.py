@@ -45,34 +45,34 @@ class RingSource:
 class IoLoop(runtime.Loop):
     """One bus: its port, its robots, who sends them set-points, and who is told."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        io = me.document.io(me.name)
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        io = node.document.io(node.name)
         robots = Robots(io)
         self._held = contextlib.ExitStack()
         self._port = port = self._take_port(io, robots) if io.port else None
-        self._out, self._mailbox = me.writes("state"), me.mailbox(NoFaults())  # of each robot: see RobotIo
-        cells = [me.fault_cell(robot_component(io.name, name)) for name in robots.names]
+        self._out, self._mailbox = node.writes("state"), node.mailbox(NoFaults())  # of each robot: see RobotIo
+        cells = [node.fault_cell(robot_component(io.name, name)) for name in robots.names]
         for cell in cells:
             cell.fault()  # whatever was asked for before: we begin without power
-        self._consoles = [me.rouses(row.name) for row in me.document.consoles if row.is_wired_to(me.name)]
-        self._others = {topic: me.writes(topic) for topic in ("gains", "instruments")}
-        sources = [RingSource(me.reads(pid.arm, "setpoint")) for pid in io.pids]
-        now_ns, record, gains = me.clock.now_ns, IoRecord(self._out.field), self._others["gains"].field
+        self._consoles = [node.waker_for(row.name) for row in node.document.consoles if row.is_wired_to(node.name)]
+        self._others = {topic: node.writes(topic) for topic in ("gains", "instruments")}
+        sources = [RingSource(node.reads(pid.arm, "setpoint")) for pid in io.pids]
+        now_ns, record, gains = node.clock.now_ns, IoRecord(self._out.field), self._others["gains"].field
         tell = self._mailbox.audit.write if self._mailbox.audit is not None else None
         self._core: RobotIo | KinematicIo
         if port is None:
             self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells, tell=tell)
         else:
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
-                                 instruments=self._others["instruments"].field, cells=cells, is_over=me.is_over,
+                                 instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
                                  tell=tell)
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""
-        me = self.me
-        port = port_of(io.port, robots.board_ids, me.clock.now_ns, io.protocol, real_time=not me.clock.simulated,
-                       first_control=POWER_OFF, spin_ns=me.clock.spin_ns)
+        node = self.node
+        port = port_of(io.port, robots.board_ids, node.clock.now_ns, io.protocol, real_time=not node.clock.simulated,
+                       first_control=POWER_OFF, spin_ns=node.clock.spin_ns)
         self._held.enter_context(owner.hold(io.port))
         self._held.callback(port.close)
         return port
@@ -82,17 +82,17 @@ class IoLoop(runtime.Loop):
         core, port = self._core, self._port
         core.cycle(self._mailbox.drain(wall_ns))
         if core.reports.events:  # before the record: who sees a fault there finds what is told of it
-            _tell(self.me, core.reports.events, self._consoles)
+            _tell(self.node, core.reports.events, self._consoles)
         self._out.publish(core.stamp_ns)
         if port is not None and core.good:
-            self.me.latency(port.send_ns - port.recv_ns)
+            self.node.latency(port.send_ns - port.recv_ns)
         while core.reports.changed:
             self._others[core.reports.changed.pop()].publish(core.stamp_ns)
 
     def close(self) -> None:
         """All outputs zero, then the port is given back."""
         with self._held:
-            self._core.farewell()
+            self._core.shutdown()
 
 
 def main() -> None:
@@ -100,14 +100,14 @@ def main() -> None:
     runtime.run("io", IoLoop)
 
 
-def _tell(me: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
+def _tell(node: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
     for event in events:
-        me.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
-                       component=event.component, axis=event.axis, value=event.value, limit=event.limit,
-                       board=event.board, hint=event.hint)
+        node.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
+                         component=event.component, axis=event.axis, value=event.value, limit=event.limit,
+                         board=event.board, hint=event.hint)
     if any(event.kind == "button" for event in events):
         for console in consoles:
-            console.rouse()
+            console.wake()
     events.clear()
 
 

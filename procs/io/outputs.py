@@ -40,30 +40,30 @@ class Outputs:
         self._least = np.maximum(-robots.maximum_current, least)
         self._standing: NDArray[np.uint32] = np.full(len(robots.board_ids), registers.CONTROL_POWER_OFF, np.uint32)
         self._once: NDArray[np.uint32] = self._standing.copy()
-        self._pulses = False
+        self._pages = False
 
     def command_power(self, boards: Flags, relay: bool) -> None:
         """Motor power on, and the relay closed, with the next write."""
         self._standing[boards] = 0
         self._once[boards] = registers.CONTROL_POWER_ON | (registers.CONTROL_RELAY_ON if relay else 0)
-        self._pulses = True
+        self._pages = True
 
     def cut_power(self, boards: Flags, open_relays: bool) -> None:
         """Motor power off with every write from now on; the relay opens once if asked."""
         self._standing[boards] = registers.CONTROL_POWER_OFF
         self._once[boards] = registers.CONTROL_POWER_OFF | (registers.CONTROL_RELAY_OFF if open_relays else 0)
-        self._pulses = True
+        self._pages = True
 
     def close_relays(self) -> None:
         """Close the safety relays of all boards with the next write."""
         self._once |= np.uint32(registers.CONTROL_RELAY_ON)
-        self._pulses = True
+        self._pages = True
 
     def enable_amps(self, places: NDArray[np.intp]) -> None:
         """Enable the amplifiers of drives with the next write."""
         self._flags[places] = ENABLE
         self._record.amp_enabled[places] = True
-        self._pulses = True
+        self._pages = True
 
     def disable_amps(self, places: NDArray[np.intp]) -> None:
         """Keep the amplifiers of drives disabled with every write from now on."""
@@ -76,7 +76,7 @@ class Outputs:
         self._record.amp_enabled[...] = False
         self._standing.fill(registers.CONTROL_POWER_OFF)
         self._once.fill(registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF)
-        self._pulses = True
+        self._pages = True
 
     def encode(self, effort: Floats, share: float = 1.0) -> bool:
         """A share of efforts [N·m or N] to words in the port's buffer; False: one was not finite, it is 0 A there."""
@@ -90,12 +90,12 @@ class Outputs:
         finite = self._encoder.encode(request)
         np.bitwise_or(self._encoder.bits, self._flags, self._words)
         self._out[self._index] = self._words
-        self._control[...] = self._once if self._pulses else self._standing
+        self._control[...] = self._once if self._pages else self._standing
         return finite
 
     def written(self) -> None:
         """The boards have it: what acts once is taken back."""
-        if self._pulses:
-            self._pulses = False
+        if self._pages:
+            self._pages = False
             self._once[...] = self._standing
             self._flags[self._flags == ENABLE] = PLAIN

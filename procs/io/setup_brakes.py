@@ -68,7 +68,7 @@ class SetupBrakes:
             brake.writes -= 1
             self._write(brake)
 
-    def farewell(self) -> None:
+    def shutdown(self) -> None:
         """All hold."""
         for brake in self._brakes:
             brake.let_go = False

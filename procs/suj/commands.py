@@ -81,7 +81,7 @@ class SetupCommands:
         joints = self._setups.arms[place].joints
         if len(request.values) != joints or not np.all(np.abs(request.values) <= FURTHEST):
             raise Refused(f"{self._setups.names[place]} takes {joints} finite values, {len(request.values)} were given")
-        self._setups.stand(place, request.values)
+        self._setups.harness(place, request.values)
 
     def _put(self, request: Request) -> None:
         if self._cart.kind != FIXED:

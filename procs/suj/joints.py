@@ -65,7 +65,7 @@ class SetupJoints:
             if told and arm.pose is not None:
                 self._setups.put(place, np.array(arm.pose))
             elif told and arm.position:
-                self._setups.stand(place, np.array(arm.position))
+                self._setups.harness(place, np.array(arm.position))
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
         """One cycle; the caller publishes the record afterwards."""

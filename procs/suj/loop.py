@@ -27,9 +27,9 @@ BEHIND_IO_NS: Final = 120_000
 class IoMailbox:
     """io's mailbox: what is refused is told, once in a row."""
 
-    def __init__(self, client: LoopClient, me: runtime.Node) -> None:
+    def __init__(self, client: LoopClient, node: runtime.Node) -> None:
         """`client` is our place in it."""
-        self._client, self._me, self._told = client, me, ""
+        self._client, self._node, self._told = client, node, ""
 
     def on_behalf(self, origin: CommandOrigin) -> None:
         """What is sent from now on comes from this command of a person."""
@@ -44,20 +44,21 @@ class IoMailbox:
         for reply in self._client.poll():
             if reply.outcome == "refused" and reply.text != self._told:
                 self._told = reply.text
-                self._me.events.report(codes.IO_REFUSED, f"{self._me.name}: io refuses: {reply.text}", self._me.name)
+                self._node.events.report(codes.IO_REFUSED, f"{self._node.name}: io refuses: {reply.text}",
+                                         self._node.name)
 
 
-def clutches(me: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
+def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
     """Whether a clutch button of an Si set-up arm is pressed: they are buttons of the arms they carry."""
     pressed = np.zeros(len(cart.arms), dtype=bool)
     found = []
     for place, setup in enumerate(cart.arms):
-        arm = next((arm for arm in me.document.arms if arm.name == setup.carries), None)
+        arm = next((arm for arm in node.document.arms if arm.name == setup.carries), None)
         names = [name for name in (arm.inputs.suj_clutch, arm.inputs.suj_clutch_2) if name] if arm is not None else []
         if arm is None or not names:
             continue
-        ring = me.reads(arm.io, "state")
-        listed = [row.name for row in me.document.io(arm.io).digital_inputs]
+        ring = node.reads(arm.io, "state")
+        listed = [row.name for row in node.document.io(arm.io).digital_inputs]
         places = np.array([listed.index(name) for name in names if name in listed], dtype=np.intp)
         found.append((place, ring, ring.field("input"), places))
 
@@ -70,10 +71,10 @@ def clutches(me: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]
     return look
 
 
-def tips(me: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
+def tips(node: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
     """The arms of the system that the set-up arms carry."""
-    running = {row.name for row in me.document.processes}
-    return [CarriedTip(arm.carries, me.reads(arm.carries, "state")) if arm.carries in running else None
+    running = {row.name for row in node.document.processes}
+    return [CarriedTip(arm.carries, node.reads(arm.carries, "state")) if arm.carries in running else None
             for arm in cart.arms]
 
 
@@ -85,27 +86,27 @@ def fault_text(number: int) -> str:
 class SetupLoop(runtime.Loop):
     """One patient cart with its rings and mailboxes."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        cart = me.document.cart(me.name)
-        self._state, self._setpoint = me.writes("state"), me.writes("setpoint")
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        cart = node.document.cart(node.name)
+        self._state, self._setpoint = node.writes("state"), node.writes("setpoint")
         self._orders: IoMailbox | None = None
         self._link: PotLink | None = None
         self._written: NDArray[Any] | None = None
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
         if cart.kind == CLASSIC and cart.io:
-            self._orders = IoMailbox(me.commands(cart.io), me)
-            board = InterfaceBoard(me.document.io(cart.io), cart.robot, me.reads(cart.io, "state"), self._orders)
+            self._orders = IoMailbox(node.commands(cart.io), node)
+            board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"), self._orders)
             self._written = board.write_ns
-            source = Classic(cart, setups, board, me.events, field, self._setpoint.field, fault_text)
+            source = Classic(cart, setups, board, node.events, field, self._setpoint.field, fault_text)
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)
-            source = Si(cart, setups, self._link, me.events, field, clutches(me, cart))
-        faults = me.fault_cell()
-        self._joints = SetupJoints(cart, field, setups, source, me.events, tips(me, cart), faults,
+            source = Si(cart, setups, self._link, node.events, field, clutches(node, cart))
+        faults = node.fault_cell()
+        self._joints = SetupJoints(cart, field, setups, source, node.events, tips(node, cart), faults,
                                    self._orders.on_behalf if self._orders is not None else None)
-        self._mailbox = me.mailbox(faults)
+        self._mailbox = node.mailbox(faults)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
@@ -114,7 +115,7 @@ class SetupLoop(runtime.Loop):
         if self._orders is not None and self._written is not None:
             self._setpoint.publish(now_ns)
             self._orders.poll()
-            self.me.follow(int(self._written), BEHIND_IO_NS)
+            self.node.follow(int(self._written), BEHIND_IO_NS)
 
     def close(self) -> None:
         """See runtime.Loop."""

@@ -44,7 +44,7 @@ class Setups:
             raise ValueError(f"no set-up arm {name or 'without a name'}; there are {', '.join(self.names)}")
         return self.names.index(name)
 
-    def stand(self, place: int, joints: Array) -> None:
+    def harness(self, place: int, joints: Array) -> None:
         """The joints are here, and so is the carried arm."""
         arm = self.arms[place]
         self.position[place, : arm.joints] = joints
@@ -58,12 +58,12 @@ class Setups:
         """
         stood = self._stood[place]
         if stood is None:
-            self.stand(place, joints)
+            self.harness(place, joints)
             return 0.0
         self.position[place, : self.arms[place].joints] = joints
         moved = float(np.max(np.abs(joints - stood) / moved_limits(len(joints))))
         if moved >= 1.0:
-            self.stand(place, joints)
+            self.harness(place, joints)
         elif not self.valid[place]:
             self.valid[place] = True
             self.changes += 1
@@ -95,7 +95,7 @@ class Setups:
             return True
         joints = self.position[place, : arm.joints].copy()
         if np.isfinite(joints).all():
-            self.stand(place, joints)
+            self.harness(place, joints)
         return bool(np.isfinite(joints).all())
 
     def _set(self, place: int, pose: Array) -> None:

@@ -25,7 +25,7 @@ class Child:
 
     system: str
     row: Process
-    pulse: ControlPage
+    page: ControlPage
     log: Path
     state: str = lifecycle.STOPPED
     popen: subprocess.Popen[bytes] | None = None
@@ -46,7 +46,7 @@ class Child:
     @property
     def ready(self) -> bool:
         """Set-up has succeeded and the process runs."""
-        return self.popen is not None and self.pulse.state == "RUNNING"
+        return self.popen is not None and self.page.state == "RUNNING"
 
     def start(self) -> None:
         """Begin a process, if the lifecycle allows it now."""
@@ -56,7 +56,7 @@ class Child:
             self._spawn()
 
     def _spawn(self) -> None:
-        self.pulse.show("CREATED")
+        self.page.show("CREATED")
         self.started_ns, self.restart_at_ns = monotonic_ns(), 0
         command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
         threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
@@ -101,7 +101,7 @@ class Child:
         begins = lifecycle.starts_process(self.state, lifecycle.QUIT)
         self.state = lifecycle.after(self.state, lifecycle.QUIT)
         hung = f"hung for {self.hung_s:.1f} s, killed" if self.hung_s else ""
-        self.reason = "stopped" if asked and code == 0 else hung or _in_words(code, self.pulse)
+        self.reason = "stopped" if asked and code == 0 else hung or _in_words(code, self.page)
         self.hung_s = 0.0
         if begins:
             self._spawn()
@@ -130,11 +130,11 @@ class Child:
         return True
 
 
-def _in_words(code: int, pulse: ControlPage) -> str:
+def _in_words(code: int, page: ControlPage) -> str:
     if code < 0:
         try:
             return f"killed by {signal.Signals(-code).name}"
         except ValueError:
             return f"killed by signal {-code}"
-    said = bytes(pulse.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+    said = bytes(page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
     return f"exit code {code}" + (f": {said}" if said else "")

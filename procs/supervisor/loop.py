@@ -86,12 +86,12 @@ class Supervisor:
     def _begin(self, folder: Path, make: Make) -> None:
         """Take our places in the memory that is there now."""
         system = self.system
-        self.pulse = ControlPage(system.name, "supervisor", write=True)
-        self.pulse.segment.claim("supervisor")
-        self.pulse.field("pid")[...] = os.getpid()
+        self.page = ControlPage(system.name, "supervisor", write=True)
+        self.page.segment.claim("supervisor")
+        self.page.field("pid")[...] = os.getpid()
         highest = max((p.priority for p in system.processes), default=0)
         row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
-        self.pulse.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
+        self.page.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
         self.size += self.keeper.size if self.keeper is not None else 0
         self.beat()
@@ -122,11 +122,11 @@ class Supervisor:
         if passed_s > lost_s and not self.stopping:
             self.lost = True
             self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
-        self.pulse.field("heartbeat_ns")[...] = now
+        self.page.field("heartbeat_ns")[...] = now
 
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
-        self.pulse.show("STARTING")
+        self.page.show("STARTING")
         for wave in _waves(self._rows):
             names = {row.name for row in wave}
             children = [c for c in self.children if c.row.name in names]
@@ -139,9 +139,9 @@ class Supervisor:
             late = [c.row.name for c in children if not c.ready]
             if late:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
-        self.pulse.show("RUNNING")
+        self.page.show("RUNNING")
         self._show()
-        policies = {child.row.name: bytes(child.pulse.get("policy")).decode() for child in self.children}
+        policies = {child.row.name: bytes(child.page.get("policy")).decode() for child in self.children}
         if self.keeper is None and (rights := lacking(policies)):  # simulated time needs none
             log.warning("%s", rights)
 
@@ -234,7 +234,7 @@ class Supervisor:
         for child in self.children:
             if child.state != lifecycle.RUNNING or not child.ready:
                 continue
-            name, mark, hung_ns = child.row.name, int(child.pulse.get("heartbeat_ns")), hung_s(child.row) * 1e9
+            name, mark, hung_ns = child.row.name, int(child.page.get("heartbeat_ns")), hung_s(child.row) * 1e9
             if keeper is None:
                 yield JudgedProcess(name, mark, late_s(child.row) * 1e9, hung_ns)
             else:
@@ -252,7 +252,7 @@ class Supervisor:
 
     def stop_all(self) -> bool:
         """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
-        self.pulse.show("STOPPING")
+        self.page.show("STOPPING")
         clean = True
         for wave in reversed(_waves(self._rows)):
             names = {row.name for row in wave}

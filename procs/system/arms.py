@@ -46,7 +46,7 @@ class ArmOnRing:
         return bool(self._asked)
 
 
-def arms_of(me: Node) -> Sequence[ArmOnRing]:
+def arms_of(node: Node) -> Sequence[ArmOnRing]:
     """All of the system, in the order in which they start."""
-    return [ArmOnRing(row.name, me.reads(row.name, "state"), me.commands(row.name))
-            for rows in (me.document.arms, me.document.carts) for row in rows]
+    return [ArmOnRing(row.name, node.reads(row.name, "state"), node.commands(row.name))
+            for rows in (node.document.arms, node.document.carts) for row in rows]

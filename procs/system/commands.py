@@ -30,7 +30,7 @@ class SystemCommands:
         """`consoles` are the mailboxes of all consoles."""
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
         self.volume, self.beeps = volume, 0
-        self.climb: BringUp | None = None
+        self.bring_up: BringUp | None = None
         self._asked: Request | None = None
         self._now_ns = 0
         self._table: dict[str, Callable[[Request], None]] = {
@@ -50,10 +50,10 @@ class SystemCommands:
                 request.refuse(f"{request.name}: {reason}")
             else:
                 request.done()
-        if self.climb is not None:
-            self.climb.step(now_ns)
-            if self.climb.is_over:
-                self._end(self.climb.problems)
+        if self.bring_up is not None:
+            self.bring_up.step(now_ns)
+            if self.bring_up.is_over:
+                self._end(self.bring_up.problems)
 
     def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
         """A beep, at the system's volume unless told otherwise; an event in any case."""
@@ -63,7 +63,7 @@ class SystemCommands:
         self._sound.beep(duration_s, frequency_hz, loud)
 
     def _begin(self, request: Request) -> None:
-        if self.climb is not None:
+        if self.bring_up is not None:
             self._end(f"{request.name} was asked for")
         if request.name == POWER_OFF:
             for console in self._consoles:
@@ -71,18 +71,18 @@ class SystemCommands:
                 console.poll()
         self._events.status(f"system: {request.name}", "system")
         request.accept()
-        self.climb, self._asked = BringUp(request.name, self._arms, self._now_ns, request.origin), request
+        self.bring_up, self._asked = BringUp(request.name, self._arms, self._now_ns, request.origin), request
 
     def _end(self, problems: str) -> None:
-        climb, request = self.climb, self._asked
-        self.climb = self._asked = None
-        if climb is None or request is None:
+        bring_up, request = self.bring_up, self._asked
+        self.bring_up = self._asked = None
+        if bring_up is None or request is None:
             return
         if problems:
-            self._events.report(codes.SYSTEM_INCOMPLETE, f"{climb.goal} is not complete: {problems}", "system")
+            self._events.report(codes.SYSTEM_INCOMPLETE, f"{bring_up.goal} is not complete: {problems}", "system")
             request.fail(problems)
         else:
-            self._events.status(f"system: {climb.goal} done", "system")
+            self._events.status(f"system: {bring_up.goal} done", "system")
             request.done()
 
     def _set_volume(self, request: Request) -> None:

@@ -12,12 +12,12 @@ from shm.clock import monotonic_ns
 from shm.faults import NoFaults
 
 
-def sources(me: runtime.Node) -> list[MessageSource]:
+def sources(node: runtime.Node) -> list[MessageSource]:
     """The events of all others, the supervisor's too, from now on."""
     found = []
-    for name in ("supervisor", *(row.name for row in me.document.processes)):
-        if name != me.name:
-            ring = me.reads(name, "events")
+    for name in ("supervisor", *(row.name for row in node.document.processes)):
+        if name != node.name:
+            ring = node.reads(name, "events")
             ring.newest()
             found.append(MessageSource(name, ring))
     return found
@@ -26,21 +26,21 @@ def sources(me: runtime.Node) -> list[MessageSource]:
 class SystemLoop(runtime.Loop):
     """The whole system, as one process sees it."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        self._state, self._arms, self._sound = me.writes("state"), arms_of(me), Sound()
-        consoles = [me.commands(row.name) for row in me.document.consoles]
-        self._commands = SystemCommands(self._arms, consoles, me.events, self._sound, me.document.audio_volume)
-        self._centre = MessageHub(sources(me), me.events, self._commands.beep)
-        self._record = SystemRecord(self._state.field, self._arms, me.events, self._sound,
-                                    calibration_mode=any(io.calibration_mode for io in me.document.ios))
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        self._state, self._arms, self._sound = node.writes("state"), arms_of(node), Sound()
+        consoles = [node.commands(row.name) for row in node.document.consoles]
+        self._commands = SystemCommands(self._arms, consoles, node.events, self._sound, node.document.audio_volume)
+        self._centre = MessageHub(sources(node), node.events, self._commands.beep)
+        self._record = SystemRecord(self._state.field, self._arms, node.events, self._sound,
+                                    calibration_mode=any(io.calibration_mode for io in node.document.ios))
         if self._sound.lacks:
-            me.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", me.name)
-        self._mailbox = me.mailbox(NoFaults())  # arms themselves know what their faults make void
+            node.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", node.name)
+        self._mailbox = node.mailbox(NoFaults())  # arms themselves know what their faults make void
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.me.tick(news=self._has_news)
+        return self.node.tick(news=self._has_news)
 
     def _has_news(self) -> bool:
         return self._mailbox.has_news
@@ -52,7 +52,7 @@ class SystemLoop(runtime.Loop):
         self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
         self._centre.step(now_ns)
         if trouble := self._sound.step(monotonic_ns()):
-            self.me.events.report(codes.SOUND_FAILED, trouble, self.me.name)
+            self.node.events.report(codes.SOUND_FAILED, trouble, self.node.name)
         self._record.fill(self._commands, self._centre)
         self._state.publish(now_ns)
 

@@ -31,7 +31,7 @@ class SystemRecord:
 
     def fill(self, commands: SystemCommands, centre: MessageHub) -> None:
         """How things are now."""
-        fields, climb = self._fields, commands.climb
+        fields, bring_up = self._fields, commands.bring_up
         for place, arm in enumerate(self._arms):
             fields["arm_fresh"][place], fields["arm_state"][place] = arm.is_fresh, arm.state.encode()
             fields["arm_homed"][place], fields["arm_busy"][place] = arm.is_homed, arm.is_busy
@@ -39,8 +39,8 @@ class SystemRecord:
         for name, value in (("volume", commands.volume), ("beeps", commands.beeps), ("errors", centre.errors),
                             ("warnings", centre.warnings)):
             fields[name][...] = value
-        fields["task"][...] = climb.goal.encode() if climb is not None else b""
-        waiting = climb.waiting if climb is not None else ""
+        fields["task"][...] = bring_up.goal.encode() if bring_up is not None else b""
+        waiting = bring_up.waiting if bring_up is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
     def _tell(self, place: int, arm: ArmStatus) -> None:

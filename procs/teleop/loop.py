@@ -23,57 +23,57 @@ BEHIND_MASTER_NS: Final = 360_000
 IDLE_PERIODS: Final = 10  # while DISABLED it looks around a hundred times a second, and when it is asked for something
 
 
-def jaw_range(me: runtime.Node, psm: str) -> JawRange:
+def jaw_range(node: runtime.Node, psm: str) -> JawRange:
     """The jaws of the instruments that the arm may carry."""
-    arms = [arm for arm in me.document.arms if arm.name == psm]  # none: a program of somebody else
+    arms = [arm for arm in node.document.arms if arm.name == psm]  # none: a program of somebody else
     tools = [tool for arm in arms for tool in (*arm.tools, arm.tool) if tool is not None]
     return {tool.name: (tool.jaw.lower, tool.jaw.upper) for tool in tools}.get
 
 
-def base_frame(me: runtime.Node, row: PsmRow) -> BaseFrame | None:
+def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
     """What carries the slave, if the file says so: an arm, or a set-up arm of set-up joints."""
     name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
         return None
-    ring = me.reads(name, "state")
-    if not any(cart.name == name for cart in me.document.carts):
+    ring = node.reads(name, "state")
+    if not any(cart.name == name for cart in node.document.carts):
         return BaseFrame(name, ring)
     return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
 
 
-def build(me: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
+def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
     """The tele-operation of this process, on `record`; `faults` of its arms."""
-    row = me.document.teleop(me.name)
-    there = row.console in {process.name for process in me.document.processes}
-    operator = Operator(row.console, me.reads(row.console, "state") if there else None)
+    row = node.document.teleop(node.name)
+    there = row.console in {process.name for process in node.document.processes}
+    operator = Operator(row.console, node.reads(row.console, "state") if there else None)
 
     def arm(name: str) -> TeleopArm:
-        make = ThirdPartyArm if any(row.name == name for row in me.document.externals) else TeleopArm
-        return make(name, me.reads(name, "state"), me.reads(name, "events"), me.commands(name))
+        make = ThirdPartyArm if any(row.name == name for row in node.document.externals) else TeleopArm
+        return make(name, node.reads(name, "state"), node.reads(name, "events"), node.commands(name))
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
-        return TeleopPsm(row, arm(row.mtm), arm(row.psm), operator, own, me.events, jaw_range(me, row.psm),
-                         base_frame(me, row), faults=faults)
+        return TeleopPsm(row, arm(row.mtm), arm(row.psm), operator, own, node.events, jaw_range(node, row.psm),
+                         base_frame(node, row), faults=faults)
     own = TeleopRecord(record.field, "ECM", (row.mtml, row.mtmr), row.ecm, row.console)
-    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, me.events, faults=faults)
+    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, node.events, faults=faults)
 
 
 class TeleopLoop(runtime.Loop):
     """One tele-operation with its rings and mailbox."""
 
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        self._state = me.writes("state")
-        row = me.document.teleop(me.name)
-        faults = Watched(me.faults(), row.arms)
-        self.teleop = build(me, self._state, faults)
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        self._state = node.writes("state")
+        row = node.document.teleop(node.name)
+        faults = Watched(node.faults(), row.arms)
+        self.teleop = build(node, self._state, faults)
         self._master = self.teleop.arms[0]
-        self._mailbox = me.mailbox(faults)
+        self._mailbox = node.mailbox(faults)
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.me.tick(news=self._has_news, periods=IDLE_PERIODS) if self.teleop.is_idle else self.me.tick()
+        return self.node.tick(news=self._has_news, periods=IDLE_PERIODS) if self.teleop.is_idle else self.node.tick()
 
     def _has_news(self) -> bool:
         return self._mailbox.has_news
@@ -82,15 +82,15 @@ class TeleopLoop(runtime.Loop):
         """See runtime.Loop."""
         self.teleop.step(now_ns, self._mailbox.drain(wall_ns))
         self._state.publish(now_ns)
-        me, master = self.me, self._master
+        node, master = self.node, self._master
         if master.whole and master.sets_pace:
-            me.follow(master.stamp_ns, BEHIND_MASTER_NS)
+            node.follow(master.stamp_ns, BEHIND_MASTER_NS)
             if self.teleop.following:
-                me.latency(me.clock.now_ns() - master.stamp_ns)
+                node.latency(node.clock.now_ns() - master.stamp_ns)
 
     def close(self) -> None:
         """As if it were disabled."""
-        self.teleop.leave(self.me.now_ns)
+        self.teleop.leave(self.node.now_ns)
 
 
 def main() -> None:

@@ -350,7 +350,7 @@ class FakeRequest:
         return [outcome for outcome, _ in self.replies]
 
 
-class Rig:
+class ArmHarness:
     """An arm on a fake io and a fake clock."""
 
     def __init__(self, arm: ArmConfig | None = None, period_ns: int = PERIOD_NS, *, kind: type[ArmLogic] = PsmLogic,
@@ -456,7 +456,7 @@ class Rig:
         finally:
             self.period_ns = usual
 
-    def homed(self) -> Rig:
+    def homed(self) -> ArmHarness:
         """Homed, with the events so far forgotten."""
         with self.hurried():
             self.reach("HOMED")

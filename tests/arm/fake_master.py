@@ -10,7 +10,7 @@ import numpy as np
 from procs.arm.mtm.mtm import MtmLogic
 from procs.document.system import ArmConfig
 from tests import stock
-from tests.arm.fake_io import AXES, SECOND, FakeIo, Rig
+from tests.arm.fake_io import AXES, SECOND, ArmHarness, FakeIo
 
 ROLL = 6
 STOP = math.radians(-480.0)
@@ -60,7 +60,7 @@ class MasterIo(FakeIo):
         self.turned += float(self.position[ROLL]) - roll
 
 
-class MasterRig(Rig):
+class MasterHarness(ArmHarness):
     """An MTM on it."""
 
     io: MasterIo

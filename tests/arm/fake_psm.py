@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from procs.document.system import ArmInputs
-from tests.arm.fake_io import PERIOD_NS, TOOL, Rig, bare_arm
+from tests.arm.fake_io import PERIOD_NS, TOOL, ArmHarness, bare_arm
 
 INPUTS = {"PSM1_arm_clutch": 0, "PSM1_adapter": 1, "PSM1_tool": 2}
 NAMES = ArmInputs(clutch="PSM1_arm_clutch", adapter="PSM1_adapter", tool="PSM1_tool")
@@ -17,7 +17,7 @@ OTHER = dataclasses.replace(TOOL, name="MEGA_NEEDLE_DRIVER_400194", names=("MEGA
 FASTEST = np.array((1.58, 1.58, 0.2, 18.9, 18.9, 18.9, 18.9)) * PERIOD_NS * 1e-9 * 1.01
 
 
-class SwitchedPsm(Rig):
+class SwitchedPsm(ArmHarness):
     """A PSM with switches for adapter and instrument; every cycle's step of every actuator is looked at."""
 
     def __init__(self, **changes: Any) -> None:

@@ -19,7 +19,7 @@ from shm.client import Reply
 from shm.topics import ARM_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record
 from tests.arm.test_kinematic_arm import Order
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 
 SETPOINTS = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
              "effort", "feed_forward")
@@ -30,16 +30,16 @@ class OnBoards:
 
     def __init__(self, system: SystemConfig, name: str) -> None:
         self.document = system.emulated().arm(name)
-        self.rig = Rig(system, self.document.io)
-        self.io, self.clock = self.rig.record, self.rig.clock
+        self.harness = BoardsHarness(system, self.document.io)
+        self.io, self.clock = self.harness.record, self.harness.clock
         self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
-        self.source = self.rig.arms[self.document.robot]
+        self.source = self.harness.arms[self.document.robot]
         for field in SETPOINTS:
             setattr(self.source, field, self.setpoint[field])
         self.source.wishes = WishFields(self.setpoint.field)
-        self.place, first = place_in(self.rig.io, self.document)
-        self.axes = slice(first, first + len(self.rig.io.robots[self.place].actuators))
-        self.period_s = self.rig.io.period_s
+        self.place, first = place_in(self.harness.io, self.document)
+        self.axes = slice(first, first + len(self.harness.io.robots[self.place].actuators))
+        self.period_s = self.harness.io.period_s
         self.orders: list[Order] = []
         self.replies: list[Reply] = []
         self.count = 0
@@ -47,7 +47,7 @@ class OnBoards:
 
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""
-        io, robot = self.rig.io, self.rig.io.robots[self.place]
+        io, robot = self.harness.io, self.harness.io.robots[self.place]
         self.reports = FakeReports()
         self.arm: Any = class_of(ARM_TYPES[self.document.type].process, ArmLogic)(self.document, Surroundings(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
@@ -71,16 +71,16 @@ class OnBoards:
 
     @property
     def truth(self) -> np.ndarray:
-        return self.rig.plant.position[self.rig.world.wiring.robots[self.document.robot]]
+        return self.harness.plant.position[self.harness.world.wiring.robots[self.document.robot]]
 
     def step(self, *requests: FakeRequest, alive: bool = True) -> None:
         """One cycle of boards, io and arm; not `alive`: the arm's process is away."""
-        self.clock.ns += self.rig.period_ns
-        self.rig.world.advance(self.clock.ns)
+        self.clock.ns += self.harness.period_ns
+        self.harness.world.advance(self.clock.ns)
         orders, self.orders[:] = self.orders[:], []
-        self.rig.core.cycle(orders)
-        self.rig.events += self.rig.core.reports.events
-        self.rig.core.reports.events.clear()
+        self.harness.core.cycle(orders)
+        self.harness.events += self.harness.core.reports.events
+        self.harness.core.reports.events.clear()
         if alive:
             self.arm.step(self.clock.ns, self.clock.ns, 1, requests)
             self.source.stamp_ns = self.clock.ns
@@ -101,7 +101,8 @@ class OnBoards:
         """Let time pass until the condition holds; returns how long that took in s."""
         start = self.clock.ns
         while not condition():
-            assert self.clock.ns - start < seconds * 1e9, (self.arm.state, self.rig.errors(), self.reports.events[-3:])
+            assert self.clock.ns - start < seconds * 1e9, (self.arm.state, self.harness.errors(),
+                                                           self.reports.events[-3:])
             self.step()
         return (self.clock.ns - start) * 1e-9
 
@@ -115,7 +116,7 @@ class OnBoards:
         spent: dict[str, float] = {}
         while self.arm.state != "HOMED":
             state = str(self.arm.state)
-            assert state != "FAULT", (self.reports.of("error"), self.rig.errors())
+            assert state != "FAULT", (self.reports.of("error"), self.harness.errors())
             spent[state] = self.until(lambda before=state: self.arm.state != before)
         return spent
 

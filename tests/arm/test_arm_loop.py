@@ -40,7 +40,7 @@ def document(name: str) -> SystemConfig:
     return SystemConfig(name, "", "wall", (io,), (fixed_arm(),), None, processes, supervisor_lost_s=30.0)
 
 
-class Bench:
+class ArmLoopBench:
     """io and supervisor, played by the test on the wall clock."""
 
     def __init__(self, world: Any) -> None:
@@ -102,26 +102,26 @@ class Bench:
 
 @pytest.fixture
 def bench(world: Any) -> Any:
-    made = Bench(world)
+    made = ArmLoopBench(world)
     yield made
     made.close()
 
 
-def homed(bench: Bench) -> None:
+def homed(bench: ArmLoopBench) -> None:
     bench.until(lambda: bench.text("sub_state") == "DISABLED", "the arm's first record")
     bench.until(lambda: bench.happened.head > 0, "the arm's first event")
     assert bench.ask("state_command", text="enable") == "done"
     assert bench.ask("state_command", text="home") == "done"
 
 
-def come_back(bench: Bench) -> None:
+def come_back(bench: ArmLoopBench) -> None:
     """A new process after the death of the old one, till its first record says that it is homed."""
     last = bench.state.head
     bench.child = bench.start()
     bench.until(lambda: bench.state.head > last and bench.state.field("is_homed"), "homed again")
 
 
-def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
+def test_arm_process_homes_moves_and_survives_its_death(bench: ArmLoopBench) -> None:
     homed(bench)
     goal = np.array((0.3, 0.1, 0.1, 0.0, 0.0, 0.0))
     assert bench.ask("move_jp", goal) == "done"
@@ -136,7 +136,7 @@ def test_arm_process_homes_moves_and_survives_its_death(bench: Bench) -> None:
     assert bench.ask("move_jp", goal * 0.5) == "done"
 
 
-def test_commands_to_a_dead_arm_do_not_move_its_successor(bench: Bench) -> None:
+def test_commands_to_a_dead_arm_do_not_move_its_successor(bench: ArmLoopBench) -> None:
     homed(bench)
     bench.world.kill(bench.child)
     bench.client.poll()
@@ -147,7 +147,7 @@ def test_commands_to_a_dead_arm_do_not_move_its_successor(bench: Bench) -> None:
     assert np.allclose(bench.io.setpoint, held, atol=1e-12)
 
 
-def test_arm_process_gives_the_words_of_io_for_a_fault(bench: Bench) -> None:
+def test_arm_process_gives_the_words_of_io_for_a_fault(bench: ArmLoopBench) -> None:
     homed(bench)
     bench.events.report(codes.POTENTIOMETER, "PSM1: potentiometer 3 is off by 0.3 rad", "PSM1", 2)
     bench.io.flag("fault", 7)
@@ -162,9 +162,9 @@ def test_an_arm_of_another_type_says_that_it_cannot_be(world: Any) -> None:
     other = dataclasses.replace(system.arms[0], type="ECM")
     memory.create_all(dataclasses.replace(system, arms=(other,)))
     child = world.start(ARM)
-    pulse = ControlPage(world.name, "PSM1")
+    page = ControlPage(world.name, "PSM1")
     world.until(lambda: child.poll() is not None, "its end")
-    assert pulse.state == "FAILED" and "ECM" in str(pulse.get("error"))
+    assert page.state == "FAILED" and "ECM" in str(page.get("error"))
     child.communicate()
-    pulse.close()
+    page.close()
     world.remove()

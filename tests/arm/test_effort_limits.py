@@ -11,29 +11,29 @@ from procs.arm.effort_limits import EffortLimits, motor_efforts
 from procs.arm.joints import joints
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.kinematics.forward import Kinematics
-from tests.arm.fake_io import CHAIN, TOOL, Rig, fixed_arm
+from tests.arm.fake_io import CHAIN, TOOL, ArmHarness, fixed_arm
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 MOTORS = (3.3, 3.3, 9.9, 0.34, 0.34, 0.34, 0.34)
 
 
 @pytest.fixture
-def rig() -> Rig:
+def harness() -> ArmHarness:
     """Homed and deep enough; every joint of the fake arm is rated at 1, its jaw at 0.16."""
-    made = Rig(fixed_arm(effort_timeout_s=0.0)).homed()
+    made = ArmHarness(fixed_arm(effort_timeout_s=0.0)).homed()
     made.go(DEEP)
     made.reports.events.clear()
     return made
 
 
-def asked(rig: Rig) -> np.ndarray:
+def asked(harness: ArmHarness) -> np.ndarray:
     """The joint efforts (7,) that io is asked for."""
-    assert rig.setpoint["in_effort"][:7].all()
-    return np.linalg.solve(rig.arm.joints.to_joint.T, rig.setpoint["effort"][:7])
+    assert harness.setpoint["in_effort"][:7].all()
+    return np.linalg.solve(harness.arm.joints.to_joint.T, harness.setpoint["effort"][:7])
 
 
-def warnings(rig: Rig, code: str) -> list[Any]:
-    return [event for event in rig.reports.of("warning") if event[1] == code]
+def warnings(harness: ArmHarness, code: str) -> list[Any]:
+    return [event for event in harness.reports.of("warning") if event[1] == code]
 
 
 def test_what_a_motor_gives_is_its_current_by_its_constant() -> None:
@@ -78,38 +78,38 @@ def test_efforts_that_can_be_given_are_left_alone() -> None:
     assert limits.most == pytest.approx((1.0, 1.0, 1.0, 0.34 / 1.5632, wrist_pitch, 0.34 / 0.6089, 0.16))
 
 
-def test_a_joint_effort_beyond_the_motors_is_clipped_and_told_once_an_episode(rig: Rig) -> None:
+def test_a_joint_effort_beyond_the_motors_is_clipped_and_told_once_an_episode(harness: ArmHarness) -> None:
     for _ in range(100):
-        assert rig.send("servo_jf", (1e6, 0, 0, 0, 0, 0)).replies == [("done", "clipped: yaw")]
-        assert asked(rig) == pytest.approx((1.0, 0, 0, 0, 0, 0, 0))
-    rig.run(1.0)
-    assert asked(rig)[0] == pytest.approx(1.0), "and stays so"
-    assert len(warnings(rig, "effort-clipped")) == 1 and "yaw" in warnings(rig, "effort-clipped")[0][2]
-    assert rig.send("servo_jf", (0.5, 0, 0, 0, 0, 0)).replies == [("done", "")]
-    rig.run(1.0)
-    rig.send("servo_jf", (0, 0, -3.0, 0, 0, 0))
-    assert len(warnings(rig, "effort-clipped")) == 2 and asked(rig)[2] == pytest.approx(-1.0)
+        assert harness.send("servo_jf", (1e6, 0, 0, 0, 0, 0)).replies == [("done", "clipped: yaw")]
+        assert asked(harness) == pytest.approx((1.0, 0, 0, 0, 0, 0, 0))
+    harness.run(1.0)
+    assert asked(harness)[0] == pytest.approx(1.0), "and stays so"
+    assert len(warnings(harness, "effort-clipped")) == 1 and "yaw" in warnings(harness, "effort-clipped")[0][2]
+    assert harness.send("servo_jf", (0.5, 0, 0, 0, 0, 0)).replies == [("done", "")]
+    harness.run(1.0)
+    harness.send("servo_jf", (0, 0, -3.0, 0, 0, 0))
+    assert len(warnings(harness, "effort-clipped")) == 2 and asked(harness)[2] == pytest.approx(-1.0)
 
 
-def test_a_jaw_effort_is_clipped_as_well(rig: Rig) -> None:
-    assert rig.send("jaw/servo_jf", (-1e6,)).replies == [("done", "clipped: jaw")]
-    rig.run(0.5)
-    assert asked(rig)[6] == pytest.approx(-0.16)
+def test_a_jaw_effort_is_clipped_as_well(harness: ArmHarness) -> None:
+    assert harness.send("jaw/servo_jf", (-1e6,)).replies == [("done", "clipped: jaw")]
+    harness.run(0.5)
+    assert asked(harness)[6] == pytest.approx(-0.16)
 
 
 @pytest.mark.parametrize("name", ("body/servo_cf", "spatial/servo_cf"))
-def test_a_wrench_too_strong_keeps_its_direction(rig: Rig, name: str) -> None:
-    answer = rig.send(name, (20.0, -40.0, 60.0, 0.0, 0.0, 0.0))
+def test_a_wrench_too_strong_keeps_its_direction(harness: ArmHarness, name: str) -> None:
+    answer = harness.send(name, (20.0, -40.0, 60.0, 0.0, 0.0, 0.0))
     assert answer.outcomes == ["done"] and answer.replies[0][1].startswith("clipped: ")
-    rig.run(0.1)
+    harness.run(0.1)
     kinematics = Kinematics(CHAIN, TOOL)
     jacobian = (kinematics.body_jacobian if name.startswith("body") else kinematics.spatial_jacobian)(np.array(DEEP))
     wanted = jacobian.T @ (20.0, -40.0, 60.0, 0.0, 0.0, 0.0)
     assert np.abs(wanted).max() > 5.0
-    given = asked(rig)[:6]
+    given = asked(harness)[:6]
     assert np.abs(given).max() == pytest.approx(1.0)
     assert given == pytest.approx(wanted / np.abs(wanted).max(), abs=1e-9)
-    assert len(warnings(rig, "effort-clipped")) == 1
+    assert len(warnings(harness, "effort-clipped")) == 1
 
 
 @pytest.mark.parametrize(("name", "values"), (
@@ -118,25 +118,25 @@ def test_a_wrench_too_strong_keeps_its_direction(rig: Rig, name: str) -> None:
     ("spatial/servo_cf", (0, 0, 0, 0, -101.0, 0)),
     ("servo_cs", (*(0.0,) * 6, 1.0, *(0.0,) * 6, 1e6, *(0.0,) * 5, 0.0, 0.0, 1.0)),
 ))
-def test_a_wrench_out_of_the_question_is_refused(rig: Rig, name: str, values: tuple[float, ...]) -> None:
-    answer = rig.send(name, values)
+def test_a_wrench_out_of_the_question_is_refused(harness: ArmHarness, name: str, values: tuple[float, ...]) -> None:
+    answer = harness.send(name, values)
     assert answer.outcomes == ["refused"] and "allowed: 1000 N and 100 N·m" in answer.replies[0][1]
-    assert rig.state["control_mode"] != 3
+    assert harness.state["control_mode"] != 3
 
 
-def test_an_impedance_too_stiff_is_clipped_each_cycle(rig: Rig) -> None:
-    tip = np.array(rig.state["measured_cp"])
+def test_an_impedance_too_stiff_is_clipped_each_cycle(harness: ArmHarness) -> None:
+    tip = np.array(harness.state["measured_cp"])
     side = np.zeros((4, 6))
     side[0, :3] = -1e5
     place = tip[:3] - (0.0, 0.0, 0.01)
-    answer = rig.send("servo_ci", [*place, 0, 0, 0, 1, *tip[3:], *side.ravel(), *side.ravel()])
+    answer = harness.send("servo_ci", [*place, 0, 0, 0, 1, *tip[3:], *side.ravel(), *side.ravel()])
     assert answer.replies[0][1] == "clipped: insertion"
-    rig.run(0.1)
-    assert np.abs(asked(rig)).max() == pytest.approx(1.0) and asked(rig)[2] == pytest.approx(1.0)
+    harness.run(0.1)
+    assert np.abs(asked(harness)).max() == pytest.approx(1.0) and asked(harness)[2] == pytest.approx(1.0)
 
 
-def test_a_wrench_beside_a_pose_is_clipped_and_told(rig: Rig) -> None:
-    pose = tuple(rig.state["setpoint_cp"])
-    answer = rig.send("servo_cs", (*pose, *(0.0,) * 6, 0.0, 0.0, -60.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+def test_a_wrench_beside_a_pose_is_clipped_and_told(harness: ArmHarness) -> None:
+    pose = tuple(harness.state["setpoint_cp"])
+    answer = harness.send("servo_cs", (*pose, *(0.0,) * 6, 0.0, 0.0, -60.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     assert answer.replies == [("done", "clipped: insertion")]
-    assert rig.setpoint["feed_forward"][2] == pytest.approx(1.0) and rig.state["control_mode"] == 1
+    assert harness.setpoint["feed_forward"][2] == pytest.approx(1.0) and harness.state["control_mode"] == 1

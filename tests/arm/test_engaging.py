@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import TOOL, Rig, fixed_arm
+from tests.arm.fake_io import TOOL, ArmHarness, fixed_arm
 from tests.arm.fake_psm import DRIVER, SwitchedPsm, with_adapter
 
 
@@ -198,9 +198,9 @@ def test_an_instrument_beyond_its_limits_does_not_jump_at_the_next_command() -> 
 
 
 def test_fixed_instrument_without_a_switch_is_always_on() -> None:
-    rig = Rig(fixed_arm()).homed()
-    assert rig.state["instrument"] == 4 and rig.state["adapter"] == 1 and rig.state["is_homed"]
-    assert "FIXED" in rig.send("set_tool_type", (), DRIVER).replies[0][1]
+    harness = ArmHarness(fixed_arm()).homed()
+    assert harness.state["instrument"] == 4 and harness.state["adapter"] == 1 and harness.state["is_homed"]
+    assert "FIXED" in harness.send("set_tool_type", (), DRIVER).replies[0][1]
 
 
 def test_a_hand_moves_the_arm_and_not_the_instrument() -> None:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.arm.fake_master import MasterRig, master
+from tests.arm.fake_master import MasterHarness, master
 
 
-class GripperRig(MasterRig):
+class GripperRig(MasterHarness):
     """The gripper is the first axis of io's record, another robot's."""
 
     def __init__(self, angle: float = 0.5, **changes: Any) -> None:
@@ -32,88 +32,89 @@ CLOSED, OPEN, PINCH = ("gripper/closed", True), ("gripper/closed", False), ("gri
 
 
 def test_angle_is_seen_without_power() -> None:
-    rig = GripperRig(0.5)
-    rig.run(0.1)
-    assert rig.arm.state == "DISABLED" and rig.state["gripper_valid"] and rig.state["gripper_position"] == 0.5
-    assert rig.state["gripper_velocity"] == 0.0
+    harness = GripperRig(0.5)
+    harness.run(0.1)
+    assert harness.arm.state == "DISABLED" and harness.state["gripper_valid"]
+    assert harness.state["gripper_position"] == 0.5
+    assert harness.state["gripper_velocity"] == 0.0
 
 
 def test_velocity_follows_the_angle() -> None:
-    rig = GripperRig(0.0)
-    rig.run(0.1)
+    harness = GripperRig(0.0)
+    harness.run(0.1)
     for step in range(50):
-        rig.turn(0.2 * step * rig.period_ns * 1e-9)
-        rig.step()
-    assert rig.state["gripper_velocity"] == pytest.approx(0.2, rel=0.01)
-    rig.run(0.3)
-    assert abs(rig.state["gripper_velocity"]) < 1e-3
+        harness.turn(0.2 * step * harness.period_ns * 1e-9)
+        harness.step()
+    assert harness.state["gripper_velocity"] == pytest.approx(0.2, rel=0.01)
+    harness.run(0.3)
+    assert abs(harness.state["gripper_velocity"]) < 1e-3
 
 
 def test_closing_counts_once_it_has_lasted() -> None:
-    rig = GripperRig(0.5)
-    rig.run(0.1)
-    assert rig.said() == []
-    rig.turn(-0.01)
-    rig.run(0.18)
-    assert rig.said() == []
-    rig.run(0.04)
-    assert rig.said() == [CLOSED, PINCH]
-    rig.turn(0.01)
-    rig.run(0.02)
-    assert rig.said() == [OPEN]
+    harness = GripperRig(0.5)
+    harness.run(0.1)
+    assert harness.said() == []
+    harness.turn(-0.01)
+    harness.run(0.18)
+    assert harness.said() == []
+    harness.run(0.04)
+    assert harness.said() == [CLOSED, PINCH]
+    harness.turn(0.01)
+    harness.run(0.02)
+    assert harness.said() == [OPEN]
 
 
 def test_a_short_touch_is_no_pinch() -> None:
-    rig = GripperRig(0.5)
-    rig.run(0.1)
+    harness = GripperRig(0.5)
+    harness.run(0.1)
     for _ in range(3):
-        rig.turn(-0.01)
-        rig.run(0.15)
-        rig.turn(0.3)
-        rig.run(0.05)
-    assert rig.said() == []
+        harness.turn(-0.01)
+        harness.run(0.15)
+        harness.turn(0.3)
+        harness.run(0.05)
+    assert harness.said() == []
 
 
 def test_zero_and_debounce_are_those_of_the_file() -> None:
-    rig = GripperRig(0.5, gripper_zero=0.3, gripper_debounce_s=0.0)
-    rig.run(0.1)
-    rig.turn(0.3)
-    rig.run(0.02)
-    assert rig.said() == [CLOSED, PINCH]
+    harness = GripperRig(0.5, gripper_zero=0.3, gripper_debounce_s=0.0)
+    harness.run(0.1)
+    harness.turn(0.3)
+    harness.run(0.02)
+    assert harness.said() == [CLOSED, PINCH]
 
 
 def test_a_gripper_that_is_found_closed_was_not_pinched() -> None:
-    rig = GripperRig(-0.1)
-    rig.run(0.5)
-    assert rig.said() == [CLOSED]
+    harness = GripperRig(-0.1)
+    harness.run(0.5)
+    assert harness.said() == [CLOSED]
 
 
 def test_what_io_does_not_measure_is_not_valid() -> None:
-    rig = GripperRig(0.5)
-    rig.run(0.1)
-    rig.turn(np.nan)
-    rig.run(0.05)
-    assert not rig.state["gripper_valid"]
-    rig.turn(0.4)
-    rig.run(0.05)
-    assert rig.state["gripper_valid"] and abs(rig.state["gripper_velocity"]) < 1e-9
-    rig.io.deaf = True
-    rig.run(0.1)
-    assert not rig.state["gripper_valid"]
+    harness = GripperRig(0.5)
+    harness.run(0.1)
+    harness.turn(np.nan)
+    harness.run(0.05)
+    assert not harness.state["gripper_valid"]
+    harness.turn(0.4)
+    harness.run(0.05)
+    assert harness.state["gripper_valid"] and abs(harness.state["gripper_velocity"]) < 1e-9
+    harness.io.deaf = True
+    harness.run(0.1)
+    assert not harness.state["gripper_valid"]
 
 
 def test_a_master_without_a_gripper_shows_none() -> None:
-    rig = MasterRig()
-    rig.run(0.1)
-    assert not rig.state["gripper_valid"]
+    harness = MasterHarness()
+    harness.run(0.1)
+    assert not harness.state["gripper_valid"]
 
 
 def test_a_kinematic_master_has_a_gripper_at_zero_and_no_roll_to_find() -> None:
-    rig = MasterRig(dataclasses.replace(master(), simulation="KINEMATIC"))
-    rig.io.flag("biased", True)  # as those that are played always are
-    rig.io.flag("bias_generation", 1)
-    rig.homed()
-    assert rig.state["gripper_valid"] and rig.state["gripper_position"] == 0.0
-    assert not [command for command in rig.io.sent if command[0] in ("set_encoder", "bias_encoders")]
-    rig.run(0.02)
-    assert rig.state["cartesian_valid"] and rig.state["is_homed"]
+    harness = MasterHarness(dataclasses.replace(master(), simulation="KINEMATIC"))
+    harness.io.flag("biased", True)  # as those that are played always are
+    harness.io.flag("bias_generation", 1)
+    harness.homed()
+    assert harness.state["gripper_valid"] and harness.state["gripper_position"] == 0.0
+    assert not [command for command in harness.io.sent if command[0] in ("set_encoder", "bias_encoders")]
+    harness.run(0.02)
+    assert harness.state["cartesian_valid"] and harness.state["is_homed"]

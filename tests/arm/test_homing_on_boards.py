@@ -33,4 +33,4 @@ def test_an_arm_homes_from_its_own_files(file: str, name: str, most_s: float) ->
     robot.run(0.1)
     error = np.abs(robot.state["position"] - robot.state["setpoint_position"])[: len(robot.truth)]
     assert (error < TOLERANCE).all()
-    assert robot.state["is_homed"] and robot.rig.errors() == [] and not robot.reports.of("error")
+    assert robot.state["is_homed"] and robot.harness.errors() == [] and not robot.reports.of("error")

@@ -65,7 +65,7 @@ class Order:
         self._replies.append(Reply(self.id, "failed", reason))
 
 
-class Pair:
+class KinematicPair:
     """Both, and a sender between them."""
 
     def __init__(self, file: str = "kinematic", kind: type[ArmLogic] = PsmLogic, **changes: Any) -> None:
@@ -129,7 +129,7 @@ class Pair:
         self.step(request)
         return request
 
-    def homed(self) -> Pair:
+    def homed(self) -> KinematicPair:
         self.run(0.02)
         self.ask("state_command", text="enable")
         self.until("ENABLED")
@@ -140,7 +140,7 @@ class Pair:
 
 
 def test_power_comes_within_a_few_cycles_and_the_controller_stays_on() -> None:
-    pair = Pair()
+    pair = KinematicPair()
     pair.run(0.02)
     pair.ask("state_command", text="enable")
     assert pair.until("ENABLED") < 0.01
@@ -151,7 +151,7 @@ def test_power_comes_within_a_few_cycles_and_the_controller_stays_on() -> None:
 
 
 def test_homing_inserts_the_endoscope_in_the_time_of_the_reference() -> None:
-    pair = Pair("kinematic-ecm", EcmLogic)
+    pair = KinematicPair("kinematic-ecm", EcmLogic)
     pair.run(0.02)
     pair.ask("state_command", text="enable")
     pair.until("ENABLED")
@@ -163,7 +163,7 @@ def test_homing_inserts_the_endoscope_in_the_time_of_the_reference() -> None:
 
 
 def test_homing_inserts_the_instrument_in_the_time_of_the_reference() -> None:
-    pair = Pair()
+    pair = KinematicPair()
     pair.run(0.02)
     pair.ask("state_command", text="enable")
     pair.until("ENABLED")
@@ -182,7 +182,7 @@ def test_homing_inserts_the_instrument_in_the_time_of_the_reference() -> None:
 
 @pytest.mark.slow
 def test_moves_are_followed_through_the_coupling_with_their_velocity() -> None:
-    pair = Pair().homed()
+    pair = KinematicPair().homed()
     goal = (0.2, -0.1, 0.15, 0.4, 0.3, -0.2)
     move = pair.ask("move_jp", goal)
     pair.run(0.3)
@@ -195,7 +195,7 @@ def test_moves_are_followed_through_the_coupling_with_their_velocity() -> None:
 
 
 def test_dead_arm_is_held_and_its_successor_goes_on_without_a_jump() -> None:
-    pair = Pair().homed()
+    pair = KinematicPair().homed()
     pair.ask("move_jp", (0.2, -0.1, 0.15, 0.4, 0.3, -0.2))
     pair.run(0.5)
     pair.arm = None
@@ -212,7 +212,7 @@ def test_dead_arm_is_held_and_its_successor_goes_on_without_a_jump() -> None:
 
 @pytest.mark.slow
 def test_restarted_io_is_a_fault_and_can_be_homed_again() -> None:
-    pair = Pair().homed()
+    pair = KinematicPair().homed()
     pair.start_io()
     pair.epoch += 1
     pair.step()
@@ -225,7 +225,7 @@ def test_restarted_io_is_a_fault_and_can_be_homed_again() -> None:
 
 @pytest.mark.slow
 def test_power_again_begins_at_zero_as_in_the_reference() -> None:
-    pair = Pair().homed()
+    pair = KinematicPair().homed()
     pair.ask("state_command", text="disable")
     pair.run(0.2)
     assert pair.record.position[2] == pytest.approx(0.12) and not pair.record.powered[0]
@@ -234,7 +234,7 @@ def test_power_again_begins_at_zero_as_in_the_reference() -> None:
 
 
 def test_unhome_keeps_power_and_holds() -> None:
-    pair = Pair().homed()
+    pair = KinematicPair().homed()
     pair.ask("state_command", text="unhome")
     pair.run(0.2)
     assert pair.arm.state == "ENABLED" and pair.record.pid_enabled[0] and not pair.state["is_homed"]
@@ -245,7 +245,7 @@ def test_unhome_keeps_power_and_holds() -> None:
 
 def test_adapter_and_instrument_are_engaged_at_once_and_nobody_sees_it_busy() -> None:
     tool = played_system().arm("PSM1").tool
-    pair = Pair(tool_detection="MANUAL", tool=None, tools=(tool,)).homed()
+    pair = KinematicPair(tool_detection="MANUAL", tool=None, tools=(tool,)).homed()
     assert pair.state["count"] == 7 and pair.state["is_homed"]
     pair.reports.events.clear()
     pair.steps.clear()
@@ -263,7 +263,7 @@ def test_adapter_and_instrument_are_engaged_at_once_and_nobody_sees_it_busy() ->
 
 
 def test_a_kinematic_arm_comes_home_with_its_instrument() -> None:
-    pair = Pair()
+    pair = KinematicPair()
     pair.homed()
     homed = [event for event in pair.reports.of("operating_state") if event[2] == "HOMED"]
     assert len(homed) <= 2 and all(event[3:] == (True, False) for event in homed), "entered, and the answer to home"

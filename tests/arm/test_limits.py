@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from procs.arm.reach import FURTHEST_TURN, QUICKEST
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
-from tests.arm.fake_io import PERIOD_NS, Rig, fixed_arm
+from tests.arm.fake_io import PERIOD_NS, ArmHarness, fixed_arm
 
 STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 V_MAX = np.array((math.radians(90.0), math.radians(90.0), 0.2, QUICKEST, QUICKEST, QUICKEST))
@@ -22,17 +22,17 @@ class Stream:
     """A homed arm that follows goals, one each cycle, and how far its joints went in each."""
 
     def __init__(self) -> None:
-        self.rig = Rig(fixed_arm()).homed()
-        self.rig.go(STRAIGHT)
-        self.rig.reports.events.clear()
-        self.start = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))
-        self.limits = self.rig.arm.joints.lower[:6], self.rig.arm.joints.upper[:6]
+        self.harness = ArmHarness(fixed_arm()).homed()
+        self.harness.go(STRAIGHT)
+        self.harness.reports.events.clear()
+        self.start = matrix_from_pose(np.array(self.harness.state["setpoint_cp"]))
+        self.limits = self.harness.arm.joints.lower[:6], self.harness.arm.joints.upper[:6]
         self.largest = np.zeros(6)
         self.told = ""
 
     @property
     def joints(self) -> Any:
-        return self.rig.arm.control.motion.goal[:6].copy()
+        return self.harness.arm.control.motion.goal[:6].copy()
 
     def follow(self, by: Any = (0.0, 0.0, 0.0), turn: Any = (0.0, 0.0, 0.0)) -> str:
         """A goal that many m and rad from where it began; what was answered."""
@@ -40,7 +40,7 @@ class Stream:
         goal[:3, 3] += by
         goal[:3, :3] = rotation_from_vector(np.array(turn)) @ goal[:3, :3]
         before = self.joints
-        request = self.rig.send("servo_cp", pose_from_matrix(goal))
+        request = self.harness.send("servo_cp", pose_from_matrix(goal))
         assert request.outcomes == ["done"], request.replies
         self.largest = np.maximum(self.largest, np.abs(self.joints - before))
         lower, upper = self.limits
@@ -50,7 +50,7 @@ class Stream:
 
     def place(self, by: Any) -> float:
         """How far the tip is from a goal."""
-        tip = matrix_from_pose(np.array(self.rig.state["setpoint_cp"]))
+        tip = matrix_from_pose(np.array(self.harness.state["setpoint_cp"]))
         return float(np.linalg.norm(tip[:3, 3] - self.start[:3, 3] - by))
 
 
@@ -62,9 +62,9 @@ def made() -> Stream:
 @pytest.fixture
 def stream(made: Stream) -> Stream:
     """Where it began, nothing told yet."""
-    made.rig.go(STRAIGHT)
-    made.rig.run(2.2)
-    made.rig.reports.events.clear()
+    made.harness.go(STRAIGHT)
+    made.harness.run(2.2)
+    made.harness.reports.events.clear()
     made.largest[:] = 0.0
     return made
 
@@ -79,7 +79,7 @@ def test_deeper_than_it_can_go_it_stays_at_the_limit_and_comes_back(stream: Stre
         stream.follow((0.0, 0.0, -depth))
     assert stream.told == "" and stream.joints == pytest.approx(STRAIGHT, abs=1e-6)
     assert stream.largest[2] < 0.0006 and (stream.largest[[0, 1, 3, 4, 5]] < 1e-6).all()
-    assert len(stream.rig.reports.of("warning")) == 1 and not stream.rig.reports.of("error")
+    assert len(stream.harness.reports.of("warning")) == 1 and not stream.harness.reports.of("error")
 
 
 def test_along_a_limit_the_tip_goes_on(stream: Stream) -> None:
@@ -88,8 +88,8 @@ def test_along_a_limit_the_tip_goes_on(stream: Stream) -> None:
     for aside in np.linspace(0.0, 0.05, 300):
         stream.follow((aside, 0.0, -0.15))
     goal, centre = stream.start[:3, 3] + (0.05, 0.0, -0.15), 0.24 - 0.0065
-    stream.rig.run(0.01)
-    tip = np.array(stream.rig.state["setpoint_cp"][:3])
+    stream.harness.run(0.01)
+    tip = np.array(stream.harness.state["setpoint_cp"][:3])
     nearest = goal * centre / np.linalg.norm(goal)  # about on the sphere that it can reach
     assert tip == pytest.approx(nearest, abs=1.5e-3)
 
@@ -111,7 +111,7 @@ def test_a_roll_at_its_end_does_not_turn_once_around(stream: Stream, back: float
 def test_the_tip_keeps_its_place_where_the_wrist_can_bend_no_further(stream: Stream) -> None:
     for angle in np.linspace(0.0, 2.0, 1000):
         stream.follow(turn=(angle, 0.0, 0.0))
-    stream.rig.run(0.01)
+    stream.harness.run(0.01)
     assert stream.told.startswith("at its limit: ") and stream.place((0.0, 0.0, 0.0)) < 1e-3
 
 
@@ -131,7 +131,7 @@ def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3, *[st.floats(-2.0, 2.0)] * 3), min_size=2, max_size=5))
 def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: list[tuple[float, ...]]) -> None:
-    made.rig.run(0.2)
+    made.harness.run(0.2)
     made.largest[:] = 0.0
     here = np.zeros(6)
     for point in (*points, (0.0,) * 6):
@@ -156,7 +156,7 @@ def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Strea
     stream.follow()
     assert stream.told.endswith("on the way back from there")
     stream.largest[:] = 0.0
-    stream.rig.run(0.05)
+    stream.harness.run(0.05)
     stream.follow()
     assert (stream.largest <= V_MAX * 0.0301).all(), stream.largest
     for _ in range(1500):
@@ -167,17 +167,17 @@ def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Strea
 def test_goals_for_another_base_frame_are_not_followed_by_the_next(stream: Stream) -> None:
     for _ in range(5):
         stream.follow((0.001, 0.0, 0.0))
-    before, rig = stream.joints, stream.rig
+    before, harness = stream.joints, stream.harness
     goal = pose_from_matrix(stream.start)
-    rig.send("set_base_frame", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "table")
+    harness.send("set_base_frame", (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "table")
     for _ in range(5):  # whoever streams has not seen it yet
-        late = rig.send("servo_cp", goal)
+        late = harness.send("servo_cp", goal)
         assert late.outcomes == ["refused"] and "has just become another one" in late.replies[0][1]
     assert stream.joints == pytest.approx(before)
-    rig.run(0.02)
+    harness.run(0.02)
     goal[0] += 0.02
-    assert rig.send("servo_cp", goal).outcomes == ["done"]
-    rig.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
-    rig.run(0.2)
-    rig.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
-    assert rig.send("servo_cp", pose_from_matrix(stream.start)).outcomes == ["done"]  # nobody streams
+    assert harness.send("servo_cp", goal).outcomes == ["done"]
+    harness.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
+    harness.run(0.2)
+    harness.send("set_base_frame", (0.0,) * 6 + (1.0,), "table")
+    assert harness.send("servo_cp", pose_from_matrix(stream.start)).outcomes == ["done"]  # nobody streams

@@ -51,7 +51,7 @@ def robot(homed: list[OnBoards]) -> OnBoards:
 
 
 def fit(robot: OnBoards) -> bool:
-    if robot.arm.state != "HOMED" or robot.rig.errors():
+    if robot.arm.state != "HOMED" or robot.harness.errors():
         return False
     robot.do("use_gravity_compensation", (1.0,))
     move = robot.do("move_jp", (0.0,) * 7)
@@ -66,7 +66,7 @@ def homes_well(robot: OnBoards) -> None:
     assert spent["CALIBRATING_ROLL"] < 4.5 and spent["RESETTING_ROLL_ENCODER"] < 0.1
     assert spent["HOMING"] == pytest.approx(480 / 360 + 1, abs=0.1)
     assert np.abs(robot.truth).max() < math.radians(3.0)
-    assert robot.rig.errors() == [] and not robot.reports.of("error", "warning")
+    assert robot.harness.errors() == [] and not robot.reports.of("error", "warning")
     assert robot.state["gripper_valid"] and robot.state["is_homed"]
 
 
@@ -80,7 +80,7 @@ def test_a_process_that_dies_on_the_way_home_jerks_nothing() -> None:
     for state in ("CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"):
         dies_on_the_way_home(robot, state)
     robot.homed()
-    assert np.abs(robot.truth).max() < math.radians(3.0) and robot.rig.errors() == []
+    assert np.abs(robot.truth).max() < math.radians(3.0) and robot.harness.errors() == []
 
 
 def dies_on_the_way_home(robot: OnBoards, state: str) -> None:
@@ -132,7 +132,7 @@ def test_a_process_that_dies_in_effort_mode_jerks_nothing(robot: OnBoards, locke
         robot.step()
         jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
     assert robot.arm.state == "HOMED" and jump < MOST_JUMP
-    assert not robot.setpoint["in_effort"].any() and robot.rig.errors() == []
+    assert not robot.setpoint["in_effort"].any() and robot.harness.errors() == []
 
 
 def test_a_locked_orientation_is_kept_while_a_hand_pulls(robot: OnBoards) -> None:

@@ -12,7 +12,7 @@ from procs.arm.joints import joints
 from procs.document.system import ArmConfig, ArmInputs
 from procs.kinematics.poses import pose_from_matrix
 from tests import stock
-from tests.arm.fake_io import Rig, fixed_arm
+from tests.arm.fake_io import ArmHarness, fixed_arm
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 ALL_TOOLS = sorted(path.stem for path in stock.find("dvrk-share/tool").glob("*_[0-9]*.json"))
@@ -26,25 +26,25 @@ def psm(tool: str, **changes: Any) -> ArmConfig:
                      tool_detection="FIXED", tool=carried, tools=(carried,), **changes)
 
 
-def at(rig: Rig, place: tuple[float, ...]) -> Rig:
-    move = rig.send("move_jp", place)
-    rig.until(lambda: move.outcomes[-1] in ("done", "failed"))
-    jaw = rig.send("jaw/move_jp", (0.0,))
-    rig.until(lambda: jaw.outcomes[-1] in ("done", "failed"))
-    rig.run(0.15)
-    rig.reports.events.clear()
-    return rig
+def at(harness: ArmHarness, place: tuple[float, ...]) -> ArmHarness:
+    move = harness.send("move_jp", place)
+    harness.until(lambda: move.outcomes[-1] in ("done", "failed"))
+    jaw = harness.send("jaw/move_jp", (0.0,))
+    harness.until(lambda: jaw.outcomes[-1] in ("done", "failed"))
+    harness.run(0.15)
+    harness.reports.events.clear()
+    return harness
 
 
 @pytest.fixture
-def rig() -> Rig:
+def harness() -> ArmHarness:
     """Homed, a large needle driver 0.12 m deep."""
-    return at(Rig(fixed_arm()).homed(), DEEP)
+    return at(ArmHarness(fixed_arm()).homed(), DEEP)
 
 
-def tip_at(rig: Rig, depth: float) -> np.ndarray:
+def tip_at(harness: ArmHarness, depth: float) -> np.ndarray:
     """The present pose, with the tip this deep below the remote centre."""
-    pose = rig.state["setpoint_cp"].copy()
+    pose = harness.state["setpoint_cp"].copy()
     pose[:3] = (0.0, 0.0, -depth)
     return pose
 
@@ -52,129 +52,129 @@ def tip_at(rig: Rig, depth: float) -> np.ndarray:
 # the cannula
 
 @pytest.mark.parametrize("depth", (0.0335, 0.05, 0.0475))
-def test_the_wrist_stays_out_of_the_cannula(rig: Rig, depth: float) -> None:
+def test_the_wrist_stays_out_of_the_cannula(harness: ArmHarness, depth: float) -> None:
     for tip in np.arange(0.1135, depth, -0.001):
-        rig.send("servo_cp", tip_at(rig, tip))
-        rig.step()
-        assert rig.io.setpoint[2] >= 0.0606 - 1e-9
-    rig.send("servo_cp", tip_at(rig, depth))
-    rig.run(0.01)
-    assert rig.io.setpoint[2] == pytest.approx(0.0606, abs=1e-6)
-    assert rig.state["setpoint_cp"][:3] == pytest.approx((0.0, 0.0, -0.0541), abs=1e-5)
+        harness.send("servo_cp", tip_at(harness, tip))
+        harness.step()
+        assert harness.io.setpoint[2] >= 0.0606 - 1e-9
+    harness.send("servo_cp", tip_at(harness, depth))
+    harness.run(0.01)
+    assert harness.io.setpoint[2] == pytest.approx(0.0606, abs=1e-6)
+    assert harness.state["setpoint_cp"][:3] == pytest.approx((0.0, 0.0, -0.0541), abs=1e-5)
 
 
-def test_a_goal_that_is_deep_enough_is_reached(rig: Rig) -> None:
-    rig.go((0.0, 0.0, 0.07, 0.0, 0.0, 0.0))
-    rig.send("servo_cp", tip_at(rig, 0.06))
-    rig.run(0.01)
-    assert rig.io.setpoint[2] == pytest.approx(0.0665, abs=1e-6)
+def test_a_goal_that_is_deep_enough_is_reached(harness: ArmHarness) -> None:
+    harness.go((0.0, 0.0, 0.07, 0.0, 0.0, 0.0))
+    harness.send("servo_cp", tip_at(harness, 0.06))
+    harness.run(0.01)
+    assert harness.io.setpoint[2] == pytest.approx(0.0665, abs=1e-6)
 
 
-def test_moves_stay_out_of_it_as_well(rig: Rig) -> None:
-    move = rig.send("move_cp", tip_at(rig, 0.0335))
-    rig.until(lambda: "done" in move.outcomes)
-    rig.step()
-    assert rig.io.setpoint[2] == pytest.approx(0.0606, abs=1e-6)
+def test_moves_stay_out_of_it_as_well(harness: ArmHarness) -> None:
+    move = harness.send("move_cp", tip_at(harness, 0.0335))
+    harness.until(lambda: "done" in move.outcomes)
+    harness.step()
+    assert harness.io.setpoint[2] == pytest.approx(0.0606, abs=1e-6)
 
 
 def test_an_arm_that_has_begun_closer_goes_no_further_out() -> None:
-    rig = at(Rig(fixed_arm()).homed(), (0.0, 0.0, 0.0595, 0.0, 0.0, 0.0))
-    before = rig.io.setpoint[2]
-    assert rig.send("servo_cp", tip_at(rig, 0.04)).outcomes == ["done"]
-    rig.run(0.01)
-    assert rig.io.setpoint[2] == pytest.approx(before, abs=1e-9)
-    rig.send("servo_cp", tip_at(rig, 0.0538))
-    rig.run(0.01)
-    assert rig.io.setpoint[2] == pytest.approx(0.0603, abs=1e-6)
+    harness = at(ArmHarness(fixed_arm()).homed(), (0.0, 0.0, 0.0595, 0.0, 0.0, 0.0))
+    before = harness.io.setpoint[2]
+    assert harness.send("servo_cp", tip_at(harness, 0.04)).outcomes == ["done"]
+    harness.run(0.01)
+    assert harness.io.setpoint[2] == pytest.approx(before, abs=1e-9)
+    harness.send("servo_cp", tip_at(harness, 0.0538))
+    harness.run(0.01)
+    assert harness.io.setpoint[2] == pytest.approx(0.0603, abs=1e-6)
 
 
 @pytest.mark.parametrize(("insertion", "allowed"), ((0.05, False), (0.0584, False), (0.0588, True)))
 def test_cartesian_control_begins_beyond_the_cannula_only(insertion: float, allowed: bool) -> None:
-    rig = at(Rig(fixed_arm()).homed(), (0.0, 0.0, insertion, 0.0, 0.0, 0.0))
-    before = rig.io.setpoint.copy()
-    requests = [rig.send(name, values) for name, values in (
-        ("servo_cp", tip_at(rig, insertion - 0.0065)), ("move_cp", tip_at(rig, insertion - 0.0065)),
+    harness = at(ArmHarness(fixed_arm()).homed(), (0.0, 0.0, insertion, 0.0, 0.0, 0.0))
+    before = harness.io.setpoint.copy()
+    requests = [harness.send(name, values) for name, values in (
+        ("servo_cp", tip_at(harness, insertion - 0.0065)), ("move_cp", tip_at(harness, insertion - 0.0065)),
         ("body/servo_cf", (0.0,) * 6))]
     assert all((request.outcomes[0] != "refused") is allowed for request in requests)
     if not allowed:
         assert all("past the cannula" in request.replies[0][1] for request in requests)
-        assert len(rig.reports.of("warning")) == 1 and np.array_equal(rig.io.setpoint, before)
-        assert [e[4] for e in rig.reports.of("operating_state")] == [True, False]
+        assert len(harness.reports.of("warning")) == 1 and np.array_equal(harness.io.setpoint, before)
+        assert [e[4] for e in harness.reports.of("operating_state")] == [True, False]
 
 
-def test_nothing_moves_for_a_goal_at_the_remote_centre(rig: Rig) -> None:
-    before = rig.io.setpoint.copy()
+def test_nothing_moves_for_a_goal_at_the_remote_centre(harness: ArmHarness) -> None:
+    before = harness.io.setpoint.copy()
     for depth in (0.0, 0.0009):
-        request = rig.send("servo_cp", tip_at(rig, depth))
+        request = harness.send("servo_cp", tip_at(harness, depth))
         assert request.outcomes == ["done"] and "too close to RCM" in request.replies[0][1]
-        assert rig.send("move_cp", tip_at(rig, depth)).outcomes == ["refused"]
-    rig.run(0.01)
-    assert np.array_equal(rig.io.setpoint, before)
+        assert harness.send("move_cp", tip_at(harness, depth)).outcomes == ["refused"]
+    harness.run(0.01)
+    assert np.array_equal(harness.io.setpoint, before)
 
 
 # the jaw
 
-def test_jaw_goals_are_kept_by_the_arm_and_the_other_way_round(rig: Rig) -> None:
-    rig.send("jaw/servo_jp", (0.6,))
-    rig.send("servo_jp", (0.01, 0.0, 0.12, 0.0, 0.0, 0.0))
-    rig.send("servo_cp", tip_at(rig, 0.1134))
-    rig.run(0.01)
-    assert rig.state["jaw_setpoint_position"] == pytest.approx(0.6)
-    rig.send("jaw/servo_jp", (0.3,))
-    rig.run(0.01)
-    assert rig.state["setpoint_cp"][2] == pytest.approx(-0.1134, abs=1e-9)
-    assert rig.state["jaw_setpoint_position"] == pytest.approx(0.3)
+def test_jaw_goals_are_kept_by_the_arm_and_the_other_way_round(harness: ArmHarness) -> None:
+    harness.send("jaw/servo_jp", (0.6,))
+    harness.send("servo_jp", (0.01, 0.0, 0.12, 0.0, 0.0, 0.0))
+    harness.send("servo_cp", tip_at(harness, 0.1134))
+    harness.run(0.01)
+    assert harness.state["jaw_setpoint_position"] == pytest.approx(0.6)
+    harness.send("jaw/servo_jp", (0.3,))
+    harness.run(0.01)
+    assert harness.state["setpoint_cp"][2] == pytest.approx(-0.1134, abs=1e-9)
+    assert harness.state["jaw_setpoint_position"] == pytest.approx(0.3)
 
 
-def test_jaw_limits_hold_while_the_tip_is_followed(rig: Rig) -> None:
-    rig.send("servo_cp", tip_at(rig, 0.1134))
-    assert rig.send("jaw/servo_jp", (-2.0,)).replies == [("done", "clipped: jaw")]
-    rig.run(0.01)
-    assert rig.state["jaw_setpoint_position"] == pytest.approx(-0.698132)
+def test_jaw_limits_hold_while_the_tip_is_followed(harness: ArmHarness) -> None:
+    harness.send("servo_cp", tip_at(harness, 0.1134))
+    assert harness.send("jaw/servo_jp", (-2.0,)).replies == [("done", "clipped: jaw")]
+    harness.run(0.01)
+    assert harness.state["jaw_setpoint_position"] == pytest.approx(-0.698132)
 
 
-def test_a_jaw_command_freezes_a_moving_arm_where_it_is(rig: Rig) -> None:
-    move = rig.send("move_jp", (0.8, 0.0, 0.12, 0.0, 0.0, 0.0))
-    rig.run(0.3)
-    here = rig.io.setpoint[0]
-    rig.send("jaw/servo_jp", (0.1,))
-    rig.run(0.3)
-    assert move.outcomes == ["accepted", "failed"] and rig.io.setpoint[0] == pytest.approx(here, abs=0.003)
+def test_a_jaw_command_freezes_a_moving_arm_where_it_is(harness: ArmHarness) -> None:
+    move = harness.send("move_jp", (0.8, 0.0, 0.12, 0.0, 0.0, 0.0))
+    harness.run(0.3)
+    here = harness.io.setpoint[0]
+    harness.send("jaw/servo_jp", (0.1,))
+    harness.run(0.3)
+    assert move.outcomes == ["accepted", "failed"] and harness.io.setpoint[0] == pytest.approx(here, abs=0.003)
 
 
-def test_a_jaw_move_goes_on_when_the_arm_is_sent_elsewhere(rig: Rig) -> None:
-    jaw = rig.send("jaw/move_jp", (1.0,))
-    first = rig.send("move_jp", (0.3, 0.0, 0.12, 0.0, 0.0, 0.0))
-    rig.run(0.05)
-    second = rig.send("move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0))
-    rig.until(lambda: second.outcomes[-1] == "done")
+def test_a_jaw_move_goes_on_when_the_arm_is_sent_elsewhere(harness: ArmHarness) -> None:
+    jaw = harness.send("jaw/move_jp", (1.0,))
+    first = harness.send("move_jp", (0.3, 0.0, 0.12, 0.0, 0.0, 0.0))
+    harness.run(0.05)
+    second = harness.send("move_jp", (0.1, 0.0, 0.12, 0.0, 0.0, 0.0))
+    harness.until(lambda: second.outcomes[-1] == "done")
     assert first.outcomes == ["accepted", "failed"] and jaw.outcomes == ["accepted", "done"]
-    rig.step()
-    assert rig.state["jaw_position"] == pytest.approx(1.0) and rig.state["position"][0] == pytest.approx(0.1)
+    harness.step()
+    assert harness.state["jaw_position"] == pytest.approx(1.0) and harness.state["position"][0] == pytest.approx(0.1)
 
 
-def test_a_jaw_effort_begins_cartesian_effort_control(rig: Rig) -> None:
-    assert rig.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
-    rig.step()
-    assert rig.state["control_mode"] == 3 and rig.state["control_space"] == 2
+def test_a_jaw_effort_begins_cartesian_effort_control(harness: ArmHarness) -> None:
+    assert harness.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
+    harness.step()
+    assert harness.state["control_mode"] == 3 and harness.state["control_space"] == 2
     to_disc = np.eye(7)
-    to_disc[3:, 3:] = rig.document.tool.actuator_to_joint
-    assert rig.setpoint["effort"][:7] == pytest.approx(to_disc.T @ np.array((0, 0, 0, 0, 0, 0, 0.05)))
-    rig.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    effort = np.linalg.inv(to_disc.T) @ rig.setpoint["effort"][:7]
+    to_disc[3:, 3:] = harness.document.tool.actuator_to_joint
+    assert harness.setpoint["effort"][:7] == pytest.approx(to_disc.T @ np.array((0, 0, 0, 0, 0, 0, 0.05)))
+    harness.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    effort = np.linalg.inv(to_disc.T) @ harness.setpoint["effort"][:7]
     assert effort[6] == pytest.approx(0.05) and np.abs(effort[:6]).max() > 0.5
-    rig.send("hold")
-    rig.run(0.01)
-    rig.send("free")
-    assert not rig.setpoint["effort"].any(), "leaving effort mode has cleared the jaw's"
+    harness.send("hold")
+    harness.run(0.01)
+    harness.send("free")
+    assert not harness.setpoint["effort"].any(), "leaving effort mode has cleared the jaw's"
 
 
 def test_a_jaw_effort_is_refused_in_the_cannula_and_kept_from_other_efforts() -> None:
-    rig = at(Rig(fixed_arm()).homed(), (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
-    assert "past the cannula" in rig.send("jaw/servo_jf", (0.05,)).replies[0][1]
-    rig.send("servo_jf", (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
-    assert rig.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
-    assert rig.state["control_space"] == 1 and rig.setpoint["effort"][2] == pytest.approx(0.5)
+    harness = at(ArmHarness(fixed_arm()).homed(), (0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
+    assert "past the cannula" in harness.send("jaw/servo_jf", (0.05,)).replies[0][1]
+    harness.send("servo_jf", (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
+    assert harness.send("jaw/servo_jf", (0.05,)).outcomes == ["done"]
+    assert harness.state["control_space"] == 1 and harness.setpoint["effort"][2] == pytest.approx(0.5)
 
 
 # instruments
@@ -194,30 +194,30 @@ def test_every_stock_instrument_can_be_carried(name: str) -> None:
 @pytest.mark.parametrize("name", ALL_TOOLS)
 def test_every_stock_instrument_is_engaged_within_what_its_discs_can_do(name: str) -> None:
     arm = psm(name, inputs=ArmInputs(tool="tool"))
-    rig = Rig(arm, inputs={"tool": 0})
-    rig.run(0.6)
-    rig.homed()
-    move = rig.send("move_jp", (0.0, 0.0, 0.005, *rig.state["setpoint_position"][3:7]))
-    rig.until(lambda: "done" in move.outcomes)
-    rig.press("tool")
-    rig.until(lambda: rig.arm.state == "ENGAGING_TOOL", 1.0)
+    harness = ArmHarness(arm, inputs={"tool": 0})
+    harness.run(0.6)
+    harness.homed()
+    move = harness.send("move_jp", (0.0, 0.0, 0.005, *harness.state["setpoint_position"][3:7]))
+    harness.until(lambda: "done" in move.outcomes)
+    harness.press("tool")
+    harness.until(lambda: harness.arm.state == "ENGAGING_TOOL", 1.0)
     furthest = np.zeros(4)
-    while rig.arm.state == "ENGAGING_TOOL":
-        rig.step()
-        furthest = np.maximum(furthest, np.abs(rig.io.setpoint[3:]))
+    while harness.arm.state == "ENGAGING_TOOL":
+        harness.step()
+        furthest = np.maximum(furthest, np.abs(harness.io.setpoint[3:]))
     assert (furthest <= math.pi).all() and furthest.max() > 1.0, "half a turn at most, and not nothing"
-    rig.run(0.1)
-    assert rig.state["is_homed"] and rig.state.text("tool") == name
-    assert rig.state["position"][3 : rig.state["count"]] == pytest.approx(0.0, abs=1e-5)
+    harness.run(0.1)
+    assert harness.state["is_homed"] and harness.state.text("tool") == name
+    assert harness.state["position"][3 : harness.state["count"]] == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.fixture
-def snake() -> Rig:
+def snake() -> ArmHarness:
     """A needle driver of 5 mm, 0.12 m deep."""
-    return at(Rig(psm("NEEDLE_DRIVER_400117")).homed(), (0.0, 0.0, 0.12, 0.1, 0.2, -0.1, -0.1, 0.2))
+    return at(ArmHarness(psm("NEEDLE_DRIVER_400117")).homed(), (0.0, 0.0, 0.12, 0.1, 0.2, -0.1, -0.1, 0.2))
 
 
-def test_a_snake_is_shown_in_eight_joints_that_bend_in_pairs(snake: Rig) -> None:
+def test_a_snake_is_shown_in_eight_joints_that_bend_in_pairs(snake: ArmHarness) -> None:
     assert snake.state["count"] == 8 and snake.state["has_jaw"]
     assert snake.state["position"] == pytest.approx((0.0, 0.0, 0.12, 0.1, 0.2, -0.1, -0.1, 0.2), abs=1e-9)
     assert snake.send("servo_jp", (0.0,) * 6).outcomes == ["refused"]
@@ -226,7 +226,7 @@ def test_a_snake_is_shown_in_eight_joints_that_bend_in_pairs(snake: Rig) -> None
     assert snake.state["setpoint_position"][4:] == pytest.approx((0.2, -0.1, -0.1, 0.2), abs=1e-9), "the mean of both"
 
 
-def test_the_tip_of_a_snake_follows_poses_with_their_velocity(snake: Rig) -> None:
+def test_the_tip_of_a_snake_follows_poses_with_their_velocity(snake: ArmHarness) -> None:
     kinematics = snake.arm.joints.kinematics
     goal = snake.state["setpoint_cp"].copy()
     twist = np.array((0.01, -0.005, 0.002, 0.0, 0.1, 0.05))
@@ -244,7 +244,7 @@ def test_the_tip_of_a_snake_follows_poses_with_their_velocity(snake: Rig) -> Non
     assert pose_from_matrix(kinematics.fk(q[:8].copy(), np.eye(4)))[:3] == pytest.approx(goal[:3], abs=1e-8)
 
 
-def test_efforts_of_a_snake_amount_to_the_wrench_that_was_asked_for(snake: Rig) -> None:
+def test_efforts_of_a_snake_amount_to_the_wrench_that_was_asked_for(snake: ArmHarness) -> None:
     wrench = np.array((0.3, -0.2, 1.0, 0.001, 0.002, -0.003))
     assert snake.send("body/servo_cf", wrench).outcomes == ["done"]
     snake.io.record["effort"][2:] = snake.setpoint["effort"][:7]
@@ -252,7 +252,7 @@ def test_efforts_of_a_snake_amount_to_the_wrench_that_was_asked_for(snake: Rig) 
     assert snake.state["body_measured_cf"] == pytest.approx(wrench, abs=1e-6)
 
 
-def test_the_wrist_of_a_snake_stays_out_of_the_cannula(snake: Rig) -> None:
+def test_the_wrist_of_a_snake_stays_out_of_the_cannula(snake: ArmHarness) -> None:
     at(snake, (0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0, 0.0))
     kinematics = snake.arm.joints.kinematics
     for depth in np.arange(0.11, 0.0, -0.002):
@@ -269,11 +269,11 @@ def test_the_wrist_of_a_snake_stays_out_of_the_cannula(snake: Rig) -> None:
 def test_an_si_lets_its_brakes_go_and_bears_its_weight() -> None:
     arm = psm("LARGE_NEEDLE_DRIVER_420006", links=stock.chain("PSM_Si_physical"),
               mounting_pitch=math.radians(-45.0))
-    rig = at(Rig(arm, has_brakes=True).homed(), (0.2, -0.3, 0.15, 0.0, 0.0, 0.0))
-    assert rig.io.flag("brakes_released")
-    rig.run(0.01)
-    assert rig.setpoint["feed_forward"][:3] == pytest.approx((-1.16738, -0.56542, -5.44301), abs=1e-4)
-    assert not rig.setpoint["feed_forward"][3:7].any()
-    assert rig.send("use_gravity_compensation", (0.0,)).outcomes == ["done"]
-    rig.run(0.01)
-    assert not rig.setpoint["feed_forward"].any()
+    harness = at(ArmHarness(arm, has_brakes=True).homed(), (0.2, -0.3, 0.15, 0.0, 0.0, 0.0))
+    assert harness.io.flag("brakes_released")
+    harness.run(0.01)
+    assert harness.setpoint["feed_forward"][:3] == pytest.approx((-1.16738, -0.56542, -5.44301), abs=1e-4)
+    assert not harness.setpoint["feed_forward"][3:7].any()
+    assert harness.send("use_gravity_compensation", (0.0,)).outcomes == ["done"]
+    harness.run(0.01)
+    assert not harness.setpoint["feed_forward"].any()

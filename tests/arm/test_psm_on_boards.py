@@ -31,15 +31,15 @@ class Site:
         self.robot = robot = OnBoards(loaded.system, "PSM1")
         robot.document = dataclasses.replace(robot.document, tool_detection="MANUAL")
         robot.start_arm()
-        world, plant = robot.rig.world, robot.rig.plant
-        self.incidents = BoardFaults(world, plant)
-        self.hands = EmulatedInstruments(loaded.system.emulated(), world, self.incidents, plant)
+        world, plant = robot.harness.world, robot.harness.plant
+        self.board_faults = BoardFaults(world, plant)
+        self.hands = EmulatedInstruments(loaded.system.emulated(), world, self.board_faults, plant)
 
     def with_adapter(self) -> None:
         """Homed; its adapter is put on, and being engaged."""
         self.robot.run(0.6)
         self.robot.homed()
-        self.incidents.press("PSM1_adapter", True)
+        self.board_faults.press("PSM1_adapter", True)
         self.robot.until(lambda: self.robot.arm.state == "ENGAGING_ADAPTER", 3.0)
 
     def until_engaged(self) -> None:
@@ -54,7 +54,7 @@ class Site:
 
 
 def troubles(robot: OnBoards) -> list[object]:
-    return [*robot.rig.errors(), *robot.reports.of("error")]
+    return [*robot.harness.errors(), *robot.reports.of("error")]
 
 
 def tip(robot: OnBoards) -> np.ndarray:
@@ -137,7 +137,7 @@ def test_a_process_that_dies_with_an_instrument_on_jerks_nothing(site: Site, doi
     elif doing == "effort":
         robot.do("body/servo_cf", (0.0,) * 6)
     elif doing == "clutched":
-        site.incidents.press("PSM1_arm_clutch", True)
+        site.board_faults.press("PSM1_arm_clutch", True)
     robot.run(0.4)
     before, jumps = tip(robot), [0.0]
 

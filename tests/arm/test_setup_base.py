@@ -14,7 +14,7 @@ MS = 1_000_000
 POSE = np.array((0.1, -0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
 
 
-class Ring:
+class FakeCartRing:
     """A record of two set-up arms that is written by the test."""
 
     def __init__(self) -> None:
@@ -33,12 +33,12 @@ class Ring:
 
 
 @pytest.fixture
-def ring() -> Ring:
-    return Ring()
+def ring() -> FakeCartRing:
+    return FakeCartRing()
 
 
 @pytest.fixture
-def setup(ring: Ring) -> SetupBase:
+def setup(ring: FakeCartRing) -> SetupBase:
     return SetupBase(ring, 1)
 
 
@@ -47,7 +47,7 @@ def test_base_is_unknown_before_anything_was_written(setup: SetupBase) -> None:
     assert setup.base is None and setup.frame == ""
 
 
-def test_a_fresh_pose_is_taken_with_its_frame(ring: Ring, setup: SetupBase) -> None:
+def test_a_fresh_pose_is_taken_with_its_frame(ring: FakeCartRing, setup: SetupBase) -> None:
     ring.write(10 * MS)
     assert setup.update(11 * MS) is True
     assert np.array_equal(setup.base, matrix_from_pose(POSE)) and setup.frame == "ECM"
@@ -58,7 +58,7 @@ def test_a_fresh_pose_is_taken_with_its_frame(ring: Ring, setup: SetupBase) -> N
     assert setup.update(14 * MS) is True and setup.base[0, 3] == pytest.approx(0.11)
 
 
-def test_the_base_is_unknown_as_soon_as_it_is_said_or_old(ring: Ring, setup: SetupBase) -> None:
+def test_the_base_is_unknown_as_soon_as_it_is_said_or_old(ring: FakeCartRing, setup: SetupBase) -> None:
     ring.write(10 * MS)
     setup.update(10 * MS)
     ring.write(20 * MS, valid=False)
@@ -71,7 +71,7 @@ def test_the_base_is_unknown_as_soon_as_it_is_said_or_old(ring: Ring, setup: Set
     assert setup.update(101 * MS) is True and setup.base is not None, "back with the same pose"
 
 
-def test_a_torn_record_keeps_the_last_one_until_it_is_old(ring: Ring, setup: SetupBase) -> None:
+def test_a_torn_record_keeps_the_last_one_until_it_is_old(ring: FakeCartRing, setup: SetupBase) -> None:
     ring.write(10 * MS)
     setup.update(10 * MS)
     ring.whole = False
@@ -82,14 +82,14 @@ def test_a_torn_record_keeps_the_last_one_until_it_is_old(ring: Ring, setup: Set
 
 @pytest.mark.parametrize("pose", [np.full(7, np.nan), np.zeros(7), POSE * (1, 1, 1, 2, 2, 2, 2),
                                   POSE + (np.inf, 0, 0, 0, 0, 0, 0)])
-def test_what_is_no_pose_is_not_taken(ring: Ring, setup: SetupBase, pose: np.ndarray) -> None:
+def test_what_is_no_pose_is_not_taken(ring: FakeCartRing, setup: SetupBase, pose: np.ndarray) -> None:
     ring.write(10 * MS)
     setup.update(10 * MS)
     ring.write(20 * MS, pose=pose)
     assert setup.update(20 * MS) is True and setup.base is None
 
 
-def test_a_stamp_from_the_future_does_not_count(ring: Ring, setup: SetupBase) -> None:
+def test_a_stamp_from_the_future_does_not_count(ring: FakeCartRing, setup: SetupBase) -> None:
     ring.write(200 * MS)
     assert setup.update(10 * MS) is False and setup.base is None
 

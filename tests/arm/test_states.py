@@ -19,7 +19,7 @@ from procs.arm.states import (
     follow,
     refusal,
 )
-from tests.arm.fake_io import Rig
+from tests.arm.fake_io import ArmHarness
 
 POWERED = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.HOMING, ArmState.HOMED)
 # of some arms only
@@ -113,85 +113,85 @@ COMMON = [str(state) for state in ArmState if state not in OWN]
 
 @pytest.mark.parametrize(("state", "word"), list(itertools.product(COMMON, (*COMMANDS, "fly", ""))))
 def test_every_command_in_every_state_is_answered_and_leads_on(state: str, word: str) -> None:
-    rig = Rig()
-    rig.reach(state)
-    rig.reports.events.clear()
-    request = rig.state_command(str(word))
+    harness = ArmHarness()
+    harness.reach(state)
+    harness.reports.events.clear()
+    request = harness.state_command(str(word))
     accepted = word in ACCEPTED[PUBLISHED[ArmState(state)]]
     assert request.outcomes[0] == ("accepted" if accepted else "refused")
-    assert len(rig.reports.of("operating_state")) >= (2 if accepted else 1)
-    assert len(rig.reports.of("warning")) == (0 if accepted else 1)
-    rig.until(lambda: rig.arm.state == where_to(state, word), 10.0)
-    rig.run(1.0)
-    assert rig.arm.state == where_to(state, word)
+    assert len(harness.reports.of("operating_state")) >= (2 if accepted else 1)
+    assert len(harness.reports.of("warning")) == (0 if accepted else 1)
+    harness.until(lambda: harness.arm.state == where_to(state, word), 10.0)
+    harness.run(1.0)
+    assert harness.arm.state == where_to(state, word)
     if accepted:
         assert request.outcomes == ["accepted", "done"]
     else:
         assert len(request.outcomes) == 1 and request.replies[0][1]
-    assert bool(rig.state["is_homed"]) is (rig.arm.state == "HOMED" or (rig.arm.state == "PAUSED" and state in (
-        "HOMED", "PAUSED") and word != "unhome"))
-    assert not rig.reports.of("error")
+    paused = harness.arm.state == "PAUSED" and state in ("HOMED", "PAUSED") and word != "unhome"
+    assert bool(harness.state["is_homed"]) is (harness.arm.state == "HOMED" or paused)
+    assert not harness.reports.of("error")
 
 
 def test_an_accepted_command_without_change_is_answered_twice() -> None:
-    rig = Rig().homed()
-    rig.state_command("home")
+    harness = ArmHarness().homed()
+    harness.state_command("home")
     state = ("operating_state", "ENABLED", "HOMED", True, False)
-    assert rig.reports.events == [state, state]
+    assert harness.reports.events == [state, state]
 
 
 def test_unhome_takes_homing_away_and_home_biases_again() -> None:
-    rig = Rig().homed()
-    biases = rig.io.flag("bias_generation")
-    rig.state_command("unhome")
-    assert rig.arm.state == "ENABLED" and not rig.state["is_homed"]
-    rig.run(0.2)
-    assert not rig.io.flag("pid_enabled") and rig.io.flag("powered")
-    rig.state_command("home")
-    rig.until(lambda: rig.arm.state == "HOMED")
-    assert rig.io.flag("bias_generation") == biases + 1
+    harness = ArmHarness().homed()
+    biases = harness.io.flag("bias_generation")
+    harness.state_command("unhome")
+    assert harness.arm.state == "ENABLED" and not harness.state["is_homed"]
+    harness.run(0.2)
+    assert not harness.io.flag("pid_enabled") and harness.io.flag("powered")
+    harness.state_command("home")
+    harness.until(lambda: harness.arm.state == "HOMED")
+    assert harness.io.flag("bias_generation") == biases + 1
 
 
 @pytest.mark.parametrize("state", ("CALIBRATING_ENCODERS_FROM_POTS", "HOMING", "HOMED"))
 def test_resume_goes_on_to_what_was_asked_before(state: str) -> None:
-    rig = Rig()
-    rig.reach(state)
-    rig.state_command("pause")
-    rig.run(0.5)
-    assert rig.arm.state == "PAUSED" and rig.state.text("state") == "PAUSED"
-    rig.state_command("resume")
-    rig.until(lambda: rig.arm.state == "HOMED")
-    rig.run(0.5)
-    assert rig.arm.state == "HOMED" and rig.state["is_homed"]
+    harness = ArmHarness()
+    harness.reach(state)
+    harness.state_command("pause")
+    harness.run(0.5)
+    assert harness.arm.state == "PAUSED" and harness.state.text("state") == "PAUSED"
+    harness.state_command("resume")
+    harness.until(lambda: harness.arm.state == "HOMED")
+    harness.run(0.5)
+    assert harness.arm.state == "HOMED" and harness.state["is_homed"]
 
 
 def test_unhome_while_paused_is_not_undone_by_resume() -> None:
-    rig = Rig()
-    rig.reach("PAUSED")
-    rig.state_command("unhome")
-    rig.state_command("resume")
-    rig.run(0.3)
-    assert rig.arm.state == "ENABLED" and not rig.state["is_homed"]
+    harness = ArmHarness()
+    harness.reach("PAUSED")
+    harness.state_command("unhome")
+    harness.state_command("resume")
+    harness.run(0.3)
+    assert harness.arm.state == "ENABLED" and not harness.state["is_homed"]
 
 
 def test_is_homed_is_false_as_soon_as_power_goes() -> None:
-    rig = Rig().homed()
-    rig.state_command("disable")
-    disabled = [e for e in rig.reports.of("operating_state") if e[1] == "DISABLED"]
+    harness = ArmHarness().homed()
+    harness.state_command("disable")
+    disabled = [e for e in harness.reports.of("operating_state") if e[1] == "DISABLED"]
     assert disabled and not any(homed for *_, homed, _ in disabled)
 
 
 def test_a_newer_state_command_fails_the_older() -> None:
-    rig = Rig()
-    rig.run(0.1)
-    enable = rig.state_command("enable")
-    disable = rig.state_command("disable")
-    rig.run(0.1)
+    harness = ArmHarness()
+    harness.run(0.1)
+    enable = harness.state_command("enable")
+    disable = harness.state_command("disable")
+    harness.run(0.1)
     assert enable.outcomes == ["accepted", "failed"] and disable.outcomes == ["accepted", "done"]
 
 
 def test_enable_without_io_is_refused_with_the_reason() -> None:
-    rig = Rig()
-    rig.io.deaf = True
-    rig.run(0.1)
-    assert rig.state_command("enable").replies == [("refused", "io does not answer")]
+    harness = ArmHarness()
+    harness.io.deaf = True
+    harness.run(0.1)
+    assert harness.state_command("enable").replies == [("refused", "io does not answer")]

@@ -18,12 +18,12 @@ from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
 from shm.topics import IO_STATE
-from tests.arm.fake_io import AXES, PERIOD_NS, Rig, View
+from tests.arm.fake_io import AXES, PERIOD_NS, ArmHarness, View
 
 GARBAGE = b"\xc7"  # every flag is set, every number is far away
 
 
-class TornRig(Rig):
+class TornHarness(ArmHarness):
     """A rig whose io writes a real ring, which can be spoilt."""
 
     def __init__(self, system: str) -> None:
@@ -69,62 +69,63 @@ class TornRig(Rig):
 
 
 @pytest.fixture
-def rig(world: Any) -> Iterator[TornRig]:
-    made = TornRig(world.name)
+def harness(world: Any) -> Iterator[TornHarness]:
+    made = TornHarness(world.name)
     yield made
     made.close()
     world.remove()
 
 
-def test_nothing_is_seen_before_a_whole_record(rig: TornRig) -> None:
-    rig.torn = True
-    rig.run(0.1)
-    assert rig.seen.stamp_ns == 0 and not rig.seen.field("position").any() and not rig.seen.field("powered").any()
-    assert rig.arm.state == "DISABLED" and not rig.state["valid"]
+def test_nothing_is_seen_before_a_whole_record(harness: TornHarness) -> None:
+    harness.torn = True
+    harness.run(0.1)
+    assert harness.seen.stamp_ns == 0 and not harness.seen.field("position").any()
+    assert not harness.seen.field("powered").any()
+    assert harness.arm.state == "DISABLED" and not harness.state["valid"]
 
 
-def test_a_torn_record_now_and_then_changes_nothing(rig: TornRig) -> None:
-    rig.homed()
-    before = rig.setpoint["position"].copy()
+def test_a_torn_record_now_and_then_changes_nothing(harness: TornHarness) -> None:
+    harness.homed()
+    before = harness.setpoint["position"].copy()
     for _ in range(20):
-        rig.torn = True
-        rig.run(0.01)
-        rig.torn = False
-        rig.run(0.01)
-        assert rig.state["valid"]
-    assert rig.arm.state == "HOMED" and rig.reports.of("error") == []
-    assert rig.reader.torn >= 20
-    np.testing.assert_array_equal(rig.setpoint["position"], before)
-    np.testing.assert_allclose(rig.state["position"][:6], rig.arm.io.position[:6])
+        harness.torn = True
+        harness.run(0.01)
+        harness.torn = False
+        harness.run(0.01)
+        assert harness.state["valid"]
+    assert harness.arm.state == "HOMED" and harness.reports.of("error") == []
+    assert harness.reader.torn >= 20
+    np.testing.assert_array_equal(harness.setpoint["position"], before)
+    np.testing.assert_allclose(harness.state["position"][:6], harness.arm.io.position[:6])
 
 
 @pytest.mark.parametrize("busy", [False, True])
-def test_torn_records_are_an_io_that_is_silent(rig: TornRig, busy: bool) -> None:
-    rig.homed()
+def test_torn_records_are_an_io_that_is_silent(harness: TornHarness, busy: bool) -> None:
+    harness.homed()
     if busy:
-        rig.send("move_jp", (0.5, 0.1, 0.1, 0.0, 0.0, 0.0))
-        rig.run(0.3)
-    rig.torn = True
-    good = rig.setpoint["position"].copy()
-    rig.run(0.02)
-    assert rig.arm.state == "HOMED" and rig.state["valid"]
-    rig.run(SILENT_NS * 1e-9)
-    assert rig.arm.state == "FAULT"
-    assert [row[1] for row in rig.reports.of("error")] == ["io-timeout"]
-    assert not rig.state["valid"] and not rig.state["position"].any()
-    assert np.abs(rig.setpoint["position"] - good).max() < 0.05  # it never asked for anything garbage said
-    assert np.abs(rig.arm.io.rows).max() < 10.0
-    rig.torn = False
-    rig.run(0.1)
-    rig.state_command("enable")
-    rig.until(lambda: rig.arm.state == "ENABLED")
+        harness.send("move_jp", (0.5, 0.1, 0.1, 0.0, 0.0, 0.0))
+        harness.run(0.3)
+    harness.torn = True
+    good = harness.setpoint["position"].copy()
+    harness.run(0.02)
+    assert harness.arm.state == "HOMED" and harness.state["valid"]
+    harness.run(SILENT_NS * 1e-9)
+    assert harness.arm.state == "FAULT"
+    assert [row[1] for row in harness.reports.of("error")] == ["io-timeout"]
+    assert not harness.state["valid"] and not harness.state["position"].any()
+    assert np.abs(harness.setpoint["position"] - good).max() < 0.05  # it never asked for anything garbage said
+    assert np.abs(harness.arm.io.rows).max() < 10.0
+    harness.torn = False
+    harness.run(0.1)
+    harness.state_command("enable")
+    harness.until(lambda: harness.arm.state == "ENABLED")
 
 
-def test_the_effort_mode_falls_back_to_a_real_position(rig: TornRig) -> None:
-    rig.homed()
-    rig.send("servo_jf", (0.0,) * 6)
-    here = rig.arm.io.setpoint.copy()
-    rig.torn = True
-    rig.run(SILENT_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
-    assert rig.arm.state == "FAULT"
-    np.testing.assert_allclose(rig.arm.control.motion.goal[:6], here[:6], atol=0.01)
+def test_the_effort_mode_falls_back_to_a_real_position(harness: TornHarness) -> None:
+    harness.homed()
+    harness.send("servo_jf", (0.0,) * 6)
+    here = harness.arm.io.setpoint.copy()
+    harness.torn = True
+    harness.run(SILENT_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
+    assert harness.arm.state == "FAULT"
+    np.testing.assert_allclose(harness.arm.control.motion.goal[:6], here[:6], atol=0.01)

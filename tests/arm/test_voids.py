@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from shm.faults import NoFaults
-from tests.arm.fake_io import Rig
+from tests.arm.fake_io import ArmHarness
 
 
-class Cell(NoFaults):
+class VoidCell(NoFaults):
     """Remembers what happened."""
 
     def __init__(self) -> None:
@@ -21,12 +21,12 @@ class Cell(NoFaults):
 
 
 
-class Watched(Rig):
+class VoidedHarness(ArmHarness):
     """An arm whose faults are counted."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.cell = Cell()
+        self.cell = VoidCell()
         self.start_arm()
 
     def start_arm(self) -> None:
@@ -35,50 +35,50 @@ class Watched(Rig):
 
 
 def test_a_fault_voids_what_was_asked_for_before() -> None:
-    rig = Watched()
-    rig.reach("HOMED")
-    rig.io.drop_power()
-    rig.until(lambda: rig.arm.state == "FAULT")
-    assert rig.cell.said == ["fault"]
+    harness = VoidedHarness()
+    harness.reach("HOMED")
+    harness.io.drop_power()
+    harness.until(lambda: harness.arm.state == "FAULT")
+    assert harness.cell.said == ["fault"]
 
 
 def test_a_power_off_spares_the_command_that_it_is_part_of() -> None:
-    rig = Watched()
-    rig.reach("ENABLED")
-    rig.state_command("disable")
-    assert rig.cell.said == ["off by 1"]
+    harness = VoidedHarness()
+    harness.reach("ENABLED")
+    harness.state_command("disable")
+    assert harness.cell.said == ["off by 1"]
 
 
 def test_leaving_fault_voids_nothing() -> None:
-    rig = Watched()
-    rig.reach("FAULT")
-    rig.cell.said.clear()
-    rig.state_command("enable")
-    rig.until(lambda: rig.arm.state == "ENABLED")
-    assert rig.cell.said == []
+    harness = VoidedHarness()
+    harness.reach("FAULT")
+    harness.cell.said.clear()
+    harness.state_command("enable")
+    harness.until(lambda: harness.arm.state == "ENABLED")
+    assert harness.cell.said == []
 
 
 def test_a_restart_of_io_voids_what_an_arm_without_power_was_asked_for() -> None:
-    rig = Watched()
-    rig.run(0.1)
-    rig.io.restart()
-    rig.run(0.1)
-    assert rig.arm.state == "DISABLED" and rig.cell.said == ["fault"]
+    harness = VoidedHarness()
+    harness.run(0.1)
+    harness.io.restart()
+    harness.run(0.1)
+    assert harness.arm.state == "DISABLED" and harness.cell.said == ["fault"]
 
 
 def test_an_arm_that_waits_for_io_does_not_power_up_when_that_comes_back() -> None:
-    rig = Watched()
-    rig.run(0.1)
-    rig.io.flag("amps_on", True)  # it cannot begin yet
-    request = rig.state_command("enable")
-    assert rig.arm.state == "DISABLED" and rig.arm.machine.desired == "ENABLED"
-    rig.io.restart()
-    rig.run(1.0)
-    assert rig.arm.state == "DISABLED" and request.outcomes == ["accepted", "failed"]
+    harness = VoidedHarness()
+    harness.run(0.1)
+    harness.io.flag("amps_on", True)  # it cannot begin yet
+    request = harness.state_command("enable")
+    assert harness.arm.state == "DISABLED" and harness.arm.machine.desired == "ENABLED"
+    harness.io.restart()
+    harness.run(1.0)
+    assert harness.arm.state == "DISABLED" and request.outcomes == ["accepted", "failed"]
 
 
 def test_io_hears_whose_command_an_arm_carries_out() -> None:
-    rig = Rig()
-    rig.run(0.1)
-    request = rig.state_command("enable")
-    assert rig.io.origin == request.origin
+    harness = ArmHarness()
+    harness.run(0.1)
+    request = harness.state_command("enable")
+    assert harness.io.origin == request.origin

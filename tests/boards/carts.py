@@ -42,7 +42,7 @@ def cart(board: Controller = BOARD, noise: float = 0.0) -> SystemConfig:
     return dataclasses.replace(loaded.system, emulation=emulation).emulated()
 
 
-class Host:
+class CartHost:
     """Steps the multiplexer as the original software does: looks every millisecond, and never knows more."""
 
     def __init__(self, system: SystemConfig, settle_ms: int = 30, samples: int = 3) -> None:

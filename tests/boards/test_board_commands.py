@@ -162,7 +162,7 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
 def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
     plant = Rails(7)
     world = Emulation(two_buses(), plant, START)
-    incidents = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    board_faults = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
     command = Asked(name, values, text)
-    BoardCommands(incidents, Recorder(), Hands(plant, ("PSM1",)), world.mishaps).carry_out(command)  # type: ignore[arg-type]
+    BoardCommands(board_faults, Recorder(), Hands(plant, ("PSM1",)), world.packet_faults).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason

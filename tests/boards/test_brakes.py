@@ -37,7 +37,7 @@ def braked() -> SystemConfig:
     return replace(system, ios=(first, system.ios[1]))
 
 
-class Bench:
+class BrakeBench:
     def __init__(self) -> None:
         self.world = BrakedRails(7)
         self.boards = Emulation(braked(), self.world, START)
@@ -58,15 +58,15 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    made = Bench()
+def bench() -> BrakeBench:
+    made = BrakeBench()
     write(made.boards, 0, wire.BROADCAST, reg.WATCHDOG, 0, made.now)
     write(made.boards, 0, wire.BROADCAST, reg.STATUS, reg.CONTROL_POWER_ON, made.now)
     made.wait(100)
     return made
 
 
-def test_brakes_hold_until_their_current_lets_them_go(bench: Bench) -> None:
+def test_brakes_hold_until_their_current_lets_them_go(bench: BrakeBench) -> None:
     assert bench.held == [True, True, False]
     bench.command(1, 0.25)
     assert bench.held == [False, True, False]
@@ -74,7 +74,7 @@ def test_brakes_hold_until_their_current_lets_them_go(bench: Bench) -> None:
     assert bench.held == [False, False, False]
 
 
-def test_a_brake_that_let_go_needs_less_to_stay_so_and_none_to_hold(bench: Bench) -> None:
+def test_a_brake_that_let_go_needs_less_to_stay_so_and_none_to_hold(bench: BrakeBench) -> None:
     bench.command(1, 0.08)
     assert bench.held[0], "not enough to let go"
     bench.command(1, 0.25)
@@ -84,14 +84,14 @@ def test_a_brake_that_let_go_needs_less_to_stay_so_and_none_to_hold(bench: Bench
     assert bench.held[0]
 
 
-def test_brakes_hold_when_the_amplifiers_are_cut(bench: Bench) -> None:
+def test_brakes_hold_when_the_amplifiers_are_cut(bench: BrakeBench) -> None:
     bench.command(1, 0.25)
     write(bench.boards, 0, wire.BROADCAST, reg.STATUS, reg.CONTROL_POWER_OFF, bench.now)
     bench.wait(3)
     assert bench.held[:2] == [True, True]
 
 
-def test_the_current_of_a_brake_is_measured_as_its_file_says(bench: Bench) -> None:
+def test_the_current_of_a_brake_is_measured_as_its_file_says(bench: BrakeBench) -> None:
     bench.command(3, -0.25)
     adc = int(bench.boards.lines.adc[0, 3]) & 0xFFFF
     assert adc / SCALE - 2.048 == pytest.approx(-0.25, abs=1e-4)

@@ -130,7 +130,7 @@ def _system(bus: BusConfig) -> SystemConfig:
     return dataclasses.replace(system, ios=ios, arms=arms, emulation=emulation)
 
 
-class Host:
+class FuzzHost:
     """A good host that comes after the fuzz."""
 
     def __init__(self, fuzzed: Fuzzed) -> None:
@@ -206,7 +206,7 @@ class Host:
 
 def _check_afterwards(fuzzed: Fuzzed) -> None:
     """Physics is finite; query, read, write and power work as ever."""
-    world, host = fuzzed.world, Host(fuzzed)
+    world, host = fuzzed.world, FuzzHost(fuzzed)
     for values in (world.position, world.velocity, world.current):
         assert np.isfinite(values).all() and (np.abs(values) < 100.0).all()
     for board in host.boards:

@@ -64,8 +64,8 @@ def _system(reader: str) -> SystemConfig:
 def _world(held: str = "", reader: str = "PSM1_dallas") -> tuple[Emulation, EmulatedInstruments, Holder]:
     plant, system = Holder(held), _system(reader)
     world = Emulation(system, plant, START)
-    incidents = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
-    return world, EmulatedInstruments(system, world, incidents, plant), plant  # type: ignore[arg-type]
+    board_faults = BoardFaults(world, plant)  # type: ignore[arg-type]  # a plant as far as it goes
+    return world, EmulatedInstruments(system, world, board_faults, plant), plant  # type: ignore[arg-type]
 
 
 def _read(world: Emulation, at: int) -> bytes | None:

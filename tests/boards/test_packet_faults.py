@@ -13,23 +13,23 @@ from tests.boards.rails import MS, START, Rails, two_buses
 BOTH = range(2)
 
 
-class Host:
+class AskingHost:
     """Asks the boards of two buses for their status and takes what comes, label by label."""
 
     def __init__(self, seed: int = 1) -> None:
         self.world = Emulation(two_buses(), Rails(7), START)
-        self.mishaps = PacketFaults(2, seed)
+        self.packet_faults = PacketFaults(2, seed)
         self.now, self.label = START, 0
 
     def ask(self, bus: int = 0) -> list[bytes]:
         """What arrives at once."""
         self.now += MS // 10
         self.label = self.label + 1 & 63
-        if not self.mishaps.arrives(bus):
+        if not self.packet_faults.arrives(bus):
             return []
         reply = self.world.answer(bus, wire.quadlet_read(0, reg.STATUS, self.label, 1), self.now)
         assert reply is not None
-        return [bytes(data) for data, _ in self.mishaps.leave(bus, reply, "host", self.now)]
+        return [bytes(data) for data, _ in self.packet_faults.leave(bus, reply, "host", self.now)]
 
     def good(self, replies: list[bytes]) -> bool:
         """One reply, with the label of the question."""
@@ -40,41 +40,41 @@ class Host:
 
 
 def test_nothing_happens_until_it_is_asked_for() -> None:
-    host = Host()
-    assert not host.mishaps.active
+    host = AskingHost()
+    assert not host.packet_faults.active
     assert all(host.good(host.ask(bus)) for bus in BOTH)
-    assert (host.mishaps.active, host.mishaps.next_ns) == (False, NEVER)
+    assert (host.packet_faults.active, host.packet_faults.next_ns) == (False, NEVER)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_only_the_next_replies_of_that_bus_are_hit(kind: str) -> None:
-    host = Host()
-    host.mishaps.strike(kind, 2, range(1), 5 * MS)
-    assert host.mishaps.active
+    host = AskingHost()
+    host.packet_faults.strike(kind, 2, range(1), 5 * MS)
+    assert host.packet_faults.active
     assert [host.good(host.ask(bus)) for bus in (1, 0, 0, 0)] == [True, False, False, True]
-    host.mishaps.due(host.now + 5 * MS)
-    assert not host.mishaps.active
+    host.packet_faults.due(host.now + 5 * MS)
+    assert not host.packet_faults.active
 
 
 def test_a_lost_reply_was_executed() -> None:
-    host = Host()
-    host.mishaps.strike("lost", 1, BOTH)
+    host = AskingHost()
+    host.packet_faults.strike("lost", 1, BOTH)
     packets = host.world.buses[0].packets
     assert host.ask() == []
     assert host.world.buses[0].packets == packets + 1
 
 
 def test_a_duplicated_reply_comes_twice() -> None:
-    host = Host()
-    host.mishaps.strike("duplicated", 1, BOTH)
+    host = AskingHost()
+    host.packet_faults.strike("duplicated", 1, BOTH)
     first, second = host.ask()
     assert first == second
     assert host.good([first])
 
 
 def test_a_dropped_request_is_answered_with_eight_bytes() -> None:
-    host = Host()
-    host.mishaps.strike("dropped", 1, BOTH)
+    host = AskingHost()
+    host.packet_faults.strike("dropped", 1, BOTH)
     (reply,) = host.ask()
     assert len(reply) == 8
     dropped = wire.decode_response(reply)
@@ -84,12 +84,12 @@ def test_a_dropped_request_is_answered_with_eight_bytes() -> None:
 
 
 def test_a_wrong_label_is_the_next_one() -> None:
-    host = Host()
+    host = AskingHost()
     for label in (8, 63):
         host.label = label - 1
         whole = host.ask()[0]
         host.label -= 1
-        host.mishaps.strike("mislabelled", 1, BOTH)
+        host.packet_faults.strike("mislabelled", 1, BOTH)
         wrong = wire.decode_response(host.ask()[0])
         assert isinstance(wrong, wire.WireResponse)
         assert wrong.tl == (label + 1) % 64
@@ -98,91 +98,91 @@ def test_a_wrong_label_is_the_next_one() -> None:
 
 
 def test_a_late_reply_comes_when_it_is_due() -> None:
-    host = Host()
-    host.mishaps.strike("late", 1, BOTH, 7 * MS)
+    host = AskingHost()
+    host.packet_faults.strike("late", 1, BOTH, 7 * MS)
     assert host.ask(1) == []
     first = host.now + 7 * MS
     assert (host.ask(0), len(host.ask(0))) == ([], 1)
-    assert host.mishaps.next_ns == first
-    assert host.mishaps.due(first - 1) == []
-    ((bus, reply, sender),) = host.mishaps.due(first)
+    assert host.packet_faults.next_ns == first
+    assert host.packet_faults.due(first - 1) == []
+    ((bus, reply, sender),) = host.packet_faults.due(first)
     assert (bus, sender) == (1, "host")
     assert isinstance(wire.decode_response(reply), wire.WireResponse)
-    assert host.mishaps.next_ns == first + MS // 10
-    assert [bus for bus, _, _ in host.mishaps.due(first + 100 * MS)] == [0]
-    assert (host.mishaps.next_ns, host.mishaps.active) == (NEVER, False)
+    assert host.packet_faults.next_ns == first + MS // 10
+    assert [bus for bus, _, _ in host.packet_faults.due(first + 100 * MS)] == [0]
+    assert (host.packet_faults.next_ns, host.packet_faults.active) == (NEVER, False)
 
 
 def test_a_late_reply_keeps_what_it_said() -> None:
-    mishaps, buffer = PacketFaults(1), bytearray(range(32))
-    mishaps.strike("late", 1, range(1), MS)
-    mishaps.leave(0, memoryview(buffer), "host", 0)
+    packet_faults, buffer = PacketFaults(1), bytearray(range(32))
+    packet_faults.strike("late", 1, range(1), MS)
+    packet_faults.leave(0, memoryview(buffer), "host", 0)
     buffer[:] = bytes(32)
-    assert mishaps.due(MS) == [(0, bytes(range(32)), "host")]
+    assert packet_faults.due(MS) == [(0, bytes(range(32)), "host")]
 
 
 def test_several_mishaps_may_come_together() -> None:
-    host = Host()
+    host = AskingHost()
     for kind in ("late", "duplicated", "mislabelled"):
-        host.mishaps.strike(kind, 1, BOTH, 3 * MS)
+        host.packet_faults.strike(kind, 1, BOTH, 3 * MS)
     assert host.ask() == []
-    replies = [reply for _, reply, _ in host.mishaps.due(host.now + 3 * MS)]
+    replies = [reply for _, reply, _ in host.packet_faults.due(host.now + 3 * MS)]
     assert len(replies) == 2
     assert not host.good(replies[:1])
-    host.mishaps.strike("lost", 1, BOTH)
-    host.mishaps.strike("duplicated", 1, BOTH)
+    host.packet_faults.strike("lost", 1, BOTH)
+    host.packet_faults.strike("duplicated", 1, BOTH)
     assert (len(host.ask()), len(host.ask())) == (0, 2)  # what is lost uses nothing else up
 
 
-def _pass(mishaps: PacketFaults, bus: int, count: int) -> tuple[list[bool], int]:
+def _pass(packet_faults: PacketFaults, bus: int, count: int) -> tuple[list[bool], int]:
     """Whether each of so many questions is answered, and how many reached the boards."""
     answered, arrived = [], 0
     for _ in range(count):
-        arrives = mishaps.arrives(bus)
+        arrives = packet_faults.arrives(bus)
         arrived += arrives
-        answered.append(arrives and bool(mishaps.leave(bus, bytes(28), "host", 0)))
+        answered.append(arrives and bool(packet_faults.leave(bus, bytes(28), "host", 0)))
     return answered, arrived
 
 
 def test_rates_hold_until_changed() -> None:
-    mishaps = PacketFaults(2)
-    mishaps.strike_often("lost", 0.25, range(1))
-    assert 0.71 <= sum(_pass(mishaps, 0, 4000)[0]) / 4000 <= 0.79
-    assert all(_pass(mishaps, 1, 100)[0])
-    mishaps.strike_often("lost", 1.0, range(1))
-    assert not any(_pass(mishaps, 0, 100)[0])
-    mishaps.strike_often("lost", 0.0, range(1))
-    assert all(_pass(mishaps, 0, 100)[0])
-    assert not mishaps.active
+    packet_faults = PacketFaults(2)
+    packet_faults.strike_often("lost", 0.25, range(1))
+    assert 0.71 <= sum(_pass(packet_faults, 0, 4000)[0]) / 4000 <= 0.79
+    assert all(_pass(packet_faults, 1, 100)[0])
+    packet_faults.strike_often("lost", 1.0, range(1))
+    assert not any(_pass(packet_faults, 0, 100)[0])
+    packet_faults.strike_often("lost", 0.0, range(1))
+    assert all(_pass(packet_faults, 0, 100)[0])
+    assert not packet_faults.active
 
 
 def test_lost_packets_are_requests_as_well_as_replies() -> None:
-    mishaps = PacketFaults(1)
-    mishaps.lose_packets(0.2, range(1))
-    answered, arrived = _pass(mishaps, 0, 4000)
+    packet_faults = PacketFaults(1)
+    packet_faults.lose_packets(0.2, range(1))
+    answered, arrived = _pass(packet_faults, 0, 4000)
     assert 0.77 <= arrived / 4000 <= 0.83
     assert 0.60 <= sum(answered) / 4000 <= 0.68
 
 
 def test_chance_follows_the_seed_and_not_the_other_bus() -> None:
     def answered(seed: int, others: int) -> list[bool]:
-        mishaps = PacketFaults(2, seed)
-        mishaps.lose_packets(0.3, BOTH)
+        packet_faults = PacketFaults(2, seed)
+        packet_faults.lose_packets(0.3, BOTH)
         got = []
         for _ in range(64):
-            _pass(mishaps, 1, others)
-            got += _pass(mishaps, 0, 1)[0]
+            _pass(packet_faults, 1, others)
+            got += _pass(packet_faults, 0, 1)[0]
         return got
 
     assert answered(1, 0) == answered(1, 2) != answered(2, 0)
 
 
 def test_everything_can_be_ended_at_once() -> None:
-    host = Host()
+    host = AskingHost()
     for kind in KINDS:
-        host.mishaps.strike(kind, 5, BOTH)
-        host.mishaps.strike_often(kind, 0.5, BOTH)
-    host.mishaps.lose_packets(0.5, BOTH)
-    host.mishaps.end()
-    assert not host.mishaps.active
+        host.packet_faults.strike(kind, 5, BOTH)
+        host.packet_faults.strike_often(kind, 0.5, BOTH)
+    host.packet_faults.lose_packets(0.5, BOTH)
+    host.packet_faults.end()
+    assert not host.packet_faults.active
     assert all(host.good(host.ask()) for _ in range(20))

@@ -12,7 +12,7 @@ from procs.boards.board_faults import BoardFaults
 from procs.boards.setup_joints import LIFT_M_S
 from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
-from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, Host, cart, described, with_arms
+from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, CartHost, cart, described, with_arms
 from tests.boards.rails import Rails
 
 
@@ -22,8 +22,8 @@ def plain() -> SystemConfig:
 
 
 @pytest.fixture
-def host(plain: SystemConfig) -> Host:
-    made = Host(plain)
+def host(plain: SystemConfig) -> CartHost:
+    made = CartHost(plain)
     made.reset()
     return made
 
@@ -31,7 +31,7 @@ def host(plain: SystemConfig) -> Host:
 # -- brakes ------------------------------------------------------------------------------------------------------------
 
 
-def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: Host) -> None:
+def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: CartHost) -> None:
     host.power_on()
     before = host.joints.positions("ECM")
     with pytest.raises(ValueError, match="ECM: its brakes hold"):
@@ -50,7 +50,7 @@ def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: Host) -> None:
         host.joints.place("ECM", PLACES["ECM"])
 
 
-def test_brakes_hold_when_power_goes(host: Host) -> None:
+def test_brakes_hold_when_power_goes(host: CartHost) -> None:
     host.power_on()
     host.current(3, 2.2)
     assert host.joints.is_released("PSM2")
@@ -59,7 +59,7 @@ def test_brakes_hold_when_power_goes(host: Host) -> None:
     assert not host.joints.is_released("PSM2")
 
 
-def test_the_ramp_of_the_original_releases_and_holds(host: Host) -> None:
+def test_the_ramp_of_the_original_releases_and_holds(host: CartHost) -> None:
     host.power_on()
     amps, when = 0.0, []
     for target in (2.2, 0.0):
@@ -74,7 +74,7 @@ def test_the_ramp_of_the_original_releases_and_holds(host: Host) -> None:
 
 def test_the_sign_of_a_brake_current_does_not_matter(plain: SystemConfig) -> None:
     arms = tuple(dataclasses.replace(arm, release_current=-2.2) for arm in described(plain).arms)
-    host = Host(with_arms(plain, *arms))
+    host = CartHost(with_arms(plain, *arms))
     host.power_on()
     host.current(2, -2.2)
     assert host.joints.is_released("PSM1") and not host.joints.is_released("PSM2")
@@ -83,24 +83,24 @@ def test_the_sign_of_a_brake_current_does_not_matter(plain: SystemConfig) -> Non
 def test_brakes_without_a_release_current_always_hold(plain: SystemConfig) -> None:
     joints = described(plain)
     arms = tuple(dataclasses.replace(arm, release_current=0.0) for arm in joints.arms)
-    host = Host(with_arms(plain, *arms))
+    host = CartHost(with_arms(plain, *arms))
     host.power_on()
     for amps in (0.0, 2.2):
         host.current(2, amps)
         assert not host.joints.is_released("PSM1")
 
 
-def test_an_order_moves_a_set_up_arm_that_is_let_go(host: Host) -> None:
-    incidents = BoardFaults(host.world, Rails(4))
+def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
+    board_faults = BoardFaults(host.world, Rails(4))
     there = np.array(PLACES["PSM2"])
     with pytest.raises(ValueError, match="brakes hold"):
-        incidents.place("SUJ/PSM2", there)
+        board_faults.place("SUJ/PSM2", there)
     host.power_on()
     host.current(3, 2.2)
-    incidents.place("SUJ/PSM2", there)
+    board_faults.place("SUJ/PSM2", there)
     assert host.joints.positions("PSM2") == PLACES["PSM2"]
     with pytest.raises(KeyError, match="ECM, PSM1, PSM2, PSM3"):
-        incidents.place("SUJ/PSM4", there)
+        board_faults.place("SUJ/PSM4", there)
 
 
 @pytest.mark.parametrize(("arm", "positions", "error", "says"), [
@@ -109,13 +109,13 @@ def test_an_order_moves_a_set_up_arm_that_is_let_go(host: Host) -> None:
     ("PSM1", (0.0,) * 4, ValueError, "4 positions; allowed: 6 finite numbers"),
     ("PSM1", (0.0, np.nan, 0.0, 0.0, 0.0, 0.0), ValueError, "finite"),
 ])
-def test_wrong_places_are_refused(host: Host, arm: str, positions: tuple[float, ...], error: type[Exception],
+def test_wrong_places_are_refused(host: CartHost, arm: str, positions: tuple[float, ...], error: type[Exception],
                                   says: str) -> None:
     with pytest.raises(error, match=says):
         host.joints.place(arm, positions, by_force=True)
 
 
-def test_positions_beyond_a_potentiometer_end_at_its_rails(host: Host) -> None:
+def test_positions_beyond_a_potentiometer_end_at_its_rails(host: CartHost) -> None:
     host.joints.place("PSM1", (5.0, -9.0, 0.0, 0.0, 0.0, 0.0), by_force=True)
     host.sweep()
     assert host.volts[1, 0] == pytest.approx(4.5, abs=1e-3) and host.volts[1, 1] == 0.0
@@ -125,7 +125,7 @@ def test_positions_beyond_a_potentiometer_end_at_its_rails(host: Host) -> None:
 
 
 @pytest.fixture
-def lift(host: Host) -> Callable[[], float]:
+def lift(host: CartHost) -> Callable[[], float]:
     """Height of the arm with a lift; its amplifier is powered."""
     host.power_on()
     host.pwm(0.5)
@@ -137,7 +137,7 @@ def lift(host: Host) -> Callable[[], float]:
 
 @pytest.mark.parametrize(("velocity", "sign"), [(1.0, 1), (-1.0, -1), (0.3, 0.3), (0.0, 0)])
 def test_the_lift_follows_the_duty_of_its_pwm(
-        host: Host, lift: Callable[[], float], velocity: float, sign: float) -> None:
+        host: CartHost, lift: Callable[[], float], velocity: float, sign: float) -> None:
     others = {arm: host.joints.positions(arm) for arm in ("ECM", "PSM1", "PSM2")}
     before, rest = lift(), host.joints.positions("PSM3")[1:]
     host.pwm(0.5 + 0.1 * velocity)
@@ -147,7 +147,7 @@ def test_the_lift_follows_the_duty_of_its_pwm(
     assert others == {arm: host.joints.positions(arm) for arm in others}
 
 
-def test_the_lift_rests_when_disabled_or_without_supply(host: Host, lift: Callable[[], float]) -> None:
+def test_the_lift_rests_when_disabled_or_without_supply(host: CartHost, lift: Callable[[], float]) -> None:
     host.pwm(0.6)
     host.wait(10)
     host.look()
@@ -167,7 +167,7 @@ def test_the_lift_rests_when_disabled_or_without_supply(host: Host, lift: Callab
     assert lift() == before
 
 
-def test_outputs_as_after_power_up_leave_the_lift_alone(host: Host) -> None:
+def test_outputs_as_after_power_up_leave_the_lift_alone(host: CartHost) -> None:
     host.power_on()
     before = host.joints.positions("PSM3")
     host.pwm(0.6)
@@ -177,7 +177,7 @@ def test_outputs_as_after_power_up_leave_the_lift_alone(host: Host) -> None:
 
 @pytest.mark.parametrize(("duty", "volts"), [(0.95, 4.5), (0.05, 0.0)])
 def test_the_lift_stops_where_a_potentiometer_ends(
-        host: Host, lift: Callable[[], float], duty: float, volts: float) -> None:
+        host: CartHost, lift: Callable[[], float], duty: float, volts: float) -> None:
     host.pwm(duty)
     host.wait(20_000)
     end = lift()
@@ -189,7 +189,7 @@ def test_the_lift_stops_where_a_potentiometer_ends(
     assert away[0] < 1e-3 and away[1] > 0.1, "the first one that ends"
 
 
-def test_an_output_that_is_held_drives_the_lift_fully(host: Host, lift: Callable[[], float]) -> None:
+def test_an_output_that_is_held_drives_the_lift_fully(host: CartHost, lift: Callable[[], float]) -> None:
     before = lift()
     host.one_shot(PWM)
     host.look()

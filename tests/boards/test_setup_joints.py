@@ -29,7 +29,7 @@ from tests.boards.carts import (
     PWM,
     RESET,
     V_PER_BIT,
-    Host,
+    CartHost,
     cart,
     described,
     with_arms,
@@ -43,8 +43,8 @@ def plain() -> SystemConfig:
 
 
 @pytest.fixture
-def host(plain: SystemConfig) -> Host:
-    made = Host(plain)
+def host(plain: SystemConfig) -> CartHost:
+    made = CartHost(plain)
     made.reset()
     return made
 
@@ -54,7 +54,7 @@ def host(plain: SystemConfig) -> Host:
 
 @pytest.mark.parametrize(("firmware", "fpga"), [(7, "V2"), (8, "V2"), (9, "V3")])
 def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, fpga: str) -> None:
-    host = Host(system := cart(Controller(12, firmware=firmware, fpga=fpga)))
+    host = CartHost(system := cart(Controller(12, firmware=firmware, fpga=fpga)))
     host.reset()
     for arm, place in PLACES.items():
         host.joints.place(arm, place, by_force=True)
@@ -69,7 +69,7 @@ def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, 
 
 
 def test_noise_of_the_potentiometers_averages_out() -> None:
-    host = Host(system := cart(noise=0.002), settle_ms=2, samples=60)
+    host = CartHost(system := cart(noise=0.002), settle_ms=2, samples=60)
     host.reset()
     host.joints.place("PSM1", PLACES["PSM1"], by_force=True)
     host.sweep()
@@ -78,7 +78,7 @@ def test_noise_of_the_potentiometers_averages_out() -> None:
 
 
 def test_the_channel_is_in_the_position_words_of_a_dqla() -> None:
-    host = Host(cart(Controller(12, hardware="DQLA", fpga="V3")))
+    host = CartHost(cart(Controller(12, hardware="DQLA", fpga="V3")))
     for step in range(1, 19):
         host.outputs = ~host.read(reg.DIGITAL_OUTPUT) & 0xF
         host.set(INCREMENT, True)
@@ -87,7 +87,7 @@ def test_the_channel_is_in_the_position_words_of_a_dqla() -> None:
         assert sum((word >> 28 & 1) << k for k, word in enumerate(words)) == step % CHANNELS
 
 
-def test_arms_start_where_all_potentiometers_see_them(plain: SystemConfig, host: Host) -> None:
+def test_arms_start_where_all_potentiometers_see_them(plain: SystemConfig, host: CartHost) -> None:
     host.sweep()
     both = [host.joints_of(described(plain), secondary) for secondary in (False, True)]
     for arm in host.joints.arms:
@@ -103,7 +103,7 @@ def test_a_start_position_of_the_file_is_taken(plain: SystemConfig) -> None:
     assert world.setup_joints["SUJ"].positions("ECM") == PLACES["ECM"]
 
 
-def test_pulses_turn_back_by_themselves_and_count_once(host: Host) -> None:
+def test_pulses_turn_back_by_themselves_and_count_once(host: CartHost) -> None:
     assert host.look()[0] == 0 and host.outputs >> INCREMENT & 1 == 0 and host.outputs >> RESET & 1
     host.set(INCREMENT, True)
     host.wait(0.05)
@@ -115,7 +115,7 @@ def test_pulses_turn_back_by_themselves_and_count_once(host: Host) -> None:
     assert host.look()[0] == 1, "only rising counts"
 
 
-def test_the_counter_goes_round_and_is_cleared_at_any_channel(host: Host) -> None:
+def test_the_counter_goes_round_and_is_cleared_at_any_channel(host: CartHost) -> None:
     for step in range(1, 22):
         host.set(INCREMENT, True)
         host.wait(1)
@@ -125,7 +125,7 @@ def test_the_counter_goes_round_and_is_cleared_at_any_channel(host: Host) -> Non
     assert host.look()[0] == 0
 
 
-def test_a_reset_that_is_held_keeps_the_counter_at_0(host: Host) -> None:
+def test_a_reset_that_is_held_keeps_the_counter_at_0(host: CartHost) -> None:
     host.one_shot(RESET)
     host.set(RESET, False)
     host.wait(1)
@@ -136,14 +136,14 @@ def test_a_reset_that_is_held_keeps_the_counter_at_0(host: Host) -> None:
     assert host.look()[0] == 0
 
 
-def test_fast_pwm_and_long_silence_lose_no_pulse(host: Host) -> None:
+def test_fast_pwm_and_long_silence_lose_no_pulse(host: CartHost) -> None:
     host.pwm(0.6)
     host.set(INCREMENT, True)
     host.wait(3000)
     assert host.look()[0] == 1
 
 
-def test_lines_that_show_the_channel_are_counted_like_an_encoder(host: Host) -> None:
+def test_lines_that_show_the_channel_are_counted_like_an_encoder(host: CartHost) -> None:
     host.write(reg.axis_register(1, reg.ENCODER_PRELOAD), 0x1234)
     seen = []
     for _ in range(8):
@@ -156,7 +156,7 @@ def test_lines_that_show_the_channel_are_counted_like_an_encoder(host: Host) -> 
     assert moves.tolist() == [0, 1, 0, 1, 0, 1, 0, 1]
 
 
-def test_the_channel_outlives_the_controller_alone(host: Host) -> None:
+def test_the_channel_outlives_the_controller_alone(host: CartHost) -> None:
     for _ in range(5):
         host.set(INCREMENT, True)
         host.wait(1)
@@ -172,9 +172,9 @@ def test_the_channel_outlives_the_controller_alone(host: Host) -> None:
     assert response.value >> reg.INPUT_ENCODER_A_SHIFT & 0xF == 6, "its output went high as at power-up: one more"
 
 
-def test_plugs_pull_their_inputs_low(plain: SystemConfig, host: Host) -> None:
+def test_plugs_pull_their_inputs_low(plain: SystemConfig, host: CartHost) -> None:
     assert host.read(reg.DIGITAL_INPUT) >> reg.INPUT_NEGATIVE_LIMIT_SHIFT & 0xF == 0
-    two = Host(with_arms(plain, *described(plain).arms[:2]))
+    two = CartHost(with_arms(plain, *described(plain).arms[:2]))
     assert two.read(reg.DIGITAL_INPUT) >> reg.INPUT_NEGATIVE_LIMIT_SHIFT & 0xF == 0b1100
 
 
@@ -246,7 +246,7 @@ def test_lines_show_the_channel_and_no_fault_after_power_up() -> None:
     assert [int(word) >> 28 & 3 for word in words[0]] == [1, 0, 1, 0]
 
 
-class Watched(BoardOutputs):
+class WatchedPots(BoardOutputs):
     """Notes how many changes were looked at."""
 
     followed = 0
@@ -258,7 +258,7 @@ class Watched(BoardOutputs):
 
 
 def test_outputs_that_switch_for_ever_are_not_followed_for_ever() -> None:
-    outputs = Watched()
+    outputs = WatchedPots()
     board = EmulatedInterfaceBoard(PINS, outputs)
     for output in (RESET, INCREMENT, DISABLE):
         outputs.configure(output, 1 << 16 | 1, 0)
@@ -306,7 +306,7 @@ def extra_of(volts: np.ndarray) -> list[float]:
     return [float(volts[at]) for at in ((3, 15), (2, 14), (1, 14), (0, 14))]
 
 
-def test_voltages_of_the_brakes_are_where_the_original_looks(host: Host) -> None:
+def test_voltages_of_the_brakes_are_where_the_original_looks(host: CartHost) -> None:
     host.sweep()
     assert extra_of(host.volts) == [0.0] * 4
     assert host.volts[3, 12:15] == pytest.approx([2.5] * 3, abs=1e-4)

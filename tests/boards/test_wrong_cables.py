@@ -7,34 +7,34 @@ import pytest
 
 from procs.boards.board_faults import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 
 
 @pytest.fixture
-def psm() -> Rig:
+def psm() -> BoardsHarness:
     loaded = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml")
     assert loaded.system is not None, loaded.problems
-    rig = Rig(loaded.system, driven=True)
-    rig.run(0.05)
-    return rig
+    harness = BoardsHarness(loaded.system, driven=True)
+    harness.run(0.05)
+    return harness
 
 
 @pytest.fixture
-def faults(psm: Rig) -> BoardFaults:
+def faults(psm: BoardsHarness) -> BoardFaults:
     return BoardFaults(psm.world, psm.plant)
 
 
-def _moved(rig: Rig, robot: str, by: float) -> np.ndarray:
+def _moved(harness: BoardsHarness, robot: str, by: float) -> np.ndarray:
     """What the encoders see when axis 0 is carried by so much."""
-    before, goal = rig.record.position.copy(), rig.plant.position.copy()
+    before, goal = harness.record.position.copy(), harness.plant.position.copy()
     goal[0] += by
-    rig.plant.place(robot, goal)
-    rig.run(0.02)
-    moved: np.ndarray = rig.record.position - before
+    harness.plant.place(robot, goal)
+    harness.run(0.02)
+    moved: np.ndarray = harness.record.position - before
     return moved
 
 
-def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: Rig, faults: BoardFaults) -> None:
+def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: BoardsHarness, faults: BoardFaults) -> None:
     before = psm.record.pot_voltage.copy()
     faults.kill_pot("PSM1", 3, True)
     psm.run(0.02)
@@ -45,7 +45,7 @@ def test_a_dead_potentiometer_shows_nothing_until_it_is_mended(psm: Rig, faults:
     assert psm.record.pot_voltage[3] == pytest.approx(before[3], abs=1e-3)
 
 
-def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: Rig, faults: BoardFaults) -> None:
+def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: BoardsHarness, faults: BoardFaults) -> None:
     resting = psm.record.position.copy()
     faults.scale_encoder("PSM1", 0, 1.25)
     psm.run(0.02)
@@ -59,7 +59,7 @@ def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: Rig, faults: Boar
         faults.scale_encoder("PSM1", 0, 0.0)
 
 
-def test_swapped_motors_move_each_other_until_swapped_back(psm: Rig, faults: BoardFaults) -> None:
+def test_swapped_motors_move_each_other_until_swapped_back(psm: BoardsHarness, faults: BoardFaults) -> None:
     assert psm.do("power_on", "PSM1").outcome == "done"
     for moving, resting in ((1, 0), (0, 1)):
         faults.swap_motors("PSM1", 0, 1)
@@ -70,7 +70,7 @@ def test_swapped_motors_move_each_other_until_swapped_back(psm: Rig, faults: Boa
         assert moved[moving] > 10.0 * moved[resting]
 
 
-def test_a_jammed_axis_stands_still_whatever_pulls(psm: Rig, faults: BoardFaults) -> None:
+def test_a_jammed_axis_stands_still_whatever_pulls(psm: BoardsHarness, faults: BoardFaults) -> None:
     assert psm.do("power_on", "PSM1").outcome == "done"
     faults.jam("PSM1", 0, True)
     before = psm.record.position[0]

@@ -16,7 +16,7 @@ SYSTEM, IO, ARMS = "system-SUJ.json", "sawRobotIO1394-SUJ.json", "suj-ECM-1-2-3.
 
 
 @dataclass(frozen=True)
-class Cart:
+class CartFiles:
     """Copies of a patient cart's files that a test may spoil."""
 
     path: Path
@@ -31,13 +31,13 @@ class Cart:
 
 
 @pytest.fixture
-def cart(tmp_path: Path) -> Cart:
+def cart(tmp_path: Path) -> CartFiles:
     for name in (SYSTEM, IO, ARMS):
         shutil.copy(stock.find(f"dvrk-site/jhu-daVinci/{name}"), tmp_path / name)
-    return Cart(tmp_path)
+    return CartFiles(tmp_path)
 
 
-def test_setup_joints_are_found_with_their_board_and_outputs(cart: Cart) -> None:
+def test_setup_joints_are_found_with_their_board_and_outputs(cart: CartFiles) -> None:
     loaded = cart.load()
     assert loaded.system is not None and loaded.warnings == ()
     emulation = loaded.system.emulation
@@ -51,7 +51,7 @@ def test_setup_joints_are_found_with_their_board_and_outputs(cart: Cart) -> None
     assert from_json(to_json(loaded.system)) == loaded.system
 
 
-def test_digital_outputs_are_in_the_document(cart: Cart) -> None:
+def test_digital_outputs_are_in_the_document(cart: CartFiles) -> None:
     system = cart.load().system
     assert system is not None
     assert system.emulated().io("IO1").digital_outputs == (
@@ -59,7 +59,7 @@ def test_digital_outputs_are_in_the_document(cart: Cart) -> None:
         DigitalOutput("control_PWM", 12, 2, is_pwm=True, pwm_hz=40000.0), DigitalOutput("disable_PWM", 12, 3))
 
 
-def test_a_start_position_comes_from_the_file(cart: Cart) -> None:
+def test_a_start_position_comes_from_the_file(cart: CartFiles) -> None:
     cart.spoil(ARMS, '"plug_number": 1,', '"plug_number": 1, "simulated_position": [0.1, 0.2, 0.3, 4, 0, 0],')
     system = cart.load().system
     assert system is not None and system.emulation is not None
@@ -67,7 +67,7 @@ def test_a_start_position_comes_from_the_file(cart: Cart) -> None:
     assert (first.position, second.position) == ((0.1, 0.2, 0.3, 4.0, 0.0, 0.0), ())
 
 
-def test_real_boards_are_not_emulated(cart: Cart) -> None:
+def test_real_boards_are_not_emulated(cart: CartFiles) -> None:
     loaded = cart.load("real")
     assert loaded.system is not None and loaded.system.emulation is None and loaded.warnings == ()
 
@@ -84,7 +84,7 @@ def test_real_boards_are_not_emulated(cart: Cart) -> None:
         (SYSTEM, "suj-ECM-1-2-3.json", "suj.json", "arms[0].arm_file", "no file suj.json"),
     ],
 )
-def test_mistakes_in_the_file_are_named(cart: Cart, name: str, old: str, new: str, key: str, says: str) -> None:
+def test_mistakes_in_the_file_are_named(cart: CartFiles, name: str, old: str, new: str, key: str, says: str) -> None:
     cart.spoil(name, old, new)
     loaded = cart.load()
     assert loaded.system is None
@@ -105,7 +105,7 @@ def test_mistakes_in_the_file_are_named(cart: Cart, name: str, old: str, new: st
     ],
     ids=["output missing", "output elsewhere", "no such output", "no robot", "no outputs"],
 )
-def test_without_all_that_it_takes_there_are_no_setup_joints(cart: Cart, old: str, new: str) -> None:
+def test_without_all_that_it_takes_there_are_no_setup_joints(cart: CartFiles, old: str, new: str) -> None:
     cart.spoil(IO, old, new)
     loaded = cart.load()
     (warning,) = loaded.warnings

@@ -28,7 +28,7 @@ BEAMS = Console("c", "PEDALS_ISI_HEAD_SENSOR", 0.01, (), WiredInput("IO1", "clut
 SYSTEM: Any = SimpleNamespace(inputs=lambda name: NAMES)
 
 
-class FakeRing:
+class FakeInputRing:
     """The newest record of a ring, and events that wait."""
 
     def __init__(self, topic: Topic) -> None:
@@ -55,7 +55,7 @@ class Wired:
     """A console's inputs on rings that a test writes."""
 
     def __init__(self, row: Console = PEDALS, *, began_anew: bool = False) -> None:
-        self.rings = {"state": FakeRing(IO_STATE), "events": FakeRing(EVENTS)}
+        self.rings = {"state": FakeInputRing(IO_STATE), "events": FakeInputRing(EVENTS)}
         self.now_ns = 1_000_000_000
         self.hold()
         self.inputs = Inputs(row, SYSTEM, lambda io, topic: self.rings[topic], None, began_anew=began_anew)

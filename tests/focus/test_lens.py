@@ -11,7 +11,7 @@ from tests.arm.fake_io import FakeRequest
 CYCLE_NS = 10_000_000
 
 
-class Rig:
+class LensHarness:
     """Two outputs that do as they are told unless they are stuck, and pedals."""
 
     def __init__(self) -> None:
@@ -44,75 +44,75 @@ class Rig:
 
 
 @pytest.fixture
-def rig() -> Rig:
-    rig = Rig()
-    assert rig.step() == [True, True], "whatever they were, the lens rests from the first cycle on"
-    return rig
+def harness() -> LensHarness:
+    harness = LensHarness()
+    assert harness.step() == [True, True], "whatever they were, the lens rests from the first cycle on"
+    return harness
 
 
-def test_pedals_move_the_lens_while_they_are_held(rig: Rig) -> None:
-    rig.pedals = [True, False]
-    assert rig.step(2000) == [False, True], "a foot may stay as long as it likes"
-    rig.pedals = [False, False]
-    assert rig.step() == [True, True]
-    rig.pedals = [False, True]
-    assert rig.step() == [True, False]
-    assert rig.said == [("focusing_in", True), ("focusing_in", False), ("focusing_out", True)]
+def test_pedals_move_the_lens_while_they_are_held(harness: LensHarness) -> None:
+    harness.pedals = [True, False]
+    assert harness.step(2000) == [False, True], "a foot may stay as long as it likes"
+    harness.pedals = [False, False]
+    assert harness.step() == [True, True]
+    harness.pedals = [False, True]
+    assert harness.step() == [True, False]
+    assert harness.said == [("focusing_in", True), ("focusing_in", False), ("focusing_out", True)]
 
 
-def test_it_goes_one_way_at_a_time(rig: Rig) -> None:
-    rig.pedals = [True, False]
-    rig.step()
-    rig.pedals = [True, True]
-    assert rig.step() == [False, True]
-    rig.pedals = [True, False]
-    assert rig.step() == [False, True], "the pedal that had no effect has none when it is let go"
-    rig.pedals = [False, False]
-    assert rig.step() == [True, True]
+def test_it_goes_one_way_at_a_time(harness: LensHarness) -> None:
+    harness.pedals = [True, False]
+    harness.step()
+    harness.pedals = [True, True]
+    assert harness.step() == [False, True]
+    harness.pedals = [True, False]
+    assert harness.step() == [False, True], "the pedal that had no effect has none when it is let go"
+    harness.pedals = [False, False]
+    assert harness.step() == [True, True]
 
 
-def test_a_lock_stops_it_and_holds_until_a_pedal_is_pressed_anew(rig: Rig) -> None:
-    rig.pedals = [True, False]
-    rig.step()
-    assert rig.send("lock", 1) == "done"
-    assert rig.step() == [True, True]
-    assert rig.said == [("focusing_in", True), ("focusing_in", False), ("locked", True)]
-    assert "the focus is locked" in rig.send("focus_out", 1)
-    rig.send("lock", 0)
-    assert rig.step() == [True, True], "a pedal that was held all the time does not count"
-    rig.pedals = [False, False]
-    rig.step()
-    rig.pedals = [True, False]
-    assert rig.step() == [False, True]
+def test_a_lock_stops_it_and_holds_until_a_pedal_is_pressed_anew(harness: LensHarness) -> None:
+    harness.pedals = [True, False]
+    harness.step()
+    assert harness.send("lock", 1) == "done"
+    assert harness.step() == [True, True]
+    assert harness.said == [("focusing_in", True), ("focusing_in", False), ("locked", True)]
+    assert "the focus is locked" in harness.send("focus_out", 1)
+    harness.send("lock", 0)
+    assert harness.step() == [True, True], "a pedal that was held all the time does not count"
+    harness.pedals = [False, False]
+    harness.step()
+    harness.pedals = [True, False]
+    assert harness.step() == [False, True]
 
 
-def test_commands_move_it_for_a_while(rig: Rig) -> None:
-    assert rig.send("focus_out", 1) == "done"
-    assert rig.step() == [True, False]
-    assert "it is focusing out" in rig.send("focus_in", 1)
-    rig.step(COMMANDED_NS // CYCLE_NS - 2)
-    assert rig.pins == [True, False]
-    assert rig.step(3) == [True, True], "nobody told it to stop"
-    rig.send("focus_in", 1)
-    rig.step()
-    rig.send("focus_in", 0)
-    assert rig.step() == [True, True]
+def test_commands_move_it_for_a_while(harness: LensHarness) -> None:
+    assert harness.send("focus_out", 1) == "done"
+    assert harness.step() == [True, False]
+    assert "it is focusing out" in harness.send("focus_in", 1)
+    harness.step(COMMANDED_NS // CYCLE_NS - 2)
+    assert harness.pins == [True, False]
+    assert harness.step(3) == [True, True], "nobody told it to stop"
+    harness.send("focus_in", 1)
+    harness.step()
+    harness.send("focus_in", 0)
+    assert harness.step() == [True, True]
 
 
 @pytest.mark.parametrize("values", [(), (2.0,), (1.0, 1.0), (float("nan"),)])
-def test_commands_take_on_or_off(rig: Rig, values: tuple[float, ...]) -> None:
-    assert "takes 1 (on) or 0 (off)" in rig.send("focus_in", *values)
-    assert rig.step() == [True, True]
+def test_commands_take_on_or_off(harness: LensHarness, values: tuple[float, ...]) -> None:
+    assert "takes 1 (on) or 0 (off)" in harness.send("focus_in", *values)
+    assert harness.step() == [True, True]
 
 
-def test_a_pin_that_does_not_obey_is_written_again_now_and_then(rig: Rig) -> None:
-    rig.stuck = True
-    writes = rig.writes
-    rig.send("focus_in", 1)
-    rig.step(AGAIN_NS // CYCLE_NS * 3)
-    assert rig.writes - writes == 3
-    rig.known = False
-    rig.step(100)
-    assert rig.writes - writes == 3, "nobody knows how the pins are"
-    rig.known, rig.stuck = True, False
-    assert rig.step() == [False, True]
+def test_a_pin_that_does_not_obey_is_written_again_now_and_then(harness: LensHarness) -> None:
+    harness.stuck = True
+    writes = harness.writes
+    harness.send("focus_in", 1)
+    harness.step(AGAIN_NS // CYCLE_NS * 3)
+    assert harness.writes - writes == 3
+    harness.known = False
+    harness.step(100)
+    assert harness.writes - writes == 3, "nobody knows how the pins are"
+    harness.known, harness.stuck = True, False
+    assert harness.step() == [False, True]

@@ -20,7 +20,7 @@ from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
-from tests.io.harness import Clock, FakeCommand, FakeSource
+from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 
 
 class Direct:
@@ -30,7 +30,7 @@ class Direct:
     most_read = most_write = wire.MAX_DATA
     stranger = ""
 
-    def __init__(self, world: Emulation, bus: int, clock: Clock) -> None:
+    def __init__(self, world: Emulation, bus: int, clock: SteppedClock) -> None:
         self._world, self._bus, self._clock = world, bus, clock
         self._replies: deque[bytes] = deque()
         self._to = GROUP
@@ -84,14 +84,14 @@ class Direct:
         return len(reply)
 
 
-class Rig:
+class BoardsHarness:
     """One io of a system as its emulated boards see it: every robot of its files, with or without an arm."""
 
     def __init__(self, system: SystemConfig, name: str = "", *, driven: bool = False) -> None:
         """`driven`: as the system's io runs it, not as the boards see it."""
         whole = system.emulated()
         self.io = (system if driven else whole).io(name) if name else whole.ios[0]
-        self.clock = Clock()
+        self.clock = SteppedClock()
         self.plant = Plant(whole)
         self.world = Emulation(whole, self.plant, self.clock.ns)
         bus = [bus.io for bus in whole.emulation.buses].index(self.io.name)

@@ -44,7 +44,7 @@ def block_address() -> str:
     return f"{head}.{16 * (1 + int(last) % 14)}"
 
 
-class Bench:
+class PortBench:
     """Controllers on one bus; a context manager. `fault` may change what they reply; `requests` is what they heard.
 
     `kind`: udp (Rev 8), udpfw (Rev 9 as a bridge), udp without FireWire (Rev 9); the same with eth.
@@ -96,7 +96,7 @@ class Bench:
         while not self._stop.is_set():
             self._endpoints.serve(SERVE_NS)
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> PortBench:
         if self._endpoints is not None:
             self._thread.start()
         return self

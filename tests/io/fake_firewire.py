@@ -16,7 +16,7 @@ from collections.abc import Callable
 from procs.fpga import wire
 from procs.io.bus import cdev as firewire
 from procs.io.bus.firewire import FirewireTransport
-from tests.io.emulated_ports import Bench
+from tests.io.emulated_ports import PortBench
 
 CARD, OTHER_CARD, DISK = "/dev/fw0", "/dev/fw1", "/dev/fw2"
 LOCAL_BUS = 0xFFC0
@@ -24,8 +24,8 @@ OURS, THEIRS = 0xFA610E, 0x00A0B0
 ADDRESS_ERROR = 7
 
 
-class FakeFirewire(Bench):
-    """A `Bench` whose port is fw. With `first` this computer is node 0 and the controllers follow."""
+class FakeFirewire(PortBench):
+    """A `PortBench` whose port is fw. With `first` this computer is node 0 and the controllers follow."""
 
     def __init__(self, *, first: bool = False, count: int = 3) -> None:
         super().__init__("fw", count=count, serve=False)

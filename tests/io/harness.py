@@ -69,7 +69,7 @@ def document(robot_count: int = 1, **changes) -> IoConfig:
     return IoConfig(**(values | changes))
 
 
-class Clock:
+class SteppedClock:
     """Time in ns that moves when told."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class FakePort:
         self.live = np.zeros((n, 32), dtype=np.uint32)
         self.counters, self.stranger = Counters(n), ""
         self.recv_ns = self.send_ns = 0
-        self.now_ns = Clock()
+        self.now_ns = SteppedClock()
         self.good = True
         self.has_supply = True
         self.dead_amps: set[tuple[int, int]] = set()
@@ -245,14 +245,14 @@ class FakeCommand:
         return self.answers[-1][0] if self.answers else ""
 
 
-class Stand:
+class IoHarness:
     """Core, boards, clock and arms; the arms are alive and ask for nothing unless told."""
 
     def __init__(self, robot_count: int = 1, preset: bool = True, **changes) -> None:
         self.io = document(robot_count, **changes)
         boards = sorted({d.board_id for r in self.io.robots for d in (*r.actuators, *r.brakes)}
                         | {i.board_id for i in self.io.digital_inputs})
-        self.clock, self.port = Clock(), FakePort(tuple(boards))
+        self.clock, self.port = SteppedClock(), FakePort(tuple(boards))
         self.arms = [FakeSource() for _ in self.io.pids]
         axes = sum(len(r.actuators) for r in self.io.robots)
         self.record = IoRecord.private(axes, len(self.io.robots), len(self.io.digital_inputs),

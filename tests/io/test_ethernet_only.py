@@ -19,7 +19,7 @@ def late(board: int, hardware: str = "QLA1") -> Controller:
     return Controller(board, hardware, 9, "V3")
 
 
-class Boards:
+class EthernetBoards:
     """Controllers that answer at once, and what they heard."""
 
     def __init__(self, *rows: Controller) -> None:
@@ -48,7 +48,7 @@ class Boards:
 )
 def test_we_send_what_the_original_host_sent(data, recording, protocol):
     recorded = recorded_requests(data("golden/wire") / f"{recording}.jsonl")
-    boards = Boards(late(0), late(1), late(5))
+    boards = EthernetBoards(late(0), late(1), late(5))
     boards.bus.generation = 3
     commands = [board_side.decode_request(d) for d in recorded if d[5] >> 4 == wire.BLOCK_WRITE]
     per_cycle = 3 if protocol == SEQUENTIAL else 1
@@ -69,7 +69,7 @@ MIXED = (late(4, "DQLA"), late(1), late(6, "dRA1"), late(2))
 
 
 def test_blocks_are_taken_in_the_order_in_which_they_come():
-    boards = Boards(*MIXED)
+    boards = EthernetBoards(*MIXED)
     with boards.port() as port:
         port.discover()
         before = len(boards.heard)
@@ -104,7 +104,7 @@ def shuffled(old, new):
     ("at", "bits"), [(20, 1), (21, 1), (22, 0x80), (28, 0x01), (0, 0), (2, 4), (5, 1), (13, 4)],
     ids=["size", "sequence", "mismatch", "board", "empty", "label", "source", "length"])  # fmt: skip
 def test_wrong_unasked_replies_are_bad_reads(at, bits):
-    boards = Boards(late(3), late(5))
+    boards = EthernetBoards(late(3), late(5))
 
     def spoilt(request, reply):
         changed = bytearray(reply)
@@ -123,7 +123,7 @@ def test_wrong_unasked_replies_are_bad_reads(at, bits):
 
 
 def test_a_reply_that_did_not_come_is_asked_for():
-    boards = Boards(late(3), late(5))
+    boards = EthernetBoards(late(3), late(5))
     with boards.port() as port:
         port.discover()
         port._link.transport.lose = 1
@@ -135,7 +135,7 @@ def test_a_reply_that_did_not_come_is_asked_for():
 
 
 def test_boards_that_need_firewire_are_refused():
-    boards = Boards(late(3), late(5))
+    boards = EthernetBoards(late(3), late(5))
     boards.change = lambda request, reply: (
         reply[:12] + (8).to_bytes(4, "big") + reply[16:]
         if board_side.decode_request(request).address == registers.FIRMWARE and request[3] & 0x3F == 5 else reply)

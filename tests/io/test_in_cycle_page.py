@@ -16,7 +16,7 @@ from procs.document.system import PidConfig, TaskRow
 from procs.document.tasks import Sample, TaskRobot
 from procs.io.tasks import TaskError
 from tests.conftest import ROOT
-from tests.io.harness import Stand, gains
+from tests.io.harness import IoHarness, gains
 
 PAGE = (ROOT / "docs/in-cycle.md").read_text()
 DEMO = ROOT / "configs/systems/demo.yaml"
@@ -39,25 +39,25 @@ def task(tmp_path: Path) -> TaskRow:
     return found
 
 
-def stand_with(task: TaskRow) -> Stand:
+def stand_with(task: TaskRow) -> IoHarness:
     named = tuple(gains(name=name, p_gain=0.0) for name in NAMES)
-    stand = Stand(tasks=(task,), pids=(PidConfig("PSM1", "PSM1", named),))
-    stand.control()
-    return stand
+    harness = IoHarness(tasks=(task,), pids=(PidConfig("PSM1", "PSM1", named),))
+    harness.control()
+    return harness
 
 
 def test_the_example_pushes_back_and_never_pulls(task: TaskRow) -> None:
-    stand = stand_with(task)
+    harness = stand_with(task)
     for position, effort in ((0.0, 0.0), (0.3, 0.0), (0.31, -0.4), (0.32, -0.8), (0.4, -2.0), (0.29, 0.0)):
-        stand.port.place(0, position)
-        stand.run(1)
-        np.testing.assert_allclose(stand.record.setpoint_effort, [effort, *[0.0] * 6], atol=1e-6)
-    assert not stand.codes
+        harness.port.place(0, position)
+        harness.run(1)
+        np.testing.assert_allclose(harness.record.setpoint_effort, [effort, *[0.0] * 6], atol=1e-6)
+    assert not harness.codes
 
 
 def test_the_example_damps(task: TaskRow) -> None:
-    stand = stand_with(task)
-    mine = stand.core._tasks._attached[0].task
+    harness = stand_with(task)
+    mine = harness.core._tasks._attached[0].task
     robot = TaskRobot("PSM1", NAMES, ("REVOLUTE",) * 7, 1 / 1500, *(np.full(7, x) for x in (-1.5, 1.5, 2.0)),
                       task.options)
     sample = Sample(*(np.zeros(7) for _ in range(6)), *(np.zeros(7, dtype=bool) for _ in range(2)))

@@ -6,108 +6,108 @@ from procs.fpga import blocks, registers
 from procs.io.bus.port import PortError
 from procs.io.robots import Robots
 from procs.io.start import prepare
-from tests.io.harness import FakePort, Stand, document, robot, with_actuators
+from tests.io.harness import FakePort, IoHarness, document, robot, with_actuators
 
 
 def test_encoders_take_the_value_of_constant_potentiometers() -> None:
-    stand = Stand(preset=False)
+    harness = IoHarness(preset=False)
     for axis in range(7):
-        stand.port.pot(axis, 1.5)
-    generation = int(stand.record.bias_generation[0])
-    command = stand.ask("bias_encoders", 1970)
+        harness.port.pot(axis, 1.5)
+    generation = int(harness.record.bias_generation[0])
+    command = harness.ask("bias_encoders", 1970)
     assert command.outcome == "accepted"
-    stand.run(1000)
-    assert stand.record.biasing[0]
-    assert not stand.record.biased[0]
-    stand.run(1000)
+    harness.run(1000)
+    assert harness.record.biasing[0]
+    assert not harness.record.biased[0]
+    harness.run(1000)
     assert command.outcome == "done"
-    assert stand.record.biased[0]
-    assert not stand.record.biasing[0]
-    assert stand.record.bias_generation[0] == generation + 1
-    np.testing.assert_allclose(stand.record.position, stand.record.pot_position, atol=1e-5)
-    np.testing.assert_allclose(stand.record.position, 1.5, atol=5e-5)
+    assert harness.record.biased[0]
+    assert not harness.record.biasing[0]
+    assert harness.record.bias_generation[0] == generation + 1
+    np.testing.assert_allclose(harness.record.position, harness.record.pot_position, atol=1e-5)
+    np.testing.assert_allclose(harness.record.position, 1.5, atol=5e-5)
 
 
 def test_the_mean_of_1970_equal_samples_is_that_sample() -> None:
     exact = Potentiometer(Linear(1.0 / 16384.0), Linear(1.0))  # 1.5 is a whole number of its bits
-    stand = Stand(preset=False, robots=(with_actuators(robot("PSM1", 0), potentiometer=exact),))
-    stand.port.live[:, blocks.ADC] = 24576 << 16 | 0x8000
-    assert stand.ask("bias_encoders", -1970).outcome == "accepted"
-    stand.run(2000)
-    assert stand.record.biased[0]
-    np.testing.assert_allclose(stand.record.position, 1.5, rtol=1e-12)  # the reference: 1.4992386787
+    harness = IoHarness(preset=False, robots=(with_actuators(robot("PSM1", 0), potentiometer=exact),))
+    harness.port.live[:, blocks.ADC] = 24576 << 16 | 0x8000
+    assert harness.ask("bias_encoders", -1970).outcome == "accepted"
+    harness.run(2000)
+    assert harness.record.biased[0]
+    np.testing.assert_allclose(harness.record.position, 1.5, rtol=1e-12)  # the reference: 1.4992386787
 
 
 def test_motion_during_the_bias_does_no_harm() -> None:
-    stand = Stand(preset=False)
-    command = stand.ask("bias_encoders", 100)
+    harness = IoHarness(preset=False)
+    command = harness.ask("bias_encoders", 100)
     for k in range(1, 99):
         for axis in range(7):
-            stand.port.place(axis, 1e-3 * k)
-            stand.port.pot(axis, 0.5 + 1e-3 * k)
-        stand.run(1)
-    stand.run(10)
+            harness.port.place(axis, 1e-3 * k)
+            harness.port.pot(axis, 0.5 + 1e-3 * k)
+        harness.run(1)
+    harness.run(10)
     assert command.outcome == "done"
-    np.testing.assert_allclose(stand.record.position, 0.598, atol=1e-4)
+    np.testing.assert_allclose(harness.record.position, 0.598, atol=1e-4)
 
 
 def test_preset_encoders_are_accepted_when_asked() -> None:
-    stand = Stand(preset=True)
-    generation = int(stand.record.bias_generation[0])
-    assert stand.ask("bias_encoders", -1970).outcome == "done"
-    assert stand.record.bias_generation[0] == generation + 1
-    assert stand.port.quadlets == []
+    harness = IoHarness(preset=True)
+    generation = int(harness.record.bias_generation[0])
+    assert harness.ask("bias_encoders", -1970).outcome == "done"
+    assert harness.record.bias_generation[0] == generation + 1
+    assert harness.port.quadlets == []
 
 
 def test_encoders_that_failed_to_be_set_are_preset_no_more() -> None:
-    stand = Stand(preset=True)
-    stand.port.pot(2, 0.7)
-    stand.port.lost_writes = 1000
-    assert stand.ask("bias_encoders", 10).outcome == "accepted"
-    stand.run(30)
-    assert not stand.record.biased[0]
-    assert stand.codes == ["bias-failed"]
-    assert stand.ask("bias_encoders", -10).outcome == "accepted", "not done at once: they are set anew"
-    stand.port.lost_writes = 0
-    stand.run(30)
-    assert stand.record.biased[0]
-    assert stand.record.position[2] == pytest.approx(0.7, abs=1e-4)
+    harness = IoHarness(preset=True)
+    harness.port.pot(2, 0.7)
+    harness.port.lost_writes = 1000
+    assert harness.ask("bias_encoders", 10).outcome == "accepted"
+    harness.run(30)
+    assert not harness.record.biased[0]
+    assert harness.codes == ["bias-failed"]
+    assert harness.ask("bias_encoders", -10).outcome == "accepted", "not done at once: they are set anew"
+    harness.port.lost_writes = 0
+    harness.run(30)
+    assert harness.record.biased[0]
+    assert harness.record.position[2] == pytest.approx(0.7, abs=1e-4)
 
 
 def test_a_lost_preload_is_written_again() -> None:
-    stand = Stand(preset=False)
-    stand.port.pot(2, 0.7)
-    stand.port.lost_writes = 7
-    command = stand.ask("bias_encoders", 10)
-    stand.run(20)
+    harness = IoHarness(preset=False)
+    harness.port.pot(2, 0.7)
+    harness.port.lost_writes = 7
+    command = harness.ask("bias_encoders", 10)
+    harness.run(20)
     assert command.outcome == "done"
-    assert stand.record.position[2] == pytest.approx(0.7, abs=1e-4)
+    assert harness.record.position[2] == pytest.approx(0.7, abs=1e-4)
 
 
 def test_encoders_that_take_nothing_fail_the_bias() -> None:
-    stand = Stand(preset=False)
-    stand.port.pot(2, 0.7)
-    stand.port.lost_writes = 1000
-    command = stand.ask("bias_encoders", 10)
-    stand.run(30)
+    harness = IoHarness(preset=False)
+    harness.port.pot(2, 0.7)
+    harness.port.lost_writes = 1000
+    command = harness.ask("bias_encoders", 10)
+    harness.run(30)
     assert command.outcome == "failed"
-    assert stand.codes == ["bias-failed"]
-    assert not stand.record.biased[0]
+    assert harness.codes == ["bias-failed"]
+    assert not harness.record.biased[0]
 
 
 def test_an_axis_that_is_left_out_is_set_by_itself() -> None:
-    stand = Stand(preset=False)
-    record = stand.record
+    harness = IoHarness(preset=False)
+    record = harness.record
     for axis in range(7):
-        stand.port.pot(axis, 0.5)
-    stand.ask("bias_encoders", 10, 6)
-    stand.run(20)
+        harness.port.pot(axis, 0.5)
+    harness.ask("bias_encoders", 10, 6)
+    harness.run(20)
     generation = int(record.bias_generation[0])
     assert record.biased[0] and record.encoder_set.tolist() == [True] * 6 + [False]
     assert record.position[6] == 0.0 and record.encoder_bits[6] == 0, "nobody has set it"
-    command = stand.ask("set_encoder", 6, -1.6)
+    command = harness.ask("set_encoder", 6, -1.6)
     assert command.outcome == "accepted" and record.biasing[0]
-    stand.run(5)
+    harness.run(5)
     assert command.outcome == "done" and record.encoder_set.all() and record.biased[0] and not record.biasing[0]
     assert record.bias_generation[0] == generation + 1, "positions mean something else now: what was homed is not"
     assert record.position[6] == pytest.approx(-1.6, abs=1e-4)
@@ -115,10 +115,10 @@ def test_an_axis_that_is_left_out_is_set_by_itself() -> None:
 
 
 def test_encoders_of_which_one_was_left_out_are_not_taken_for_preset() -> None:
-    stand = Stand(preset=False)
-    stand.ask("bias_encoders", 10, 6)
-    stand.run(20)
-    assert stand.ask("bias_encoders", -10, 6).outcome == "accepted", "not done at once"
+    harness = IoHarness(preset=False)
+    harness.ask("bias_encoders", 10, 6)
+    harness.run(20)
+    assert harness.ask("bias_encoders", -10, 6).outcome == "accepted", "not done at once"
 
 
 @pytest.mark.parametrize(("values", "reason"), [
@@ -127,69 +127,69 @@ def test_encoders_of_which_one_was_left_out_are_not_taken_for_preset() -> None:
     ((6, np.inf), "two values"),
 ])
 def test_an_encoder_is_not_set_to_what_makes_no_sense(values: tuple[float, ...], reason: str) -> None:
-    stand = Stand()
-    command = stand.ask("set_encoder", *values)
+    harness = IoHarness()
+    command = harness.ask("set_encoder", *values)
     assert command.outcome == "refused" and reason in command.answers[0][1]
-    assert stand.record.encoder_set.all() and stand.port.quadlets == []
+    assert harness.record.encoder_set.all() and harness.port.quadlets == []
 
 
 def test_an_encoder_is_not_set_under_the_joint_controller() -> None:
-    stand = Stand()
-    stand.control()
-    assert "joint controller is on" in stand.ask("set_encoder", 6, 0.1).answers[0][1]
-    stand.ask("pid_enable", 0)
-    setting = stand.ask("set_encoder", 6, 0.1)
-    assert "under way" in stand.ask("pid_enable", 1).answers[0][1]
-    stand.run(5)
-    assert setting.outcome == "done" and stand.ask("pid_enable", 1).outcome == "done"
+    harness = IoHarness()
+    harness.control()
+    assert "joint controller is on" in harness.ask("set_encoder", 6, 0.1).answers[0][1]
+    harness.ask("pid_enable", 0)
+    setting = harness.ask("set_encoder", 6, 0.1)
+    assert "under way" in harness.ask("pid_enable", 1).answers[0][1]
+    harness.run(5)
+    assert setting.outcome == "done" and harness.ask("pid_enable", 1).outcome == "done"
 
 
 def test_an_encoder_of_an_axis_that_applies_efforts_is_set_while_the_others_hold() -> None:
-    stand = Stand()
-    stand.control()
-    record = stand.record
-    stand.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
-    stand.run(3)
+    harness = IoHarness()
+    harness.control()
+    record = harness.record
+    harness.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
+    harness.run(3)
     assert record.effort_mode.tolist() == [False] * 6 + [True]
-    assert "joint controller is on" in stand.ask("set_encoder", 5, 0.1).answers[0][1]
-    setting = stand.ask("set_encoder", 6, 0.7)
-    stand.run(6)
-    assert setting.outcome == "done" and record.pid_enabled[0] and stand.codes == []
+    assert "joint controller is on" in harness.ask("set_encoder", 5, 0.1).answers[0][1]
+    setting = harness.ask("set_encoder", 6, 0.7)
+    harness.run(6)
+    assert setting.outcome == "done" and record.pid_enabled[0] and harness.codes == []
     assert record.position[6] == pytest.approx(0.7, abs=1e-4)
     np.testing.assert_allclose(record.setpoint_position, [0.0] * 6 + [0.7], atol=1e-4)
 
 
 def test_an_encoder_that_takes_nothing_leaves_nothing_to_trust() -> None:
-    stand = Stand()
-    stand.port.lost_writes = 1000
-    command = stand.ask("set_encoder", 6, 1.0)
-    stand.run(20)
-    assert command.outcome == "failed" and stand.codes == ["bias-failed"]
-    assert not stand.record.biased[0] and not stand.record.encoder_set[6]
+    harness = IoHarness()
+    harness.port.lost_writes = 1000
+    command = harness.ask("set_encoder", 6, 1.0)
+    harness.run(20)
+    assert command.outcome == "failed" and harness.codes == ["bias-failed"]
+    assert not harness.record.biased[0] and not harness.record.encoder_set[6]
 
 
 def test_bias_is_refused_where_it_makes_no_sense() -> None:
-    stand = Stand()
-    assert stand.ask("bias_encoders", 0).outcome == "refused"
-    assert stand.ask("bias_encoders", np.nan).outcome == "refused"
-    assert "axis 7; allowed: 0 to 6" in stand.ask("bias_encoders", 10, 7).answers[0][1]
-    assert "none that are not left out" in stand.ask("bias_encoders", 10, *range(7)).answers[0][1]
-    stand.control()
-    assert "joint controller" in stand.ask("bias_encoders", 100).answers[0][1]
-    stand.ask("pid_enable", 0)
-    stand.ask("bias_encoders", 100)
-    assert "under way" in stand.ask("bias_encoders", 100).answers[0][1]
+    harness = IoHarness()
+    assert harness.ask("bias_encoders", 0).outcome == "refused"
+    assert harness.ask("bias_encoders", np.nan).outcome == "refused"
+    assert "axis 7; allowed: 0 to 6" in harness.ask("bias_encoders", 10, 7).answers[0][1]
+    assert "none that are not left out" in harness.ask("bias_encoders", 10, *range(7)).answers[0][1]
+    harness.control()
+    assert "joint controller" in harness.ask("bias_encoders", 100).answers[0][1]
+    harness.ask("pid_enable", 0)
+    harness.ask("bias_encoders", 100)
+    assert "under way" in harness.ask("bias_encoders", 100).answers[0][1]
 
 
 def test_generations_go_on_after_a_restart() -> None:
-    stand = Stand(preset=False)
-    stand.record.bias_generation[...] = 7
-    stand.record.pid_generation[...] = 5
-    stand.record.powered[...] = True
-    stand.record.restart()
-    assert stand.record.bias_generation[0] == 8
-    assert stand.record.pid_generation[0] == 6
-    assert not stand.record.powered[0]
+    harness = IoHarness(preset=False)
+    harness.record.bias_generation[...] = 7
+    harness.record.pid_generation[...] = 5
+    harness.record.powered[...] = True
+    harness.record.restart()
+    assert harness.record.bias_generation[0] == 8
+    assert harness.record.pid_generation[0] == 6
+    assert not harness.record.powered[0]
 
 
 def test_start_sets_watchdogs_and_reads_preloads() -> None:
@@ -208,10 +208,10 @@ def test_start_refuses_boards_that_are_not_there() -> None:
 
 
 def test_buttons_become_events() -> None:
-    stand = Stand()
-    stand.run(2)
-    stand.core.reports.events.clear()
-    stand.port.live[0, 2] |= np.uint32(1)
-    stand.run(2)
-    assert [(e.kind, e.text, e.component) for e in stand.core.reports.events] == [("button", "pressed", "clutch")]
-    assert stand.record.input[0]
+    harness = IoHarness()
+    harness.run(2)
+    harness.core.reports.events.clear()
+    harness.port.live[0, 2] |= np.uint32(1)
+    harness.run(2)
+    assert [(e.kind, e.text, e.component) for e in harness.core.reports.events] == [("button", "pressed", "clutch")]
+    assert harness.record.input[0]

@@ -8,51 +8,51 @@ import pytest
 from procs.config import load_system
 from procs.fpga import registers
 from tests import stock
-from tests.io.boards_harness import Rig
-from tests.io.harness import Stand
+from tests.io.boards_harness import BoardsHarness
+from tests.io.harness import IoHarness
 
 
-def codes(stand: Stand, kind: str) -> list[str]:
-    return [event.code for event in stand.core.reports.events if event.kind == kind]
+def codes(harness: IoHarness, kind: str) -> list[str]:
+    return [event.code for event in harness.core.reports.events if event.kind == kind]
 
 
 @pytest.mark.parametrize("on", [True, False])
 def test_calibration_mode_is_told_and_shown(on: bool) -> None:
-    stand = Stand(calibration_mode=on)
-    stand.run(1)
-    assert codes(stand, "warning") == ["calibration-mode"] * on and bool(stand.record.calibration_mode) is on
+    harness = IoHarness(calibration_mode=on)
+    harness.run(1)
+    assert codes(harness, "warning") == ["calibration-mode"] * on and bool(harness.record.calibration_mode) is on
 
 
 @pytest.mark.parametrize("on", [True, False])
 def test_potentiometers_are_not_compared_while_they_are_calibrated(on: bool) -> None:
-    stand = Stand(calibration_mode=on)
-    stand.control()
-    asked = stand.ask("pot_check", 1)
+    harness = IoHarness(calibration_mode=on)
+    harness.control()
+    asked = harness.ask("pot_check", 1)
     assert asked.outcome == "done" and ("not compared" in asked.answers[-1][1]) is on
-    assert bool(stand.record.pot_check[0]) is not on
-    stand.port.pot(2, 1.0)
-    stand.run(100)
-    assert stand.codes == ([] if on else ["potentiometer"]) and bool(stand.record.power_wanted[0]) is on
+    assert bool(harness.record.pot_check[0]) is not on
+    harness.port.pot(2, 1.0)
+    harness.run(100)
+    assert harness.codes == ([] if on else ["potentiometer"]) and bool(harness.record.power_wanted[0]) is on
 
 
 @pytest.mark.parametrize(("current", "calibrating", "trips"), [
     (0.15, False, True), (0.15, True, False), (0.25, False, True), (0.25, True, True)])
 def test_more_current_is_let_pass_with_the_amplifier_off(current: float, calibrating: bool, trips: bool) -> None:
-    stand = Stand(calibration_mode=calibrating)
+    harness = IoHarness(calibration_mode=calibrating)
     supply = registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK
-    stand.port.set_status(supply | registers.STATUS_POWER)  # as by another robot on these boards
-    stand.port._obey = lambda row: None  # type: ignore[method-assign]  # which wants to keep it
-    stand.run(2)
-    assert stand.record.powered[0] and not stand.record.amp_enabled.any()
-    stand.port.current(0, current)
-    stand.run(101)
-    assert stand.codes == (["current"] if trips else [])
+    harness.port.set_status(supply | registers.STATUS_POWER)  # as by another robot on these boards
+    harness.port._obey = lambda row: None  # type: ignore[method-assign]  # which wants to keep it
+    harness.run(2)
+    assert harness.record.powered[0] and not harness.record.amp_enabled.any()
+    harness.port.current(0, current)
+    harness.run(101)
+    assert harness.codes == (["current"] if trips else [])
 
 
 def test_a_classic_arm_is_powered_and_held_as_ever() -> None:
-    stand = Stand(calibration_mode=True)
-    stand.control()
-    assert stand.record.amp_on.all() and stand.record.pid_enabled[0] and stand.codes == []
+    harness = IoHarness(calibration_mode=True)
+    harness.control()
+    assert harness.record.amp_on.all() and harness.record.pid_enabled[0] and harness.codes == []
 
 
 @pytest.mark.slow
@@ -60,19 +60,20 @@ def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json"), search=[stock.find("dvrk-share")],
                          boards="emulated", sets=["calibration_mode=true"])
     assert loaded.system is not None and loaded.system.io("IO1").calibration_mode
-    rig = Rig(loaded.system)
-    assert rig.do("power_on", "PSM1").outcome == "done"
-    warned = [event.code for event in rig.events if event.kind == "warning"]
+    harness = BoardsHarness(loaded.system)
+    assert harness.do("power_on", "PSM1").outcome == "done"
+    warned = [event.code for event in harness.events if event.kind == "warning"]
     assert warned == ["calibration-mode", "calibration-motors"]
-    n = rig.robots.axes
-    assert rig.record.powered[0] and not rig.record.amp_enabled[:n].any() and rig.record.amp_enabled[n:].all()
-    assert not rig.record.amp_on[:n].any() and rig.record.amp_on[n:].all()
-    assert rig.do("bias_encoders", "PSM1", 30).outcome == "done"
-    assert rig.do("pid_enable", "PSM1", 1).answers == [
+    n = harness.robots.axes
+    assert harness.record.powered[0] and not harness.record.amp_enabled[:n].any()
+    assert harness.record.amp_enabled[n:].all()
+    assert not harness.record.amp_on[:n].any() and harness.record.amp_on[n:].all()
+    assert harness.do("bias_encoders", "PSM1", 30).outcome == "done"
+    assert harness.do("pid_enable", "PSM1", 1).answers == [
         ("refused", "in calibration mode the motor amplifiers of a dRA1 stay off")]
-    assert rig.do("brake_release", "PSM1").outcome == "done"
-    rig.run(3.5)  # beyond all grace times
-    assert rig.record.brakes_released[0] and rig.errors() == [] and rig.record.power_wanted[0]
+    assert harness.do("brake_release", "PSM1").outcome == "done"
+    harness.run(3.5)  # beyond all grace times
+    assert harness.record.brakes_released[0] and harness.errors() == [] and harness.record.power_wanted[0]
 
 
 @pytest.mark.slow
@@ -80,9 +81,9 @@ def test_a_reading_without_a_position_cuts_nothing_while_tables_are_made() -> No
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci-Si/system-PSM1.json"), search=[stock.find("dvrk-share")],
                          boards="emulated", sets=["calibration_mode=true"])
     assert loaded.system is not None
-    rig = Rig(loaded.system)
-    samples = rig.core.samples
+    harness = BoardsHarness(loaded.system)
+    samples = harness.core.samples
     samples._tables = [(axes, places, np.full_like(table, np.nan)) for axes, places, table in samples._tables]
-    assert rig.do("power_on", "PSM1").outcome == "done" and rig.do("pot_check", "PSM1", 1).outcome == "done"
-    rig.run(0.5)
-    assert rig.errors() == [] and rig.record.relay[0]
+    assert harness.do("power_on", "PSM1").outcome == "done" and harness.do("pot_check", "PSM1", 1).outcome == "done"
+    harness.run(0.5)
+    assert harness.errors() == [] and harness.record.relay[0]

@@ -6,47 +6,47 @@ import numpy as np
 import pytest
 
 from procs.document.gains import GAINS, value_of
-from tests.io.harness import FakeCommand, Stand, robot
+from tests.io.harness import FakeCommand, IoHarness, robot
 
 
 @pytest.fixture
-def stand() -> Stand:
-    made = Stand()
+def harness() -> IoHarness:
+    made = IoHarness()
     made.control()
     return made
 
 
-def told(stand: Stand) -> list[tuple[str, int, str]]:
-    return [(e.component, e.axis, e.text) for e in stand.core.reports.events if e.text.startswith("gains changed")]
+def told(harness: IoHarness) -> list[tuple[str, int, str]]:
+    return [(e.component, e.axis, e.text) for e in harness.core.reports.events if e.text.startswith("gains changed")]
 
 
-def test_a_gain_changes_within_the_cycle_of_its_command(stand: Stand) -> None:
-    stand.send(1, position=np.full(8, 0.1))
-    stand.run(2)
-    before = stand.core.pid.effort.copy()
-    done = stand.ask("set_gains", 3, 2.0, 0.02, robot="PSM1 p_gain p_deadband @anton")
+def test_a_gain_changes_within_the_cycle_of_its_command(harness: IoHarness) -> None:
+    harness.send(1, position=np.full(8, 0.1))
+    harness.run(2)
+    before = harness.core.pid.effort.copy()
+    done = harness.ask("set_gains", 3, 2.0, 0.02, robot="PSM1 p_gain p_deadband @anton")
     assert done.outcome == "done"
-    changed = stand.core.pid.effort
+    changed = harness.core.pid.effort
     assert changed[3] == pytest.approx(2.0 * 0.08) and np.array_equal(np.delete(changed, 3), np.delete(before, 3))
-    assert told(stand) == [("PSM1", 3, "gains changed by anton: p_gain 1 -> 2, p_deadband 0 -> 0.02")]
+    assert told(harness) == [("PSM1", 3, "gains changed by anton: p_gain 1 -> 2, p_deadband 0 -> 0.02")]
 
 
-def test_all_axes_change_together(stand: Stand) -> None:
-    stand.core.reports.events.clear()
-    assert stand.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"
-    assert stand.core.gains.record["d_gain"].tolist() == [0.25] * 7
-    assert [row[:2] for row in told(stand)] == [("PSM1", axis) for axis in range(7)]
-    assert "by somebody" in told(stand)[0][2]
+def test_all_axes_change_together(harness: IoHarness) -> None:
+    harness.core.reports.events.clear()
+    assert harness.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"
+    assert harness.core.gains.record["d_gain"].tolist() == [0.25] * 7
+    assert [row[:2] for row in told(harness)] == [("PSM1", axis) for axis in range(7)]
+    assert "by somebody" in told(harness)[0][2]
 
 
-def test_the_record_shows_files_first_and_every_change(stand: Stand) -> None:
-    record, reports = stand.core.gains.record, stand.core.reports
+def test_the_record_shows_files_first_and_every_change(harness: IoHarness) -> None:
+    record, reports = harness.core.gains.record, harness.core.reports
     assert "gains" in reports.changed and record["changes"] == 0
     assert record["p_gain"].tolist() == [1.0] * 7 and record["pid_max_output"].tolist() == [-1.0] * 7
     reports.changed.clear()
-    stand.ask("set_gains", 0, 3.0, robot="PSM1 p_gain")
+    harness.ask("set_gains", 0, 3.0, robot="PSM1 p_gain")
     assert reports.changed == {"gains"} and record["changes"] == 1
-    rows = stand.core.pid.gains
+    rows = harness.core.pid.gains
     for gain in GAINS:
         assert record[gain.key].tolist() == [value_of(row, gain.key) for row in rows]
 
@@ -67,39 +67,39 @@ def test_the_record_shows_files_first_and_every_change(stand: Stand) -> None:
     ("", (0, 1.0), "no robot ''"),
 ])
 def test_what_makes_no_sense_is_refused_and_nothing_changes(
-    stand: Stand, text: str, values: tuple[float, ...], reason: str
+    harness: IoHarness, text: str, values: tuple[float, ...], reason: str
 ) -> None:
-    before = list(stand.core.pid.gains)
-    refused = stand.ask("set_gains", *values, robot=text)
+    before = list(harness.core.pid.gains)
+    refused = harness.ask("set_gains", *values, robot=text)
     assert refused.answers[0][0] == "refused" and reason in refused.answers[0][1]
-    assert stand.core.pid.gains == before and told(stand) == []
+    assert harness.core.pid.gains == before and told(harness) == []
 
 
 def test_one_bad_axis_refuses_all_of_a_change() -> None:
-    stand = Stand()
-    stand.control()
-    stand.ask("set_gains", 4, 0.1, robot="PSM1 p_gain")
-    refused = stand.ask("set_gains", -1, 5.0, robot="PSM1 p_gain")
+    harness = IoHarness()
+    harness.control()
+    harness.ask("set_gains", 4, 0.1, robot="PSM1 p_gain")
+    refused = harness.ask("set_gains", -1, 5.0, robot="PSM1 p_gain")
     assert "axis 4: p_gain 5 is more than 10 times" in refused.answers[0][1]
-    assert stand.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 1.0, 1.0, 0.1, 1.0, 1.0]
+    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 1.0, 1.0, 0.1, 1.0, 1.0]
 
 
 def test_a_robot_without_controller_has_no_gains() -> None:
-    stand = Stand(robots=(robot("PSM1", 0), robot("SUJ", 2)))
-    refused = stand.ask("set_gains", 0, 1.0, robot="SUJ p_gain")
+    harness = IoHarness(robots=(robot("PSM1", 0), robot("SUJ", 2)))
+    refused = harness.ask("set_gains", 0, 1.0, robot="SUJ p_gain")
     assert refused.answers == [("refused", "it has no joint controller")]
 
 
-def test_two_changes_in_one_cycle_both_count(stand: Stand) -> None:
+def test_two_changes_in_one_cycle_both_count(harness: IoHarness) -> None:
     commands = [FakeCommand("set_gains", "PSM1 p_gain", 1, 2.0), FakeCommand("set_gains", "PSM1 d_gain", 1, 0.5)]
-    stand.run(1, *commands)
-    row = stand.core.pid.gains[1]
-    assert (row.p_gain, row.d_gain) == (2.0, 0.5) and stand.core.gains.record["changes"] == 2
+    harness.run(1, *commands)
+    row = harness.core.pid.gains[1]
+    assert (row.p_gain, row.d_gain) == (2.0, 0.5) and harness.core.gains.record["changes"] == 2
 
 
-def test_gains_stay_when_the_controller_goes_off_and_on(stand: Stand) -> None:
-    stand.ask("set_gains", 2, 4.0, robot="PSM1 p_gain")
-    stand.ask("pid_enable", 0)
-    assert stand.ask("set_gains", 3, 4000.0, robot="PSM1 p_gain").outcome == "done"  # off: any step is fine
-    stand.ask("pid_enable", 1)
-    assert stand.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 4000.0, 1.0, 1.0, 1.0]
+def test_gains_stay_when_the_controller_goes_off_and_on(harness: IoHarness) -> None:
+    harness.ask("set_gains", 2, 4.0, robot="PSM1 p_gain")
+    harness.ask("pid_enable", 0)
+    assert harness.ask("set_gains", 3, 4000.0, robot="PSM1 p_gain").outcome == "done"  # off: any step is fine
+    harness.ask("pid_enable", 1)
+    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 4000.0, 1.0, 1.0, 1.0]

@@ -20,7 +20,7 @@ from procs.io.instruments import LONGEST_NS, InstrumentReaders
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from tests import stock
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, document
 
 STEP_NS = 1_000_000
@@ -28,7 +28,7 @@ LND = instrument_memory("Large Needle Driver", 400006, 3)
 TOOL = "LARGE_NEEDLE_DRIVER:400006[3]"
 
 
-class Bench:
+class InstrumentBench:
     """A reader and its board's interface; `loss` is the share of packets lost on the way.
 
     `asked` counts packets, `waited` those whose answer is waited for.
@@ -89,7 +89,7 @@ class Bench:
 
 @pytest.mark.parametrize("firmware", [7, 8, 9])
 def test_an_instrument_is_read_and_told(firmware: int) -> None:
-    bench = Bench(firmware)
+    bench = InstrumentBench(firmware)
     bench.chip.insert(LND, 0)
     assert bench.shown() == ("", "")
     bench.reports.changed.clear()
@@ -103,7 +103,7 @@ def test_an_instrument_is_read_and_told(firmware: int) -> None:
 
 
 def test_at_most_one_question_a_cycle_and_none_at_rest() -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.run(0.5)
     assert bench.asked == 0
     bench.chip.insert(LND, 0)
@@ -116,13 +116,13 @@ def test_at_most_one_question_a_cycle_and_none_at_rest() -> None:
 
 @pytest.mark.parametrize("firmware", [7, 8])
 def test_no_instrument_is_absent(firmware: int) -> None:
-    bench = Bench(firmware)
+    bench = InstrumentBench(firmware)
     assert bench.read(0.1) == ("failed", "no instrument answers")
     assert bench.shown() == ("ABSENT", "") and bench.reports.events[-1].code == "ABSENT"
 
 
 def test_an_instrument_put_on_after_an_empty_reading_is_seen() -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.read(0.1)
     bench.chip.insert(LND, bench.tick)
     assert bench.read(1.0) == ("done", TOOL)
@@ -133,7 +133,7 @@ def test_an_instrument_put_on_after_an_empty_reading_is_seen() -> None:
 
 @pytest.mark.parametrize("after_s", [0.005, 0.03, 0.2, 0.3, 0.345, 0.38, 0.5, 0.7])
 def test_taken_out_while_it_is_read_is_no_instrument(after_s: float) -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.chip.insert(LND, 0)
     command = FakeCommand("trigger_read", "PSM1_dallas")
     bench.reader.begin(0, command, bench.now_ns)
@@ -174,7 +174,7 @@ def test_the_names_of_tool_files_are_found_in_what_is_told() -> None:
 def test_garbage_is_an_error_that_says_why(at: int, content: bytes, said: str) -> None:
     memory = bytearray(LND)
     memory[at : at + len(content)] = content
-    bench = Bench()
+    bench = InstrumentBench()
     bench.chip.insert(bytes(memory), 0)
     outcome, text = bench.read(1.0)
     assert outcome == "failed" and said in text
@@ -183,7 +183,7 @@ def test_garbage_is_an_error_that_says_why(at: int, content: bytes, said: str) -
 
 @pytest.mark.parametrize("loss", [0.05, 0.2])
 def test_lost_packets_make_it_slower_and_never_wrong(loss: float) -> None:
-    bench = Bench(loss=loss)
+    bench = InstrumentBench(loss=loss)
     for _ in range(5):
         bench.chip.insert(LND, bench.tick)
         assert bench.read() == ("done", TOOL)
@@ -192,13 +192,13 @@ def test_lost_packets_make_it_slower_and_never_wrong(loss: float) -> None:
 
 
 def test_a_board_that_never_answers_is_an_error() -> None:
-    bench = Bench(loss=1.0)
+    bench = InstrumentBench(loss=1.0)
     outcome, text = bench.read(LONGEST_NS * 1e-9 + 0.1)
     assert outcome == "failed" and "in 3 s" in text and bench.shown() == ("ERROR", "")
 
 
 def test_a_bus_without_good_samples_is_asked_nothing() -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.chip.insert(LND, 0)
     command = FakeCommand("trigger_read", "PSM1_dallas")
     bench.reader.begin(0, command, bench.now_ns)
@@ -209,7 +209,7 @@ def test_a_bus_without_good_samples_is_asked_nothing() -> None:
 
 
 def test_bytes_that_differ_from_reading_to_reading_are_never_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.chip.insert(LND, 0)
     honest = bench.chip.read
 
@@ -224,7 +224,7 @@ def test_bytes_that_differ_from_reading_to_reading_are_never_believed(monkeypatc
 
 
 def test_a_port_that_cannot_send_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
+    bench = InstrumentBench()
     bench.chip.insert(LND, 0)
     send, fails = bench.write_quadlet, [True, True]
 
@@ -239,7 +239,7 @@ def test_a_port_that_cannot_send_is_tried_again(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_askers_share_a_reading_and_readers_take_turns() -> None:
-    bench = Bench(readers=2)
+    bench = InstrumentBench(readers=2)
     bench.chips[6].insert(LND, 0)
     bench.chips[7].insert(instrument_memory("Hook", 420183, 12), 0)
     first, second, third = (FakeCommand("trigger_read", "") for _ in range(3))
@@ -260,16 +260,16 @@ def test_a_real_site_reads_its_instrument_while_it_holds() -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"),
                          search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.system is not None
-    rig = Rig(loaded.system)
-    bus, local = BoardFaults(rig.world, rig.plant).board(rig.world.wiring.rows["IO1", 7])
+    harness = BoardsHarness(loaded.system)
+    bus, local = BoardFaults(harness.world, harness.plant).board(harness.world.wiring.rows["IO1", 7])
     chip = bus.boards[local].dallas
     chip.insert(LND, bus.now)
-    rig.bring_up("PSM1", 30)
-    done = rig.do("trigger_read", "PSM1_dallas")
+    harness.bring_up("PSM1", 30)
+    done = harness.do("trigger_read", "PSM1_dallas")
     assert done.answers[-1] == ("done", TOOL)
-    assert rig.record.pid_enabled[rig.robots.names.index("PSM1")] and rig.errors() == []
-    assert rig.record.bad_reads == 0
+    assert harness.record.pid_enabled[harness.robots.names.index("PSM1")] and harness.errors() == []
+    assert harness.record.bad_reads == 0
     chip.remove(bus.now)
-    assert rig.do("trigger_read", "PSM1_dallas").answers[-1] == ("failed", "no instrument answers")
-    refused = rig.do("trigger_read", "PSM2_dallas")
+    assert harness.do("trigger_read", "PSM1_dallas").answers[-1] == ("failed", "no instrument answers")
+    refused = harness.do("trigger_read", "PSM2_dallas")
     assert refused.answers == [("refused", "no instrument reader 'PSM2_dallas' here; there are: PSM1_dallas")]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from procs import codes
 from shm.faults import NoFaults
 from shm.origins import Origin
-from tests.io.harness import FakeCommand, Stand
+from tests.io.harness import FakeCommand, IoHarness
 
 
-class Cell(NoFaults):
+class FakeCell(NoFaults):
     """One robot's."""
 
     def __init__(self) -> None:
@@ -21,13 +21,13 @@ class Cell(NoFaults):
         self.void, self.spared = self.void + 1, origin
 
 
-def stand() -> tuple[Stand, Cell]:
-    made, cell = Stand(), Cell()
-    made.core._commands._faults = made.core._reactions._cells = [cell]
+def harness() -> tuple[IoHarness, FakeCell]:
+    made, cell = IoHarness(), FakeCell()
+    made.core._commands._faults = made.core._fault_handler._cells = [cell]
     return made, cell
 
 
-def asked(made: Stand, name: str, generation: int, *values: float) -> str:
+def asked(made: IoHarness, name: str, generation: int, *values: float) -> str:
     command = FakeCommand(name, "PSM1", *values)
     command.origin = Origin(77, generation, "trocar home")
     command.needs_person = not (name == "power_off" or values == (0.0,))
@@ -36,7 +36,7 @@ def asked(made: Stand, name: str, generation: int, *values: float) -> str:
 
 
 def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
-    made, cell = stand()
+    made, cell = harness()
     assert asked(made, "power_on", 0) == "accepted"
     made.run_s(1.0)
     assert made.record.amps_on[0] and cell.void == 0
@@ -49,7 +49,7 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
 
 
 def test_power_that_does_not_come_may_be_asked_for_once_more() -> None:
-    made, cell = stand()
+    made, cell = harness()
     asked(made, "power_on", 0)
     made.core.reports.trip(codes.POWER_TIMEOUT, 0)
     made.run()

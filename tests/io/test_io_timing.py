@@ -7,7 +7,7 @@ import pytest
 from procs.io.record import IoRecord
 from procs.io.reports import IoReports
 from procs.io.timing import Timing
-from tests.io.harness import Stand
+from tests.io.harness import IoHarness
 
 PERIOD_S = 1 / 1500
 SLOW_NS = 1_333_334  # just above twice the period
@@ -83,15 +83,15 @@ def test_waiting_in_vain_for_replies_is_not_the_computers_fault() -> None:
 
 
 def test_a_powered_robot_is_stopped_and_can_be_brought_back() -> None:
-    stand = Stand()
-    stand.control()
-    stand.core._timing._start_ns -= 10 * SECOND
+    harness = IoHarness()
+    harness.control()
+    harness.core._timing._start_ns -= 10 * SECOND
     for _ in range(800):
-        stand.clock.ns += 500_000
-        stand.run(1)
-    assert stand.codes == ["period"] and not stand.record.pid_enabled[0] and stand.record.power_wanted[0]
-    stand.run_s(1.1)
-    stand.ask("clear_fault")
-    assert stand.ask("pid_enable", 1).outcome == "done"
-    stand.run_s(1.5)
-    assert stand.codes == ["period"] and stand.record.pid_enabled[0]
+        harness.clock.ns += 500_000
+        harness.run(1)
+    assert harness.codes == ["period"] and not harness.record.pid_enabled[0] and harness.record.power_wanted[0]
+    harness.run_s(1.1)
+    harness.ask("clear_fault")
+    assert harness.ask("pid_enable", 1).outcome == "done"
+    harness.run_s(1.5)
+    assert harness.codes == ["period"] and harness.record.pid_enabled[0]

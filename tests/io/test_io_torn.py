@@ -13,7 +13,7 @@ from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
 from shm.topics import SETPOINT
-from tests.io.harness import PERIOD_NS, Stand
+from tests.io.harness import PERIOD_NS, IoHarness
 
 TIMEOUT = 30_000_000 // PERIOD_NS
 NAMES = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
@@ -28,24 +28,24 @@ class Torn:
         self.ring = directory.writer(system, "PSM1", "setpoint", "arm")
         self.reader = directory.reader(system, "PSM1", "setpoint", "arm")
         self.hand = Segment(segment_name(system, "PSM1", "setpoint"), write=True)
-        self.stand = Stand()
-        self.plain = self.stand.arms[0]
+        self.harness = IoHarness()
+        self.plain = self.harness.arms[0]
         self.source = RingSource(self.reader)
-        self.stand.core._follow.followers[0].source = self.source
+        self.harness.core._follow.followers[0].source = self.source
         self.spoil: str = ""
 
     def run(self, cycles: int) -> None:
         """As the stand does it; the arm's record goes through the ring."""
-        record = self.stand.record
+        record = self.harness.record
         for _ in range(cycles):
             for name in NAMES:
                 self.ring.field(name)[...] = getattr(self.plain, name)
             self.ring.field("bias_generation")[...] = record.bias_generation[0]
             self.ring.field("pid_generation")[...] = record.pid_generation[0]
-            self.ring.publish(self.stand.clock.ns + PERIOD_NS - 100_000)
+            self.ring.publish(self.harness.clock.ns + PERIOD_NS - 100_000)
             if self.spoil:
                 getattr(self, self.spoil)()
-            self.stand.run(1)
+            self.harness.run(1)
 
     def torn(self) -> None:
         """Another position with the tags of the good record, in a slot that somebody is writing."""
@@ -84,22 +84,22 @@ def torn(world: Any) -> Iterator[Torn]:
 
 @pytest.mark.parametrize("how", ["torn", "garbage", "backwards", "ahead"])
 def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) -> None:
-    stand, record = torn.stand, torn.stand.record
-    stand.control()
-    stand.send(1, position=0.1)
+    harness, record = torn.harness, torn.harness.record
+    harness.control()
+    harness.send(1, position=0.1)
     torn.run(3)
     assert (record.setpoint_position == 0.1).all() and torn.reader.trouble == ""
     torn.spoil = how
-    stand.send(1, position=0.11)
+    harness.send(1, position=0.11)
     torn.run(TIMEOUT - 2)
     assert not record.holding[0] and record.setpoint_age_ns[0] == -1
     torn.run(3)
     assert record.holding[0] and (record.setpoint_position == 0.1).all()
     torn.run(int(2.9 * 1024))
-    assert stand.codes == []
+    assert harness.codes == []
     torn.run(int(0.2 * 1024))
-    assert stand.codes == ["arm-lost"] and record.pid_enabled[0]
-    assert (record.setpoint_position == 0.1).all() and (stand.record.setpoint_velocity == 0.0).all()
+    assert harness.codes == ["arm-lost"] and record.pid_enabled[0]
+    assert (record.setpoint_position == 0.1).all() and (harness.record.setpoint_velocity == 0.0).all()
     assert torn.reader.trouble != ""
     torn.spoil = ""
     torn.run(1)
@@ -107,12 +107,12 @@ def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) ->
 
 
 def test_one_that_is_not_whole_now_and_then_is_no_matter(torn: Torn) -> None:
-    stand, record = torn.stand, torn.stand.record
-    stand.control()
+    harness, record = torn.harness, torn.harness.record
+    harness.control()
     for i in range(200):
-        stand.send(1, position=0.001 * i)
+        harness.send(1, position=0.001 * i)
         torn.spoil = "torn" if i % 3 else ""
         torn.run(1)
         assert not record.holding[0]
         assert (record.setpoint_position == 0.001 * (i - i % 3)).all()
-    assert stand.codes == [] and torn.reader.torn > 100
+    assert harness.codes == [] and torn.reader.torn > 100

@@ -12,7 +12,7 @@ from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord
 from procs.io.setpoint_tracker import DRIVE
 from procs.kinematics.trajectory import Trajectory
-from tests.io.harness import Clock, FakeCommand, FakeSource
+from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 
 PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)
@@ -24,11 +24,11 @@ def played_io() -> IoConfig:
     return system.io("io")
 
 
-class Stage:
+class KinematicStage:
     """The robot of the newcomers' file, its arm and a clock."""
 
     def __init__(self, record: IoRecord | None = None) -> None:
-        self.io, self.clock, self.arm = played_io(), Clock(), FakeSource()
+        self.io, self.clock, self.arm = played_io(), SteppedClock(), FakeSource()
         self.record = record or IoRecord.private(7, 1, 0)
         self.alive = True
         self.core = KinematicIo(self.io, self.clock, self.record, [self.arm])
@@ -63,17 +63,17 @@ class Stage:
 
 
 @pytest.fixture
-def stage() -> Stage:
-    return Stage()
+def stage() -> KinematicStage:
+    return KinematicStage()
 
 
 @pytest.fixture
-def powered(stage: Stage) -> Stage:
+def powered(stage: KinematicStage) -> KinematicStage:
     assert stage.ask("power_on").outcome == "done"
     return stage
 
 
-def test_power_is_on_at_once_with_the_joint_controller_at_zero(stage: Stage) -> None:
+def test_power_is_on_at_once_with_the_joint_controller_at_zero(stage: KinematicStage) -> None:
     stage.record.position[...] = SEVEN
     command = stage.ask("power_on")
     record = stage.record
@@ -82,7 +82,7 @@ def test_power_is_on_at_once_with_the_joint_controller_at_zero(stage: Stage) -> 
     assert not record.position.any() and not record.setpoint_position.any() and not record.velocity.any()
 
 
-def test_record_says_that_it_is_played_and_makes_nothing_up(powered: Stage) -> None:
+def test_record_says_that_it_is_played_and_makes_nothing_up(powered: KinematicStage) -> None:
     record = powered.record
     assert record.simulated[0] and record.valid and record.biased[0] and record.bias_generation[0] == 1
     for name in ("current", "current_request", "temperature", "pot_position", "pot_voltage", "firmware_velocity"):
@@ -92,14 +92,14 @@ def test_record_says_that_it_is_played_and_makes_nothing_up(powered: Stage) -> N
     assert any("KINEMATIC" in text for text in powered.texts)
 
 
-def test_measured_position_is_the_setpoint_of_the_same_cycle(powered: Stage) -> None:
+def test_measured_position_is_the_setpoint_of_the_same_cycle(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     assert tuple(powered.record.position) == SEVEN and tuple(powered.record.setpoint_position) == SEVEN
     assert not powered.record.position_error.any()
 
 
-def test_velocity_is_the_step_over_the_time_between_setpoints(powered: Stage) -> None:
+def test_velocity_is_the_step_over_the_time_between_setpoints(powered: KinematicStage) -> None:
     powered.run(3)
     powered.send(position=np.full(7, 0.002))
     powered.run()
@@ -113,7 +113,7 @@ def test_velocity_is_the_step_over_the_time_between_setpoints(powered: Stage) ->
     assert powered.record.velocity == pytest.approx(np.full(7, 0.001 / 4e-3))
 
 
-def test_velocity_is_zero_when_the_newest_setpoint_is_20_ms_old(powered: Stage) -> None:
+def test_velocity_is_zero_when_the_newest_setpoint_is_20_ms_old(powered: KinematicStage) -> None:
     powered.run(3)
     powered.send(position=np.full(7, 0.002))
     powered.run()
@@ -124,7 +124,7 @@ def test_velocity_is_zero_when_the_newest_setpoint_is_20_ms_old(powered: Stage) 
     assert not powered.record.velocity.any()
 
 
-def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Stage) -> None:
+def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     powered.send(position=np.zeros(7), effort=np.ones(7), in_effort=np.ones(7, dtype=bool))
@@ -134,7 +134,7 @@ def test_joints_in_effort_mode_stay_and_their_velocity_is_zero(powered: Stage) -
     assert powered.record.setpoint_effort == pytest.approx(np.ones(7)) and not powered.record.effort.any()
 
 
-def test_disabled_robot_holds_its_position(powered: Stage) -> None:
+def test_disabled_robot_holds_its_position(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     assert powered.ask("power_off").outcome == "done"
@@ -144,7 +144,7 @@ def test_disabled_robot_holds_its_position(powered: Stage) -> None:
     assert not powered.record.powered[0] and not powered.record.pid_enabled[0]
 
 
-def test_dead_arm_leaves_it_holding_and_is_reported(powered: Stage) -> None:
+def test_dead_arm_leaves_it_holding_and_is_reported(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     powered.alive = False
@@ -157,7 +157,7 @@ def test_dead_arm_leaves_it_holding_and_is_reported(powered: Stage) -> None:
     assert not powered.record.holding[0] and tuple(powered.record.position) == SEVEN
 
 
-def test_setpoints_for_another_enable_are_not_followed(powered: Stage) -> None:
+def test_setpoints_for_another_enable_are_not_followed(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.alive = False
     powered.arm.stamp_ns = powered.clock.ns
@@ -166,7 +166,7 @@ def test_setpoints_for_another_enable_are_not_followed(powered: Stage) -> None:
     assert not powered.record.position.any()
 
 
-def test_setpoints_are_clipped_to_the_limits_of_the_chain(powered: Stage) -> None:
+def test_setpoints_are_clipped_to_the_limits_of_the_chain(powered: KinematicStage) -> None:
     assert powered.ask("enforce_limits", 1).outcome == "done"
     powered.send(position=(9.0, -9.0, 9.0, 9.0, 0.0, 0.0, 0.0))
     powered.run()
@@ -174,14 +174,14 @@ def test_setpoints_are_clipped_to_the_limits_of_the_chain(powered: Stage) -> Non
     assert powered.record.at_limit.tolist() == [True] * 4 + [False] * 3
 
 
-def test_tracking_check_finds_nothing_where_nothing_lags(powered: Stage) -> None:
+def test_tracking_check_finds_nothing_where_nothing_lags(powered: KinematicStage) -> None:
     assert powered.ask("tracking_check", 1).outcome == "done"
     powered.send(position=SEVEN)
     powered.run(3)
     assert powered.codes == [] and powered.record.pid_enabled[0] and powered.record.tracking_check[0]
 
 
-def test_setpoint_that_is_not_a_number_switches_off(powered: Stage) -> None:
+def test_setpoint_that_is_not_a_number_switches_off(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     powered.send(position=(np.nan,) * 7)
@@ -195,29 +195,30 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: Stage) -> None:
     [("bias_encoders", (100.0,), "KINEMATIC"), ("set_encoder", (6.0, 0.0), "KINEMATIC"),
      ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
 )
-def test_what_needs_hardware_is_refused_with_the_reason(powered: Stage, name: str, values, reason: str) -> None:
+def test_what_needs_hardware_is_refused_with_the_reason(powered: KinematicStage, name: str, values,
+                                                        reason: str) -> None:
     command = powered.ask(name, *values)
     assert command.outcome == "refused" and reason in command.answers[-1][1]
 
 
-def test_gains_are_shown_as_zero_and_cannot_be_changed(powered: Stage) -> None:
+def test_gains_are_shown_as_zero_and_cannot_be_changed(powered: KinematicStage) -> None:
     command = FakeCommand("set_gains", "PSM1 p_gain", -1.0, 5.0)
     powered.run(1, command)
     assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
     assert not powered.core.gains.record["p_gain"].any()
 
 
-def test_outputs_are_refused_for_there_are_none(stage: Stage) -> None:
+def test_outputs_are_refused_for_there_are_none(stage: KinematicStage) -> None:
     command = FakeCommand("set_output", "PSM1_led", 1.0)
     stage.run(1, command)
     assert command.outcome == "refused" and "none" in command.answers[-1][1]
 
 
-def test_restarted_io_finds_the_robot_where_it_was_without_power(powered: Stage) -> None:
+def test_restarted_io_finds_the_robot_where_it_was_without_power(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()
     before = int(powered.record.pid_generation[0])
-    again = Stage(powered.record)
+    again = KinematicStage(powered.record)
     again.run()
     assert tuple(again.record.position) == SEVEN and not again.record.powered[0]
     assert again.record.pid_generation[0] > before and again.record.bias_generation[0] == 2

@@ -32,7 +32,7 @@ ALWAYS = 1 << 62
 HEADER, HUB_BLOCK = 20, 4 * 33
 
 
-class Clock:
+class WorkingClock:
     def __init__(self) -> None:
         self.ns = 1_000_000_000
 
@@ -53,7 +53,7 @@ class Trouble:
     end_ns: int = 0
 
 
-class Line:
+class DisorderedLine:
     """A transport to boards that answer everything in the order it came, also what came while they stood still.
 
     `has_ports`: replies reach whoever asked, and nobody after it has forgotten them. Every sample carries, as its time
@@ -63,7 +63,7 @@ class Line:
     where, on_firewire, gives_address, pause_ms, stranger = "a line", False, registers.ip_quadlet("127.0.0.1"), 0, ""
     most_read = most_write = wire.MAX_DATA
 
-    def __init__(self, network: str, clock: Clock, ids: tuple[int, ...], *, has_ports: bool, seed: int) -> None:
+    def __init__(self, network: str, clock: WorkingClock, ids: tuple[int, ...], *, has_ports: bool, seed: int) -> None:
         late = network == "ethernet"
         self.bus = EmulatedBus(tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
                                      for board in ids), network=network)
@@ -156,13 +156,13 @@ class Line:
         return len(reply)
 
 
-class Host:
+class LateHost:
     """A host that reads and writes once a period, and looks at whose replies it took."""
 
     def __init__(self, kind: str, ids: tuple[int, ...] = IDS, *, has_ports: bool, seed: int = 1) -> None:
         protocol, _, network = kind.partition(" on ")
-        self.is_sequential, self.network, self.clock = protocol != BROADCAST_QUERY, network or "bridge", Clock()
-        self.line = Line(self.network, self.clock, ids, has_ports=has_ports, seed=seed)
+        self.is_sequential, self.network, self.clock = protocol != BROADCAST_QUERY, network or "bridge", WorkingClock()
+        self.line = DisorderedLine(self.network, self.clock, ids, has_ports=has_ports, seed=seed)
         self.port = BusPort(self.line, ids, self.clock, protocol, exclusive=False)
         self.port.discover()
         self.nodes = [self.port.info(board).node for board in ids]
@@ -227,13 +227,13 @@ def troubles(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, lates
 @given(data=st.data())
 def test_replies_in_any_disorder_are_taken_for_what_they_are(kind, has_ports, data) -> None:
     """Where labels are all there is, boards that run answer soon; but they may stand still for long."""
-    host = Host(kind, has_ports=has_ports, seed=data.draw(st.integers(0, 1 << 30)))
+    host = LateHost(kind, has_ports=has_ports, seed=data.draw(st.integers(0, 1 << 30)))
     host.suffer(troubles(data.draw, host.clock.ns, (3, 50, 1000) if has_ports else (5,)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_late_replies_to_earlier_sockets_are_nobodys_trouble(kind) -> None:
-    host = Host(kind, has_ports=True)
+    host = LateHost(kind, has_ports=True)
     host.suffer(Trouble(late=0.5, latest_ns=2000 * MS, end_ns=host.clock.ns + 200 * MS))
     assert host.line.is_coming, "late replies are still on their way"
 
@@ -242,8 +242,8 @@ def test_late_replies_to_earlier_sockets_are_nobodys_trouble(kind) -> None:
 def test_a_queue_that_is_behind_by_all_labels_is_noticed(kind) -> None:
     """The board stands still until a read waits that has the label of the first that it will answer."""
 
-    def stopped(until_ns: int) -> Host:
-        host = Host(kind, (2,), has_ports=False)
+    def stopped(until_ns: int) -> LateHost:
+        host = LateHost(kind, (2,), has_ports=False)
         host.port._link.tl = 0
         host.run(host.clock.ns + 5 * MS)
         host.line.labels.clear()
@@ -263,7 +263,7 @@ def test_a_queue_that_is_behind_by_all_labels_is_noticed(kind) -> None:
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_label_of_a_missing_reply_rests_where_that_may_still_come(kind, has_ports) -> None:
-    host = Host(kind, has_ports=has_ports)
+    host = LateHost(kind, has_ports=has_ports)
     host.run(host.clock.ns + 5 * MS)
     host.line.trouble = Trouble(lost=1.0, end_ns=ALWAYS)
     assert not host.cycle()
@@ -277,7 +277,7 @@ def test_the_label_of_a_missing_reply_rests_where_that_may_still_come(kind, has_
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_boards_that_are_away_are_asked_seldom(kind, has_ports) -> None:
-    host = Host(kind, has_ports=has_ports)
+    host = LateHost(kind, has_ports=has_ports)
     host.line.trouble = Trouble(stops=((0, ALWAYS),), end_ns=ALWAYS)
     host.run(host.clock.ns + 500 * MS)
     reads, writes = host.line.reads, host.line.writes

@@ -10,7 +10,7 @@ import pytest
 from procs.fpga import blocks, registers, wire
 from procs.io.bus import discovery
 from procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
-from tests.io.emulated_ports import ROOT, WITHOUT, Bench, in_namespace, nothing_wrong, run_in_namespace, times
+from tests.io.emulated_ports import ROOT, WITHOUT, PortBench, in_namespace, nothing_wrong, run_in_namespace, times
 from tests.io.fake_firewire import FakeFirewire
 
 pytestmark = pytest.mark.slow
@@ -41,7 +41,7 @@ def patient_scan(monkeypatch, quick_scan):
 @pytest.fixture(params=KINDS)
 def bench(request):
     kind = request.param
-    made = FakeFirewire(first=kind != "fw") if kind.startswith("fw") else Bench(kind)
+    made = FakeFirewire(first=kind != "fw") if kind.startswith("fw") else PortBench(kind)
     with made:
         yield made
 

@@ -11,7 +11,7 @@ from procs.fpga import registers, wire
 from procs.io.bus import ethernet, owner
 from procs.io.bus.ethernet import EthernetTransport, interface_of
 from procs.io.bus.port import PortError
-from tests.io.emulated_ports import OTHER_END, OUR_END, Bench, in_namespace
+from tests.io.emulated_ports import OTHER_END, OUR_END, PortBench, in_namespace
 from tests.lib import board_side
 
 on_cable = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
@@ -48,7 +48,7 @@ def test_one_bus_has_one_owner_whether_it_is_named_or_counted():
 
 @on_cable
 def test_frames_have_the_addresses_of_the_boards_and_a_length():
-    with Bench("eth without FireWire") as bench, listening() as cable, bench.port() as port:
+    with PortBench("eth without FireWire") as bench, listening() as cable, bench.port() as port:
         port.discover()
         port.read_quadlet(3, registers.STATUS)
         frames = heard(cable)
@@ -62,7 +62,7 @@ def test_frames_have_the_addresses_of_the_boards_and_a_length():
 
 @on_cable
 def test_frames_of_others_are_no_replies():
-    with Bench("eth") as bench, listening() as cable, bench.port(deadline_ms=20) as port:
+    with PortBench("eth") as bench, listening() as cable, bench.port(deadline_ms=20) as port:
         port.discover()
         own = cable_address(port)
         reply = board_side.quadlet_response(0, 1, 7, wire.Trailer())
@@ -88,7 +88,7 @@ def test_an_interface_that_is_down_is_told():
 
 @on_cable
 def test_a_cable_that_is_pulled_out_and_plugged_in_again_is_survived():
-    with Bench("eth") as bench, bench.port(deadline_ms=20) as port:
+    with PortBench("eth") as bench, bench.port(deadline_ms=20) as port:
         port.discover()
         assert any(port.read_all() for _ in range(20))
         subprocess.run(["ip", "link", "set", OUR_END, "down"], check=True)

@@ -12,7 +12,7 @@ from procs.boards.instruments import EmulatedInstruments
 from procs.config import load_system
 from procs.kinematics.coupling import coupling
 from tests import stock
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 from tests.io.test_real_robots import rig_of
 
 ROLL, STOP = 6, math.radians(-480.0)
@@ -22,35 +22,35 @@ SEARCH, SPEED = 6.5 * math.pi, 2.0 * math.pi  # rad, rad/s
 class Hand:
     """Set-points for one robot of a rig."""
 
-    def __init__(self, rig: Rig, robot: str) -> None:
-        self.rig, self.robot, self.arm = rig, robot, rig.arms[robot]
-        self.place = rig.robots.names.index(robot)
-        self.axes = rig.robots.slices[self.place]
+    def __init__(self, harness: BoardsHarness, robot: str) -> None:
+        self.harness, self.robot, self.arm = harness, robot, harness.arms[robot]
+        self.place = harness.robots.names.index(robot)
+        self.axes = harness.robots.slices[self.place]
         self.arm.mode[...] = 1
 
     @property
     def position(self) -> np.ndarray:
-        return self.rig.record.position[self.axes]
+        return self.harness.record.position[self.axes]
 
     @property
     def truth(self) -> np.ndarray:
-        return self.rig.plant.position[self.rig.world.wiring.robots[self.robot]]
+        return self.harness.plant.position[self.harness.world.wiring.robots[self.robot]]
 
     def ask(self, name: str, *values: float) -> None:
-        done = self.rig.do(name, self.robot, *values)
-        assert done.outcome == "done", (name, done.answers, self.rig.errors())
+        done = self.harness.do(name, self.robot, *values)
+        assert done.outcome == "done", (name, done.answers, self.harness.errors())
 
     def begin_here(self) -> None:
         self.arm.in_effort[...] = False
-        self.arm.position[: len(self.position)] = self.rig.record.setpoint_position[self.axes]
+        self.arm.position[: len(self.position)] = self.harness.record.setpoint_position[self.axes]
 
     def go(self, goal: np.ndarray, seconds: float) -> None:
         """Smoothly there."""
-        start, count = self.arm.position[: len(goal)].copy(), round(seconds / self.rig.io.period_s)
+        start, count = self.arm.position[: len(goal)].copy(), round(seconds / self.harness.io.period_s)
         for k in range(1, count + 1):
             x = k / count
             self.arm.position[: len(goal)] = start + (goal - start) * x * x * (3.0 - 2.0 * x)
-            self.rig.cycle()
+            self.harness.cycle()
 
     def find_stop(self) -> float:
         """Roll down until it lags by half a turn, the other actuators held; returns how far it was asked to go."""
@@ -58,9 +58,9 @@ class Hand:
         start = float(self.arm.position[ROLL])
         way = 0.0
         while way < SEARCH:
-            way += SPEED * self.rig.io.period_s
+            way += SPEED * self.harness.io.period_s
             self.arm.position[ROLL] = start - way
-            self.rig.cycle()
+            self.harness.cycle()
             if self.position[ROLL] - self.arm.position[ROLL] > math.pi:
                 break
         return way
@@ -72,18 +72,18 @@ class Hand:
     pytest.param("jhu-dVRK/system-MTMR", "MTMR", 0.3, marks=pytest.mark.soak),  # tests/arm homes it from there
 ])
 def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, robot: str, roll: float) -> None:
-    rig = rig_of(system)
-    hand, record = Hand(rig, robot), rig.record
+    harness = rig_of(system)
+    hand, record = Hand(harness, robot), harness.record
     somewhere = hand.truth.copy()
     somewhere[ROLL] = roll
-    rig.plant.place(robot, somewhere)
+    harness.plant.place(robot, somewhere)
     hand.ask("power_on")
     hand.ask("bias_encoders", 300, ROLL)
     assert record.biased[hand.place] and record.encoder_set[hand.axes].tolist() == [True] * 6 + [False]
     np.testing.assert_allclose(hand.position[:ROLL], hand.truth[:ROLL], atol=0.02)
     hand.ask("pid_enable", 1)
     assert hand.find_stop() < SEARCH
-    assert hand.truth[ROLL] == pytest.approx(STOP, abs=0.01) and rig.errors() == []
+    assert hand.truth[ROLL] == pytest.approx(STOP, abs=0.01) and harness.errors() == []
     np.testing.assert_allclose(hand.truth[:ROLL], somewhere[:ROLL], atol=0.04)  # nobody compensates its weight
     before = int(record.bias_generation[hand.place])
     hand.ask("pid_enable", 0)
@@ -94,30 +94,30 @@ def test_the_roll_of_a_master_is_found_by_its_stop_wherever_it_was(system: str, 
         hand.ask(name, 1)
     hand.begin_here()
     hand.go(np.zeros(7), 3.0)
-    rig.run(0.5)
-    assert rig.errors() == [] and np.abs(hand.truth).max() < math.radians(4.0)
+    harness.run(0.5)
+    assert harness.errors() == [] and np.abs(hand.truth).max() < math.radians(4.0)
 
 
-def loaded_psm(system: str, tool: str = "") -> tuple[Rig, Hand, np.ndarray]:
+def loaded_psm(system: str, tool: str = "") -> tuple[BoardsHarness, Hand, np.ndarray]:
     """Held at the trocar with the discs at 0, then with an instrument; the range in which that is engaged (2, 4)."""
     loaded = load_system(stock.find(f"dvrk-site/{system}.json"), search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.system is not None
-    rig, whole = Rig(loaded.system), loaded.system.emulated()
-    rig.bring_up("PSM1")
-    if rig.io.robots[0].brakes:
-        assert rig.do("brake_release", "PSM1").outcome == "done"
-    hand = Hand(rig, "PSM1")
+    harness, whole = BoardsHarness(loaded.system), loaded.system.emulated()
+    harness.bring_up("PSM1")
+    if harness.io.robots[0].brakes:
+        assert harness.do("brake_release", "PSM1").outcome == "done"
+    hand = Hand(harness, "PSM1")
     hand.begin_here()
     rest = hand.arm.position[:7] * (1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     hand.go(rest, 1.0)
-    incidents = BoardFaults(rig.world, rig.plant)
+    board_faults = BoardFaults(harness.world, harness.plant)
     if not tool:
-        incidents.press("PSM1_adapter", True)
-        return rig, hand, np.radians([[-171.0] * 4, [171.0] * 4])
-    EmulatedInstruments(whole, rig.world, incidents, rig.plant).insert("PSM1", tool)
+        board_faults.press("PSM1_adapter", True)
+        return harness, hand, np.radians([[-171.0] * 4, [171.0] * 4])
+    EmulatedInstruments(whole, harness.world, board_faults, harness.plant).insert("PSM1", tool)
     held = next(one for one in whole.arm("PSM1").tools if one.name == tool)
     to_actuator = coupling(7, whole.arm("PSM1").chain, held).joint_to_actuator[3:, 3:]
-    return rig, hand, np.array([held.engage_lower, held.engage_upper]) @ to_actuator.T
+    return harness, hand, np.array([held.engage_lower, held.engage_upper]) @ to_actuator.T
 
 
 @pytest.mark.slow
@@ -129,14 +129,14 @@ def loaded_psm(system: str, tool: str = "") -> tuple[Rig, Hand, np.ndarray]:
     ("jhu-daVinci-Si/system-PSM1", "LARGE_NEEDLE_DRIVER:420006[..11]"),
 ])
 def test_discs_and_instruments_turn_as_far_as_engaging_turns_them(system: str, tool: str) -> None:
-    rig, hand, range_of_discs = loaded_psm(system, tool)
+    harness, hand, range_of_discs = loaded_psm(system, tool)
     rest = hand.arm.position[:7].copy()
     for end in (0, 1, 0):
         hand.go(np.concatenate((rest[:3], range_of_discs[end])), 1.4)
-        rig.run(0.1)
+        harness.run(0.1)
         np.testing.assert_allclose(hand.truth[3:], range_of_discs[end], atol=math.radians(1.0))
         np.testing.assert_allclose(hand.position[3:], hand.truth[3:], atol=math.radians(1.0))
     hand.go(rest, 1.4)
-    assert rig.errors() == []
-    inputs = {row.name: bool(on) for row, on in zip(rig.io.digital_inputs, rig.record.input, strict=True)}
+    assert harness.errors() == []
+    inputs = {row.name: bool(on) for row, on in zip(harness.io.digital_inputs, harness.record.input, strict=True)}
     assert inputs["PSM1_adapter"] and inputs["PSM1_tool"] is bool(tool)

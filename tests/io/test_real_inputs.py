@@ -11,49 +11,50 @@ import pytest
 from procs.boards.board_faults import BoardFaults
 from procs.config import load_system
 from tests import stock
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 
 TELEOP = "dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"
 CONTACT = "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM2-contact-sensor.json"
 PEDALS = "dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"
 
 
-def rig_of(path: Path) -> tuple[Rig, BoardFaults]:
+def rig_of(path: Path) -> tuple[BoardsHarness, BoardFaults]:
     loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.errors == () and loaded.system is not None
-    rig = Rig(loaded.system)
-    return rig, BoardFaults(rig.world, rig.plant)
+    harness = BoardsHarness(loaded.system)
+    return harness, BoardFaults(harness.world, harness.plant)
 
 
-def buttons(rig: Rig, name: str) -> list[str]:
+def buttons(harness: BoardsHarness, name: str) -> list[str]:
     """What was told of an input since the last time."""
-    told = [event.text for event in rig.events if event.kind == "button" and event.component == name]
-    rig.events.clear()
+    told = [event.text for event in harness.events if event.kind == "button" and event.component == name]
+    harness.events.clear()
     return told
 
 
 @pytest.mark.slow
 def test_a_master_its_gripper_and_the_pedals_work_side_by_side() -> None:
-    rig, hand = rig_of(stock.find(TELEOP))
-    rig.bring_up("MTML")
-    gripper, pedals = rig.robots.slices[rig.robots.names.index("MTML_gripper")], [i.name for i in rig.io.digital_inputs]
-    voltage = rig.record.pot_position[gripper].copy()
+    harness, hand = rig_of(stock.find(TELEOP))
+    harness.bring_up("MTML")
+    gripper = harness.robots.slices[harness.robots.names.index("MTML_gripper")]
+    pedals = [i.name for i in harness.io.digital_inputs]
+    voltage = harness.record.pot_position[gripper].copy()
     hand.place("MTML_gripper", np.array([0.3]))
-    rig.run(0.1)
-    assert abs(float(rig.record.pot_position[gripper][0]) - 0.3) < 0.02 and abs(float(voltage[0]) - 0.3) > 0.05
-    buttons(rig, "clutch")
+    harness.run(0.1)
+    assert abs(float(harness.record.pot_position[gripper][0]) - 0.3) < 0.02 and abs(float(voltage[0]) - 0.3) > 0.05
+    buttons(harness, "clutch")
     hand.press("clutch", True)
-    rig.run(0.5)
-    assert rig.record.input[pedals.index("clutch")] and buttons(rig, "clutch") == ["pressed"]
+    harness.run(0.5)
+    assert harness.record.input[pedals.index("clutch")] and buttons(harness, "clutch") == ["pressed"]
     hand.press("clutch", False)
-    rig.run(0.5)
-    assert not rig.record.input[pedals.index("clutch")] and buttons(rig, "clutch") == ["released"]
+    harness.run(0.5)
+    assert not harness.record.input[pedals.index("clutch")] and buttons(harness, "clutch") == ["released"]
     hand.press("clutch", True)
-    rig.run(0.05)  # shorter than its debounce time
+    harness.run(0.05)  # shorter than its debounce time
     hand.press("clutch", False)
-    rig.run(0.5)
-    assert buttons(rig, "clutch") == ["clicked"]
-    assert rig.errors() == [] and rig.record.pid_enabled[rig.robots.names.index("MTML")]
+    harness.run(0.5)
+    assert buttons(harness, "clutch") == ["clicked"]
+    assert harness.errors() == [] and harness.record.pid_enabled[harness.robots.names.index("MTML")]
 
 
 def test_inputs_without_any_robot_are_read_and_told(tmp_path: Path) -> None:
@@ -61,16 +62,16 @@ def test_inputs_without_any_robot_are_read_and_told(tmp_path: Path) -> None:
     (tmp_path / "inputs.json").write_text(json.dumps(
         {"$id": "dvrk-system.schema.json", "$version": "1",
          "IOs": [{"name": "bus", "port": "udp", "configuration_files": files}]}), encoding="utf-8")
-    rig, hand = rig_of(tmp_path / "inputs.json")
-    assert rig.robots.names == ()
-    names = [i.name for i in rig.io.digital_inputs]
-    rig.run(0.3)
-    contact = rig.io.digital_inputs[names.index("PSM2_contact")]
+    harness, hand = rig_of(tmp_path / "inputs.json")
+    assert harness.robots.names == ()
+    names = [i.name for i in harness.io.digital_inputs]
+    harness.run(0.3)
+    contact = harness.io.digital_inputs[names.index("PSM2_contact")]
     assert contact.pressed_value is False, "it pulls its line down"
-    buttons(rig, "PSM2_contact")
+    buttons(harness, "PSM2_contact")
     for pressed, word in ((True, "pressed"), (False, "released")):
         hand.press("PSM2_contact", pressed)
-        rig.run(0.05)
-        assert bool(rig.record.input[names.index("PSM2_contact")]) is pressed
-        assert buttons(rig, "PSM2_contact") == [word]
-    assert rig.errors() == []
+        harness.run(0.05)
+        assert bool(harness.record.input[names.index("PSM2_contact")]) is pressed
+        assert buttons(harness, "PSM2_contact") == [word]
+    assert harness.errors() == []

@@ -12,13 +12,13 @@ from procs.fpga import lookup
 from procs.io.bus.port import PortError
 from procs.io.start import prepare
 from tests import stock
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 
 
-def rig_of(name: str) -> Rig:
+def rig_of(name: str) -> BoardsHarness:
     loaded = load_system(stock.find(f"dvrk-site/{name}.json"), search=[stock.find("dvrk-share")], boards="emulated")
     assert loaded.errors == () and loaded.system is not None, loaded.errors
-    return Rig(loaded.system)
+    return BoardsHarness(loaded.system)
 
 
 @pytest.mark.parametrize(("system", "robot"), [
@@ -28,39 +28,39 @@ def rig_of(name: str) -> Rig:
     pytest.param("jhu-daVinci/system-ECM", "ECM", marks=pytest.mark.slow), ("jhu-dVRK/system-MTML", "MTML"),
 ])
 def test_a_robot_of_a_real_site_is_powered_biased_and_held(system: str, robot: str) -> None:
-    rig = rig_of(system)
-    rig.bring_up(robot)
-    place, axes = rig.robots.names.index(robot), rig.robots.slices[rig.robots.names.index(robot)]
-    if rig.io.robots[place].brakes:
-        assert not rig.record.brakes_released[place]
-        assert rig.do("brake_release", robot).outcome == "done"
-        rig.run(2.2)
-        assert rig.record.brakes_released[place]
-    start = rig.record.setpoint_position[axes].copy()
-    rig.run(1.0)
-    assert rig.errors() == []
-    assert rig.record.powered[place] and rig.record.amps_on[place] and rig.record.pid_enabled[place]
-    np.testing.assert_array_equal(rig.record.setpoint_position[axes], start)
-    assert np.abs(rig.record.position_error[axes]).max() < 0.1
-    truth = rig.world.position[rig.world.wiring.robots[robot]]
-    assert np.abs(truth - rig.record.position[axes]).max() < 0.02
+    harness = rig_of(system)
+    harness.bring_up(robot)
+    place, axes = harness.robots.names.index(robot), harness.robots.slices[harness.robots.names.index(robot)]
+    if harness.io.robots[place].brakes:
+        assert not harness.record.brakes_released[place]
+        assert harness.do("brake_release", robot).outcome == "done"
+        harness.run(2.2)
+        assert harness.record.brakes_released[place]
+    start = harness.record.setpoint_position[axes].copy()
+    harness.run(1.0)
+    assert harness.errors() == []
+    assert harness.record.powered[place] and harness.record.amps_on[place] and harness.record.pid_enabled[place]
+    np.testing.assert_array_equal(harness.record.setpoint_position[axes], start)
+    assert np.abs(harness.record.position_error[axes]).max() < 0.1
+    truth = harness.world.position[harness.world.wiring.robots[robot]]
+    assert np.abs(truth - harness.record.position[axes]).max() < 0.02
 
 
 def test_potentiometers_of_an_si_arm_agree_with_its_encoders() -> None:
-    rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    rig.bring_up("PSM1")
-    rig.run(0.2)
+    harness = rig_of("jhu-daVinci-Si/system-PSM1")
+    harness.bring_up("PSM1")
+    harness.run(0.2)
     # two steps of a table; encoders were set from the same potentiometers
-    assert np.abs(rig.record.pot_position - rig.record.position).max() < 0.01
-    truth = rig.world.position[rig.world.wiring.robots["PSM1"]]
-    assert np.abs(rig.record.pot_position - truth).max() < 0.01
+    assert np.abs(harness.record.pot_position - harness.record.position).max() < 0.01
+    truth = harness.world.position[harness.world.wiring.robots["PSM1"]]
+    assert np.abs(harness.record.pot_position - truth).max() < 0.01
 
 
 def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_it_is_met() -> None:
-    rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    rig.bring_up("PSM1")
-    tables = rig.world.wiring.tables
-    table = lookup.unpack(rig.io.robots[0].lookup, 7)
+    harness = rig_of("jhu-daVinci-Si/system-PSM1")
+    harness.bring_up("PSM1")
+    tables = harness.world.wiring.tables
+    table = lookup.unpack(harness.io.robots[0].lookup, 7)
     nowhere = int(np.flatnonzero(np.isnan(table[2]))[0])
     honest = tables.readings
 
@@ -70,17 +70,17 @@ def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_
         return found
 
     tables.readings = broken  # type: ignore[method-assign]
-    rig.run(0.1)
-    assert ("pot-missing", "PSM1") in rig.errors()
-    (event,) = [event for event in rig.events if event.code == "pot-missing"]
+    harness.run(0.1)
+    assert ("pot-missing", "PSM1") in harness.errors()
+    (event,) = [event for event in harness.events if event.code == "pot-missing"]
     assert event.axis == 2
-    assert not rig.record.power_wanted[0] and not rig.record.relay[0]
-    rig.events.clear()
-    assert rig.do("power_on", "PSM1").outcome == "failed"
-    assert ("pot-missing", "PSM1") in rig.errors()
+    assert not harness.record.power_wanted[0] and not harness.record.relay[0]
+    harness.events.clear()
+    assert harness.do("power_on", "PSM1").outcome == "failed"
+    assert ("pot-missing", "PSM1") in harness.errors()
     tables.readings = honest  # type: ignore[method-assign]
-    rig.run(0.1)
-    rig.bring_up("PSM1")
+    harness.run(0.1)
+    harness.bring_up("PSM1")
 
 
 def test_a_file_for_another_si_arm_is_refused_before_anything_is_powered() -> None:
@@ -91,30 +91,30 @@ def test_a_file_for_another_si_arm_is_refused_before_anything_is_powered() -> No
     other = replace(whole.ios[0], robots=(replace(whole.ios[0].robots[0], serial="334809"),))
     emulation = replace(loaded.system.emulation, ios=(other,))
     with pytest.raises(PortError, match=r"the arm on board 6 is p292409\.cal.*334809 is p334809\.cal"):
-        Rig(replace(loaded.system, emulation=emulation))
+        BoardsHarness(replace(loaded.system, emulation=emulation))
 
 
 def test_preloaded_encoders_of_an_si_arm_survive_a_restart_of_io() -> None:
-    rig = rig_of("jhu-daVinci-Si/system-PSM1")
-    assert not rig.preset.any()
-    rig.bring_up("PSM1")
-    rig.run(0.1)
-    before = rig.record.encoder_bits.copy()
-    assert prepare(rig.robots, rig.port).all()
-    rig.port.read_all()
-    after = rig.port.blocks[0, rig.port.columns.position][:7].astype(np.int64) - 0x800000
+    harness = rig_of("jhu-daVinci-Si/system-PSM1")
+    assert not harness.preset.any()
+    harness.bring_up("PSM1")
+    harness.run(0.1)
+    before = harness.record.encoder_bits.copy()
+    assert prepare(harness.robots, harness.port).all()
+    harness.port.read_all()
+    after = harness.port.blocks[0, harness.port.columns.position][:7].astype(np.int64) - 0x800000
     assert np.abs(after - before).max() < 50
 
 
 @pytest.mark.parametrize("system", ["jhu-daVinci-Si/system-PSM1", "jhu-dVRK/system-MTML", "jhu-daVinci/system-ECM"])
 def test_a_lost_reply_is_tolerated_by_every_robot(system: str) -> None:
-    rig = rig_of(system)
-    robot = rig.io.robots[0].name
-    rig.bring_up(robot)
+    harness = rig_of(system)
+    robot = harness.io.robots[0].name
+    harness.bring_up(robot)
     for _ in range(20):
-        rig.link.lose = 1
-        rig.cycle()
-        assert not rig.record.valid and rig.record.age_ns > 0
-        rig.cycle()
-        assert rig.record.valid
-    assert rig.errors() == [] and rig.record.powered[0] and rig.record.pid_enabled[0]
+        harness.link.lose = 1
+        harness.cycle()
+        assert not harness.record.valid and harness.record.age_ns > 0
+        harness.cycle()
+        assert harness.record.valid
+    assert harness.errors() == [] and harness.record.powered[0] and harness.record.pid_enabled[0]

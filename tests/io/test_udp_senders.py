@@ -12,7 +12,7 @@ import pytest
 from procs.fpga import wire
 from procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
 from tests.io.emulated_ports import block_address
-from tests.io.harness import Stand
+from tests.io.harness import IoHarness
 from tests.lib import board_side
 
 ASKING = wire.quadlet_read(wire.BROADCAST, 4, 1, 0)
@@ -29,7 +29,7 @@ def bound(address: str, port: int = 0) -> socket.socket:
     return made
 
 
-class Boards:
+class SenderBoards:
     """A socket at every address of a bus, and two that are none of them."""
 
     def __init__(self) -> None:
@@ -45,13 +45,13 @@ class Boards:
 
 
 @pytest.fixture
-def boards() -> Iterator[Boards]:
-    with contextlib.closing(Boards()) as made:
+def boards() -> Iterator[SenderBoards]:
+    with contextlib.closing(SenderBoards()) as made:
         yield made
 
 
 @pytest.fixture
-def transport(boards: Boards) -> Iterator[UdpTransport]:
+def transport(boards: SenderBoards) -> Iterator[UdpTransport]:
     made = UdpTransport(boards.address, udp_port=boards.udp_port)
     made.open()
     with contextlib.closing(made):
@@ -144,17 +144,17 @@ def test_a_socket_that_cannot_be_replaced_is_kept(boards, transport, monkeypatch
 
 
 def test_a_stranger_is_reported_once() -> None:
-    stand = Stand()
+    harness = IoHarness()
 
     def sends(address: str) -> list[str]:
-        stand.core.reports.events.clear()
-        stand.port.stranger = address
-        stand.port.counters.stray += 1
-        stand.run(2)
-        return [event.text for event in stand.core.reports.events if event.code == "foreign-datagrams"]
+        harness.core.reports.events.clear()
+        harness.port.stranger = address
+        harness.port.counters.stray += 1
+        harness.run(2)
+        return [event.text for event in harness.core.reports.events if event.code == "foreign-datagrams"]
 
     (text,) = sends("127.0.0.1:4444")
-    assert text.startswith("IO1: datagrams from 127.0.0.1:4444 are ignored") and stand.record.valid
+    assert text.startswith("IO1: datagrams from 127.0.0.1:4444 are ignored") and harness.record.valid
     assert sends("127.0.0.1:4444") == sends("127.0.0.1:4445") == []
-    stand.clock.ns += 120_000_000_000
+    harness.clock.ns += 120_000_000_000
     assert len(sends("127.0.0.1:4445")) == 1

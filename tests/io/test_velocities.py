@@ -9,7 +9,7 @@ import pytest
 
 from procs.config import load_system
 from tests import stock
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 
 SWING, HZ, JOINT = 0.2, 0.5, 0
 
@@ -19,21 +19,21 @@ def test_both_velocities_and_the_acceleration_follow_the_joint() -> None:
     loaded = load_system(stock.find("dvrk-site/jhu-dVRK/system-PSM1.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")
     assert loaded.system is not None
-    rig = Rig(loaded.system)
-    rig.bring_up("PSM1")
-    arm, record, rows = rig.arms["PSM1"], rig.record, []
+    harness = BoardsHarness(loaded.system)
+    harness.bring_up("PSM1")
+    arm, record, rows = harness.arms["PSM1"], harness.record, []
     arm.position[:7] = record.setpoint_position
     arm.mode[...] = 1
     start = arm.position[JOINT]
     for k in range(4500):
-        arm.position[JOINT] = start + SWING * math.sin(2 * math.pi * HZ * k * rig.period_ns * 1e-9)
-        rig.cycle()
-        rows.append((rig.world.velocity[JOINT], record.firmware_velocity[JOINT], record.software_velocity[JOINT],
+        arm.position[JOINT] = start + SWING * math.sin(2 * math.pi * HZ * k * harness.period_ns * 1e-9)
+        harness.cycle()
+        rows.append((harness.world.velocity[JOINT], record.firmware_velocity[JOINT], record.software_velocity[JOINT],
                      record.acceleration[JOINT], record.position[JOINT] - start))
     truth, firmware, software, acceleration, position = np.array(rows[500:]).T
     assert np.median(np.abs(firmware - truth)) < 0.01 and np.median(np.abs(software - truth)) < 0.03
     assert np.corrcoef(acceleration, -position)[0, 1] > 0.5
-    source = rig.io.robots[0].actuators[JOINT].encoder
+    source = harness.io.robots[0].actuators[JOINT].encoder
     assert source is not None and source.velocity_source == "FIRMWARE"
     np.testing.assert_array_equal(record.velocity, record.firmware_velocity)
     np.testing.assert_allclose(record.pot_bits[JOINT] * 4.5 / 65536, record.pot_voltage[JOINT], rtol=1e-6)

@@ -12,20 +12,21 @@ from procs.document.catalogue import CANDIDATES, find, full_name, taken_apart
 
 
 @dataclass(frozen=True)
-class Row:
+class CatalogueRow:
     names: tuple[str, ...]
     model: str
     version_min: int | None = None
     version_max: int | None = None
 
 
-DRIVER = Row(("LARGE_NEEDLE_DRIVER",), "400006")
-PLAIN = Row(("LARGE_NEEDLE_DRIVER",), "420006", None, 11)
-GEARED = Row(("LARGE_NEEDLE_DRIVER",), "420006", 12, None)
-SNAKE = Row(("NEEDLE_DRIVER", "5MM_NEEDLE_DRIVER"), "400117")
-OWN = Row(("OWN",), "400117")
-ROWS = (DRIVER, PLAIN, GEARED, SNAKE, Row(("PROGRASP_FORCEPS",), "400093"), Row(("POTTS_SCISSORS",), "400001"),
-        Row(("BOWEL_GRASPER",), "400127"))
+DRIVER = CatalogueRow(("LARGE_NEEDLE_DRIVER",), "400006")
+PLAIN = CatalogueRow(("LARGE_NEEDLE_DRIVER",), "420006", None, 11)
+GEARED = CatalogueRow(("LARGE_NEEDLE_DRIVER",), "420006", 12, None)
+SNAKE = CatalogueRow(("NEEDLE_DRIVER", "5MM_NEEDLE_DRIVER"), "400117")
+OWN = CatalogueRow(("OWN",), "400117")
+ROWS = (DRIVER, PLAIN, GEARED, SNAKE, CatalogueRow(("PROGRASP_FORCEPS",), "400093"),
+        CatalogueRow(("POTTS_SCISSORS",), "400001"),
+        CatalogueRow(("BOWEL_GRASPER",), "400127"))
 
 
 @pytest.mark.parametrize(("text", "row"), [
@@ -42,7 +43,7 @@ ROWS = (DRIVER, PLAIN, GEARED, SNAKE, Row(("PROGRASP_FORCEPS",), "400093"), Row(
     ("LARGE_NEEDLE_DRIVER:400006[..]", DRIVER),
     ("5MM_NEEDLE_DRIVER:400117", SNAKE),
 ])
-def test_an_instrument_is_found_by_name_model_and_version(text: str, row: Row) -> None:
+def test_an_instrument_is_found_by_name_model_and_version(text: str, row: CatalogueRow) -> None:
     found = find(text, ROWS)
     assert (found.entry, found.reason, found.note) == (row, "", "")
 
@@ -52,7 +53,7 @@ def test_an_instrument_is_found_by_name_model_and_version(text: str, row: Row) -
     ("LARGE_NEEDLE_DRIVER_420006[12]", GEARED, "taken as LARGE_NEEDLE_DRIVER:420006[12]"),
     ("LARGE_NEEDLE_DRIVER_420006_3", PLAIN, "taken as LARGE_NEEDLE_DRIVER:420006:3"),
 ])
-def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: Row, note: str) -> None:
+def test_an_underscore_before_the_model_is_accepted_with_a_note(text: str, row: CatalogueRow, note: str) -> None:
     found = find(text, ROWS)
     assert (found.entry, found.note) == (row, note)
 
@@ -97,7 +98,7 @@ versions = st.one_of(st.none(), st.integers(0, 255))
 def test_the_full_name_of_an_entry_finds_it(name: str, number: int, low: int | None, high: int | None) -> None:
     if low is not None and high is not None and high < low:
         low, high = high, low
-    row = Row((name,), f"{number:06d}", low, high)
+    row = CatalogueRow((name,), f"{number:06d}", low, high)
     assert find(full_name(row), (row,)).entry is row
 
 

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from tests.old import convert, fates, one_problem, only
+from tests.old import convert, one_problem, only, outcomes
 from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 FRAME = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.2], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]]
@@ -22,7 +22,7 @@ def system(**console: object) -> dict:  # type: ignore[type-arg]
 def lost(**console: object) -> set[str]:
     result = convert(json.dumps(console), "console-Try.json")
     assert result.problems == ()
-    return {key for key, fate in fates(result).items() if fate == LOST}
+    return {key for key, outcome in outcomes(result).items() if outcome == LOST}
 
 
 def test_arms_find_their_files_by_their_serial_numbers() -> None:
@@ -53,14 +53,14 @@ def test_a_port_that_nobody_can_open_is_an_error() -> None:
 
 
 def test_defaults_that_have_changed_are_told() -> None:
-    told = fates(convert(json.dumps({"arms": [PSM]}), "console.json"))
+    told = outcomes(convert(json.dumps({"arms": [PSM]}), "console.json"))
     assert (told["IOs[0].protocol"], told["IOs[0].close_all_relays"]) == (DEFAULTED, DEFAULTED)
 
 
 def test_settings_of_a_bus_without_arms_are_dropped() -> None:
     arm = {"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm": "x.json"}
     result = convert(json.dumps({"arms": [arm], "io": {"port": "udp"}}), "console.json")
-    assert fates(result)["io"] == DROPPED
+    assert outcomes(result)["io"] == DROPPED
 
 
 def test_simulated_arms_need_no_bus() -> None:
@@ -177,7 +177,7 @@ def test_arm_files_are_made_where_the_console_named_the_chain() -> None:
                                      "IO_file": "sawRobotIO1394-PSM1-11111.json", "arm_file": "PSM1-11111.json"}]
     assert arm.data == {"$id": "dvrk-psm.schema.json", "$version": "1", "kinematic": "kinematic/PSM.json",
                         "generation": "Classic", "tool_detection": "FIXED", "tool": "LARGE_NEEDLE_DRIVER:400006"}
-    told = fates(result)
+    told = outcomes(result)
     assert (told["arms[0].pid"], told["arms[0].serial"]) == (DROPPED, DEFAULTED)
 
 
@@ -222,7 +222,7 @@ def test_what_cannot_be_said_today_is_told_as_lost(console: dict[str, object], k
 
 def test_unknown_keys_are_dropped_with_their_lines() -> None:
     result = convert('{\n"arms": [{"name": "PSM1", "type": "PSM", "serial": "1",\n"colour": "red"}]}', "console.json")
-    (change,) = [change for change in result.changes if change.fate == DROPPED]
+    (change,) = [change for change in result.changes if change.outcome == DROPPED]
     assert (change.line, change.key, change.old) == (3, "arms[0].colour", '"red"')
 
 
@@ -279,4 +279,4 @@ def test_an_arm_of_no_kind_is_refused() -> None:
 
 def test_renamed_files_are_told() -> None:
     result = convert(json.dumps({"arms": [PSM | {"io": "x.xml"}]}), "console.json")
-    assert fates(result)["arms[0].io"] == CONVERTED
+    assert outcomes(result)["arms[0].io"] == CONVERTED

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.old import GEAR, actuator, config, convert, drive, fates, matrix, one_problem, only, robot, three
+from tests.old import GEAR, actuator, config, convert, drive, matrix, one_problem, only, outcomes, robot, three
 from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 NUMBERS = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
@@ -66,7 +66,7 @@ def test_a_stated_unit_counts_before_the_version() -> None:
 def test_unit_changes_are_told_with_line_and_both_values() -> None:
     result = convert(config(robot(actuator(0, unit="deg"), 1)))
     change = next(c for c in result.changes if c.key.endswith("PositionLimitsSoft@Lower"))
-    assert (change.line, change.fate, change.old, change.new) == (6, CONVERTED, "-90 deg", "-1.57079633 rad")
+    assert (change.line, change.outcome, change.old, change.new) == (6, CONVERTED, "-90 deg", "-1.57079633 rad")
     assert str(change).startswith("old.xml:6: converted: Robot/Actuator/Encoder/PositionLimitsSoft@Lower = -90 deg → ")
 
 
@@ -88,7 +88,7 @@ def test_serial_number_keeps_its_zeros() -> None:
 def test_what_old_versions_lack_is_defaulted_and_told() -> None:
     text = actuator(0, limits=False).replace(' VelocitySource="FIRMWARE"', "")
     result = convert(config(robot(text, 1, attributes="")))
-    told = {change.key: change.new for change in result.changes if change.fate == DEFAULTED}
+    told = {change.key: change.new for change in result.changes if change.outcome == DEFAULTED}
     assert told == {
         "Robot@SerialNumber": '""',
         "Robot@HardwareVersion": "QLA1",
@@ -98,7 +98,7 @@ def test_what_old_versions_lack_is_defaulted_and_told() -> None:
 
 def test_absent_position_limits_are_left_to_a_person() -> None:
     result = convert(config(robot(actuator(0, limits=False), 1)))
-    assert fates(result)["Robot/Actuator/Encoder/PositionLimitsSoft"] == LOST
+    assert outcomes(result)["Robot/Actuator/Encoder/PositionLimitsSoft"] == LOST
     assert not result.complete
     limits = result.outputs[0].data["robots"][0]["actuators"][0]["encoder"]["position_limits_soft"]  # type: ignore[index]
     assert limits == {"lower": 0.0, "upper": 0.0}
@@ -116,7 +116,7 @@ def test_hardware_is_told_from_axes_and_scales(old: str, new: str, hardware: str
 
 def test_velocity_scales_and_counts_per_turn_are_dropped_key_by_key() -> None:
     more = '<BitsToDeltaPosSI Scale="3" Offset="0"/><CountsPerTurn Value="4000"/></Encoder>'
-    told = fates(convert(config(robot(actuator(0).replace("</Encoder>", more), 1))))
+    told = outcomes(convert(config(robot(actuator(0).replace("</Encoder>", more), 1))))
     inside = "Robot/Actuator/Encoder"
     for key in ("BitsToDeltaPosSI@Scale", "BitsToDeltaPosSI@Offset", "CountsPerTurn@Value"):
         assert told[f"{inside}/{key}"] == DROPPED
@@ -125,7 +125,7 @@ def test_velocity_scales_and_counts_per_turn_are_dropped_key_by_key() -> None:
 def test_unknown_keys_are_dropped_and_told() -> None:
     text = three().replace("<Robot ", '<Robot Colour="red" ')
     text = text.replace("</Robot>", "<Cover><Screw Size='3'/></Cover></Robot>")
-    told = fates(convert(config(text)))
+    told = outcomes(convert(config(text)))
     assert told["Robot@Colour"] == DROPPED
     assert told["Robot/Cover/Screw@Size"] == DROPPED
 
@@ -175,7 +175,7 @@ def test_coupling_block_serves_potentiometers_on_joints() -> None:
                    matrix("ActuatorToJointTorque", BACK), matrix("JointToActuatorTorque", FORWARD))
     result = convert(config(three(inside=inside)))
     assert first(config(three(inside=inside)))["potentiometers"]["coupling"] == {"JointToActuatorPosition": BACK}
-    told = fates(result)
+    told = outcomes(result)
     for tag in ("ActuatorToJointPosition", "ActuatorToJointTorque", "JointToActuatorTorque"):
         assert told[f"Robot/Coupling/{tag}"] == DROPPED
 
@@ -208,7 +208,7 @@ def test_gripper_of_old_masters_becomes_a_file_of_its_own() -> None:
     assert len(arm["potentiometers"]["coupling"]["JointToActuatorPosition"]) == 7
     assert (hand["name"], hand["only_IO"], hand["actuators"][0]["axis_id"]) == ("MTMR_gripper", True, 3)
     assert "encoder" not in hand["actuators"][0]
-    assert fates(result)["Robot/Actuator[8]/Encoder/BitsToPosSI@Scale"] == DROPPED
+    assert outcomes(result)["Robot/Actuator[8]/Encoder/BitsToPosSI@Scale"] == DROPPED
 
 
 def test_io_only_robots_need_no_encoders_and_efforts() -> None:
@@ -249,9 +249,9 @@ def test_click_time_is_a_fifth_of_the_debounce_time(attributes: str, expected: d
 def test_outputs_with_a_frequency_are_modulated() -> None:
     data = only(config('<DigitalOut BoardID="12" BitID="2" Name="ControlPWM" Frequency="40000"/>'
                        '<DigitalOut BoardID="12" BitID="0" Name="NoMuxReset" LowDuration="0.0001"/>'))
-    modulated, pulse = data["digital_outputs"]
+    modulated, page = data["digital_outputs"]
     assert (modulated["is_PWM"], modulated["PWM_frequency"]) == (True, 40000.0)
-    assert (pulse["is_PWM"], pulse["low_duration"], pulse["name"]) == (False, 0.0001, "no_mux_reset")
+    assert (page["is_PWM"], page["low_duration"], page["name"]) == (False, 0.0001, "no_mux_reset")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tests.old import convert, fates, joint, one_problem, only, pid
+from tests.old import convert, joint, one_problem, only, outcomes, pid
 from tools.converters import DEFAULTED, DROPPED, LOST
 
 
@@ -32,11 +32,11 @@ def test_gains_and_limits_go_over() -> None:
 
 
 def test_output_without_limit_is_told_as_defaulted() -> None:
-    assert fates(convert(pid(joint(0), 1)))["joints/joint/pid_max_output"] == DEFAULTED
+    assert outcomes(convert(pid(joint(0), 1)))["joints/joint/pid_max_output"] == DEFAULTED
 
 
 def test_position_limits_are_dropped_and_told() -> None:
-    told = fates(convert(pid(joint(0) + joint(1), 2)))
+    told = outcomes(convert(pid(joint(0) + joint(1), 2)))
     assert told["joints/joint[2]/pos@LowerLimit"] == told["joints/joint[1]/pos@Units"] == DROPPED
 
 
@@ -53,20 +53,20 @@ def test_absent_integral_limit_stays_without_effect() -> None:
     assert "i_limit" not in row(joint(0, limit='<limit ErrorLimit="0.1"/>'))
 
 
-@pytest.mark.parametrize(("integral", "fate"), [(0.0, DROPPED), (0.2, LOST)])
-def test_uneven_integral_limits_are_lost_where_they_count(integral: float, fate: str) -> None:
+@pytest.mark.parametrize(("integral", "outcome"), [(0.0, DROPPED), (0.2, LOST)])
+def test_uneven_integral_limits_are_lost_where_they_count(integral: float, outcome: str) -> None:
     limit = '<limit MinILimit="-2" MaxILimit="5" ErrorLimit="0.1"/>'
     result = convert(pid(joint(0, limit=limit, integral=integral), 1))
-    assert fates(result)["joints/joint/limit@MinILimit"] == fate
-    assert result.complete is (fate == DROPPED)
+    assert outcomes(result)["joints/joint/limit@MinILimit"] == outcome
+    assert result.complete is (outcome == DROPPED)
     assert result.outputs[0].data["pid"][0]["i_limit"] == 2.0  # type: ignore[index]
 
 
-@pytest.mark.parametrize(("band", "fate"), [("0.0", DROPPED), ("0.35", LOST)])
-def test_nonlinear_gain_is_lost_where_it_was_used(band: str, fate: str) -> None:
+@pytest.mark.parametrize(("band", "outcome"), [("0.0", DROPPED), ("0.35", LOST)])
+def test_nonlinear_gain_is_lost_where_it_was_used(band: str, outcome: str) -> None:
     result = convert(pid(joint(0, gains=f'Nonlinear="{band}"'), 1))
-    assert fates(result)["joints/joint/pid@Nonlinear"] == fate
-    assert result.complete is (fate == DROPPED)
+    assert outcomes(result)["joints/joint/pid@Nonlinear"] == outcome
+    assert result.complete is (outcome == DROPPED)
 
 
 def test_type_of_the_first_versions_follows_the_limits() -> None:
@@ -82,7 +82,7 @@ def test_inactive_gripper_has_no_row() -> None:
 def test_joints_beyond_the_number_are_dropped() -> None:
     result = convert(pid(joint(0) + joint(1), 1))
     assert len(result.outputs[0].data["pid"]) == 1  # type: ignore[arg-type]
-    assert fates(result)["joints/joint[2]/pid@PGain"] == DROPPED
+    assert outcomes(result)["joints/joint[2]/pid@PGain"] == DROPPED
 
 
 def test_an_inactive_joint_before_others_is_refused() -> None:

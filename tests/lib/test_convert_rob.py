@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.config.build.kinds import check_file
-from tests.old import convert, fates, one_problem, only
+from tests.old import convert, one_problem, only, outcomes
 from tools.converters import DEFAULTED, DROPPED, to_json
 
 TWO = """2
@@ -43,12 +43,12 @@ def test_masses_and_principal_axes_go_over() -> None:
 
 
 def test_remarks_and_further_words_are_told_as_dropped() -> None:
-    assert fates(convert(TWO, "two.rob"))["line 5"] == DROPPED
-    assert fates(convert(FULL, "full.rob"))["link 1"] == DROPPED
+    assert outcomes(convert(TWO, "two.rob"))["line 5"] == DROPPED
+    assert outcomes(convert(FULL, "full.rob"))["link 1"] == DROPPED
 
 
 def test_short_lines_get_limits_of_zero() -> None:
-    told = fates(convert("1\nmodified 0 0 0 0 revolute active 0.5\n", "a.rob"))
+    told = outcomes(convert("1\nmodified 0 0 0 0 revolute active 0.5\n", "a.rob"))
     assert told == {"link 1 qmin": DEFAULTED, "link 1 qmax": DEFAULTED}
 
 

@@ -11,7 +11,7 @@ from shm.clock import WallClock, monotonic_ns
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
 from tests.shm import wrongs
-from tests.shm.witness import Author, Lives, Violation, Witness, holds
+from tests.shm.witness import Author, Lives, RingViolation, Witness, holds
 
 PATIENCE_NS = 600_000_000_000
 TURNS = 64  # between two looks at whether the test is over
@@ -83,7 +83,7 @@ def read() -> None:
     os.nice(ROOM)
     try:
         _read()
-    except Violation as violation:
+    except RingViolation as violation:
         print(violation, flush=True)
         sys.exit(1)
 
@@ -103,7 +103,7 @@ def _read() -> None:
             enough = True
             print("enough", flush=True)
         if monotonic_ns() > deadline:
-            raise Violation(f"only {reads} reads")
+            raise RingViolation(f"only {reads} reads")
     while verb == "next" and witness.next():
         reads += 1
     if verb == "newest":

@@ -36,7 +36,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 from tests.shm.buffers import Buffer, Memory, Storage
-from tests.shm.process import ASLEEP, BLOCKING, Address, Local, Node, Note, Op, Program, run
+from tests.shm.process import ASLEEP, BLOCKING, Address, FakeNode, Local, Note, Op, Program, run
 
 CELLS = 64
 WAITING = ("fence", "quiet")
@@ -106,7 +106,7 @@ class Explorer:
         self._cells: dict[Address, int] = {place: i for i, place in enumerate(before or {})}
         self._first = (*(before or {}).values(), *[0] * (CELLS - len(self._cells)))
         self._storage = Storage(model, self._cells)
-        self._merged: dict[Any, Node] = {}
+        self._merged: dict[Any, FakeNode] = {}
         self._came: dict[State, tuple[State, Label] | None] = {}
 
     def explore(self) -> Explored:
@@ -147,10 +147,10 @@ class Explorer:
                     self._judge(state)
             level = following
 
-    def _run(self, i: int, history: tuple[Any, ...]) -> Node:
+    def _run(self, i: int, history: tuple[Any, ...]) -> FakeNode:
         return run(self._programs[i], self._cells, history, self.merging)
 
-    def _enter(self, s: State, i: int, node: Node) -> State:
+    def _enter(self, s: State, i: int, node: FakeNode) -> State:
         """Process `i` has come to `node`; who cannot be killed stores at once what it has to store."""
         if i in self._mortal or not node.pushes:
             return State(s.memory, s.buffers, _with(s.actors, i, node.at(0)), s.stale)
@@ -240,7 +240,8 @@ class Explorer:
         if i not in self._mortal or (local.ready and local.kind not in BLOCKING):
             return
         key = i, local.notes
-        dead = self._merged.get(key) or self._merged.setdefault(key, Node((), (), Op("end", (), "killed"), local.notes))
+        dead = self._merged.get(key) or self._merged.setdefault(key,
+                                                                FakeNode((), (), Op("end", (), "killed"), local.notes))
         actors, fresh = _with(s.actors, i, dead.at(0)), _with(s.stale, i, ())
         item = () if local.ready else local.node.pushes[local.done]
         size = 0 if isinstance(item, Note) else len(item)

@@ -30,7 +30,7 @@ from typing import Any, Protocol
 from shm import ring
 from shm.segment import names_of, segment_name, unlink
 from tests.shm import senders, victims, wrongs
-from tests.shm.witness import Notes, Violation, die_with_parent, holds
+from tests.shm.witness import Notes, RingViolation, die_with_parent, holds
 
 TRACED = (str(Path(ring.__file__).parent) + os.sep, str(Path(__file__).with_name("wrongs.py")))
 PATIENCE_NS = 20_000_000_000
@@ -138,11 +138,11 @@ class Killer:
         try:
             status = self._attend(pid, plan, began)
             if not (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL):
-                raise Violation(f"it ended by itself (status {status}): {self._notes.text}")
+                raise RingViolation(f"it ended by itself (status {status}): {self._notes.text}")
             self._victim.inspect(life, pid)
         except Exception as error:  # whatever it is, seed and death must be told
-            said = str(error) if isinstance(error, Violation) else traceback.format_exc()
-            raise Violation(f"life {life}, {plan}: {said}") from error
+            said = str(error) if isinstance(error, RingViolation) else traceback.format_exc()
+            raise RingViolation(f"life {life}, {plan}: {said}") from error
         name = f"{'early' if plan.early else 'late'} {plan.kind}"
         self.counts[name] = self.counts.get(name, 0) + 1
 
@@ -215,7 +215,7 @@ def run(system: str, name: str, kills: int, seed: int, wrong: str = "", walk: in
             killer.kill(life)
         holds(descriptors() <= open_files, f"{descriptors() - open_files} descriptors are left behind")
         victim.finish()
-    except Violation as broken:
+    except RingViolation as broken:
         violation = f"seed {seed}, {name}: {broken}"
     finally:
         for parts in names_of(system):

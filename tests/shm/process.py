@@ -3,7 +3,7 @@
 A program is a function that does its work on stand-ins for shared memory (tests/shm/simulated.py). It is deterministic
 but for what it loads (and what the kernel answers). So it is run again from its beginning with the answers it got so
 far, and stops where it asks for one more: that gives its next operation, and the stores before it. What is known of a
-process is a tree of answers, `Node`.
+process is a tree of answers, `FakeNode`.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class Actor:
 Program = Callable[[Actor], None]
 
 
-class Node:
+class FakeNode:
     """What a process does next, after one history of answers: `pushes` (stores and notes), then `op`."""
 
     __slots__ = ("_locals", "before", "children", "groups", "history", "op", "pushes")
@@ -147,7 +147,7 @@ class Node:
         """`before`: what was noted before `pushes`."""
         self.history, self.pushes, self.op, self.before = history, pushes, op, before
         self.groups = tuple(p for p in pushes if not isinstance(p, Note))
-        self.children: dict[Any, Node] = {}
+        self.children: dict[Any, FakeNode] = {}
         self._locals: dict[Any, Local] = {}
 
     def at(self, done: int, partial: tuple[Any, ...] = ()) -> Local:
@@ -163,7 +163,7 @@ class Local:
 
     __slots__ = ("asleep", "done", "first", "kind", "node", "partial", "ready")
 
-    def __init__(self, node: Node, done: int, partial: tuple[Any, ...]) -> None:
+    def __init__(self, node: FakeNode, done: int, partial: tuple[Any, ...]) -> None:
         self.node, self.done, self.partial = node, done, partial
         self.ready = done == len(node.pushes)  # its operation is what comes next
         self.asleep = partial == ASLEEP
@@ -179,7 +179,7 @@ class Local:
 ASLEEP = ("asleep",)
 
 
-def run(program: Program, cells: dict[Address, int], history: tuple[Any, ...], merging: bool = True) -> Node:
+def run(program: Program, cells: dict[Address, int], history: tuple[Any, ...], merging: bool = True) -> FakeNode:
     """What `program` does after the answers `history`; whatever the real code raises is a failure."""
     actor = Actor(cells, history, merging)
     try:
@@ -191,7 +191,7 @@ def run(program: Program, cells: dict[Address, int], history: tuple[Any, ...], m
     except Exception as error:
         op = Op("fail", (), f"{type(error).__name__}: {error}")
     count = sum(isinstance(p, Note) for p in actor.pushes)
-    return Node(history, tuple(actor.pushes), op, tuple(actor.notes[: len(actor.notes) - count]))
+    return FakeNode(history, tuple(actor.pushes), op, tuple(actor.notes[: len(actor.notes) - count]))
 
 
 RUN = run.__code__

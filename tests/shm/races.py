@@ -1,4 +1,4 @@
-"""Two processes on two cores that race for a wake-up; run by test_nap.py, which reads the line of JSON they print.
+"""Two processes on two cores that race for a wake-up; run by test_wakeup.py, which reads the line of JSON they print.
 
 `stores` is the bare race of the nap's steps P1-P3 against Q1-Q3; `wakeups` is the real thing, asleep in a futex.
 """
@@ -122,25 +122,25 @@ def wakeups() -> None:
     taken, data, lost, slept = 0, 16, 32, 48
     begin = monotonic_ns()
 
-    def rouse(nap: Wakeup) -> None:
+    def wake(wakeup: Wakeup) -> None:
         draw = random.Random(1)
         for n in range(1, count + 1):
             due = monotonic_ns() + draw.randrange(1000 * (NEAR_US if n % 2 else FAR_US))
             while monotonic_ns() < due:
                 pass
             notes[data] = n  # Q1
-            nap.rouse()
+            wakeup.wake()
             catch_up(notes, taken, n)
             if notes[lost]:
                 return
 
-    def sleep(nap: Wakeup) -> None:
+    def sleep(wakeup: Wakeup) -> None:
         for n in range(1, count + 1):
             n_is_there = Looks(notes, data, n)
             there = False
             while not there:
                 began = monotonic_ns()
-                there = nap.sleep(n_is_there, timeout_ns)
+                there = wakeup.sleep(n_is_there, timeout_ns)
                 notes[lost] += there and monotonic_ns() - began >= timeout_ns
             notes[slept] += n_is_there.looks > 1
             notes[taken] = n
@@ -148,7 +148,7 @@ def wakeups() -> None:
                 return
 
     def side(i: int) -> None:
-        (rouse if i else sleep)(ControlPage(system, "PSM1", write=True).nap())
+        (wake if i else sleep)(ControlPage(system, "PSM1", write=True).wakeup())
 
     beside(side)
     print(json.dumps({"wakeups": notes[taken], "slept": notes[slept], "lost": notes[lost],

@@ -14,7 +14,7 @@ from shm.mailbox import Mailbox, Received
 from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, create_mailbox
 from shm.place import MailboxFull, Place, Reply, StopPlace, take_place
 from shm.segment import Segment, segment_name
-from tests.shm.witness import Notes, Violation, holds
+from tests.shm.witness import Notes, RingViolation, holds
 
 COMMAND, STOP = "bias_encoders", "servo_zero"
 SIZES = 13  # longest command: more values than come with the owner's first copy
@@ -33,10 +33,10 @@ def judged(got: Received, name: str = COMMAND) -> tuple[int, int]:
     """(sender, count) of a command; Violation when it is not whole."""
     numbers = got.values.tolist()
     if len(numbers) < 2:
-        raise Violation(f"command {got.id} is torn: {numbers}")
+        raise RingViolation(f"command {got.id} is torn: {numbers}")
     sender, count = int(numbers[0]), int(numbers[1])
     if got.name != name or numbers != values(sender, count) or got.text != f"{sender}:{count}":
-        raise Violation(f"command {got.id} is torn: {got.name} {numbers} {got.text!r}")
+        raise RingViolation(f"command {got.id} is torn: {got.name} {numbers} {got.text!r}")
     return sender, count
 
 

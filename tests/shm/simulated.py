@@ -30,7 +30,7 @@ from tests.shm.process import PLAIN, REAL, Actor, Address
 FIRST = 4096
 NAPS_AT = FIRST + 64
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "locks", "mailbox_map", "received", "mailbox", "place", "nap", "lockstep")
+MODULES = ("order", "ring", "locks", "mailbox_map", "received", "mailbox", "place", "wakeup", "lockstep")
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
@@ -58,7 +58,7 @@ def private(thing: Any) -> tuple[Any, ...]:
                  or (isinstance(value, list) and all(isinstance(v, int) for v in value)))
 
 
-class Part:
+class SimulatedPart:
     """A part of a segment's memory, like a memoryview of it; in cells of `width` bytes."""
 
     readonly = False
@@ -76,9 +76,9 @@ class Part:
 
     tobytes = __bytes__
 
-    def cast(self, form: str) -> Part:
+    def cast(self, form: str) -> SimulatedPart:
         width = {"I": 4, "Q": 8}[form]
-        return Part(self.me, self.name, self.start, self.start + len(self) * self.width, width)
+        return SimulatedPart(self.me, self.name, self.start, self.start + len(self) * self.width, width)
 
     def release(self) -> None:
         pass
@@ -109,9 +109,9 @@ class Whole:
     def __init__(self, me: Actor, name: str) -> None:
         self.me, self.name = me, name
 
-    def __getitem__(self, part: slice) -> Part:
+    def __getitem__(self, part: slice) -> SimulatedPart:
         width = 4 if part.stop - part.start == 4 else 8
-        return Part(self.me, self.name, part.start, part.stop, width)
+        return SimulatedPart(self.me, self.name, part.start, part.stop, width)
 
 
 class Words:
@@ -146,7 +146,7 @@ class Segment:
     def claim(self, name: str) -> None:
         self._me.claim(("lock", -1))
 
-    def keep(self, part: Part) -> Part:
+    def keep(self, part: SimulatedPart) -> SimulatedPart:
         return part
 
     def at_close(self, callback: object, *, unlocks: bool = False) -> None:
@@ -184,7 +184,7 @@ class Number(int):
 
 
 class Kernel:
-    """Stands for ctypes, os, the futex call and the locks, as nap.py and locks.py use them."""
+    """Stands for ctypes, os, the futex call and the locks, as wakeup.py and locks.py use them."""
 
     c_uint32 = Number
     c_void_p = addressof = byref = staticmethod(lambda value: value)
@@ -224,7 +224,7 @@ class Real:
         with patch.dict(sys.modules):
             read = (self._read(m, changes) for m in MODULES)
             self.order, self.ring, self.locks, self._map, _, self.mailbox, self.place, *rest = read
-            self._naps, self.lockstep = rest
+            self._wakeups, self.lockstep = rest
         self._join()
 
     def on(self, me: Actor) -> Real:
@@ -264,12 +264,12 @@ class Real:
         place.Places, place.AllTaken, place.pause = locks.Places, locks.AllTaken, lambda seconds: None
         place.monotonic_ns = mailbox.monotonic_ns = lambda: 7
         locks._lock, locks._unlock = kernel.lock, kernel.unlock
-        self._naps.ctypes, self._naps.SYSCALL = kernel, kernel.futex
+        self._wakeups.ctypes, self._wakeups.SYSCALL = kernel, kernel.futex
         self.ring.merge = lambda reader, round: self.me.merge((round, private(reader)))
-        self._naps.full_fence = lambda: lambda: self.me.fence()
+        self._wakeups.full_fence = lambda: lambda: self.me.fence()
         steps = self.lockstep
         steps.Places, steps.full_fence, steps.monotonic_ns, steps.local_ns = (
-            locks.Places, self._naps.full_fence, lambda: 7, lambda: 7)
+            locks.Places, self._wakeups.full_fence, lambda: 7, lambda: 7)
 
     def writer(self, depth: int) -> Any:
         """A RingWriter."""
@@ -291,9 +291,9 @@ class Real:
         """A StopPlace."""
         return self.place.StopPlace("s", "IO1")
 
-    def nap(self) -> Any:
+    def wakeup(self) -> Any:
         """A Nap, the first of the page."""
-        return self._naps.Wakeup(self._page(), NAPS_AT)
+        return self._wakeups.Wakeup(self._page(), NAPS_AT)
 
     def member(self, name: str, table: Any) -> Any:
         """A Member of simulated time."""
@@ -307,8 +307,8 @@ class Real:
         page = Segment(self, "clock", "clock", self.lockstep.SCHEMA, 1)
         page.header.info.clear()
         page.header.info.update(table.to_info())
-        naps = [self._naps.Wakeup(self._page(), NAPS_AT + 4 * place) for place in range(len(table.members))]
-        return page, naps, lambda: None
+        wakeups = [self._wakeups.Wakeup(self._page(), NAPS_AT + 4 * place) for place in range(len(table.members))]
+        return page, wakeups, lambda: None
 
     def _page(self) -> Segment:
         return Segment(self, "page", "control", PAIR, 1)

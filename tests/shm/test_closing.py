@@ -36,7 +36,7 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
     "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
     "place": lambda system: (take_place(system, "PSM1"),),
-    "nap": with_page(ControlPage.nap),
+    "wakeup": with_page(ControlPage.wakeup),
     "timekeeper": lambda system: (Timekeeper(system, TABLE),),
     "lock-step clock": lambda system: (Timekeeper(system, TABLE), LockstepClock(system, "PSM1")),
 }

@@ -74,4 +74,4 @@ def test_one_segment_is_not_another(page: str, world: Any) -> None:
 
 
 def test_the_futex_word_is_aligned() -> None:
-    assert SCHEMA.offset("nap") % 4 == 0
+    assert SCHEMA.offset("wakeup") % 4 == 0

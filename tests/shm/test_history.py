@@ -37,7 +37,7 @@ class Interrupted:
         raise AssertionError("a reader has written")
 
 
-class Pair:
+class RingPair:
     """A ring with a writer, and a reader in whose every load the writer may come."""
 
     def __init__(self, pace: list[int]) -> None:
@@ -80,7 +80,7 @@ PACES = st.lists(st.sampled_from([0, 0, 0, 0, 1, 1, 2, 3, KEPT, 3 * KEPT]), max_
 @settings(deadline=None, max_examples=150)
 @given(pace=PACES, count=st.integers(0, SLOTS + 2))
 def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int) -> None:
-    with closing(Pair(pace)) as pair:
+    with closing(RingPair(pace)) as pair:
         found = pair.witness.history(pair.reader.last(count))
         assert found == pair.expected(pair.words.newest_at[HEAD] - count + 1)
 
@@ -88,7 +88,7 @@ def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int) ->
 @settings(deadline=None, max_examples=150)
 @given(pace=PACES, back=st.integers(-3, SLOTS + 2))
 def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int) -> None:
-    with closing(Pair(pace)) as pair:
+    with closing(RingPair(pace)) as pair:
         found = pair.witness.history(pair.reader.since(BEFORE - back))
         assert found == pair.expected(BEFORE - back)
 
@@ -96,7 +96,7 @@ def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int) ->
 @settings(deadline=None, max_examples=150)
 @given(pace=PACES)
 def test_a_late_reader_counts_all_that_is_overwritten_from_then_on(pace: list[int]) -> None:
-    with closing(Pair(pace)) as pair:
+    with closing(RingPair(pace)) as pair:
         for _ in pace:
             pair.witness.next()  # counts, and compares, at each record
         while pair.witness.next():

@@ -107,11 +107,11 @@ def use_mailbox() -> None:
 
 
 def use_control() -> None:
-    with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(SYSTEM, "PSM2", write=True)) as pulse:
-        assert isinstance(pulse.state + str(pulse.get("error")), str)
-        pulse.nap().rouse()
-        pulse.nap().sleep(lambda: False, 1000)
-        pulse.show("RUNNING")
+    with contextlib.suppress(SegmentError), contextlib.closing(ControlPage(SYSTEM, "PSM2", write=True)) as page:
+        assert isinstance(page.state + str(page.get("error")), str)
+        page.wakeup().wake()
+        page.wakeup().sleep(lambda: False, 1000)
+        page.show("RUNNING")
 
 
 def use_clock() -> None:

@@ -26,14 +26,14 @@ def publish(*steps: str) -> Change:
     return "ring", PUBLISH, "".join(f"        {step}\n" for step in steps)
 
 
-def writer(real: Real, depth: int, count: int, predecessor: str = "") -> Program:
+def writer(real: Real, depth: int, count: int, previous_state: str = "") -> Program:
     """Publishes `count` records; record n has stamp 10 n and says who wrote it."""
 
     def run(me: Actor) -> None:
-        if predecessor:
-            me.after(predecessor)
+        if previous_state:
+            me.after(previous_state)
         ring = real.on(me).writer(depth)
-        who = 2000 if predecessor else 1000
+        who = 2000 if previous_state else 1000
         value, n = ring.field("value"), ring.sequence
         assert ring.stamp_ns == 10 * n and (n == 0 or int(value) - n in (1000, 2000)), "the successor's first record"
         for _ in range(count):

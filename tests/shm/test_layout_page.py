@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import control_page as pulse
-from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring
-from shm import wakeup as nap
+from shm import control_page as page
+from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring, wakeup
 from shm.commands import COMMANDS
 from shm.control_page import STATES, ControlPage, create_control
 from shm.directory import create_ring
@@ -164,13 +163,13 @@ def test_the_rules_give_the_offsets_of_every_topic(count: int) -> None:
     named = ("axes", "drives", "robots", "inputs", "outputs", "readers", "boards", "setups", "instances",
              "teleops", "arms", "components")
     dims = dict.fromkeys(named, count)
-    for schema in [*(schema_of(topic, dims) for topic in TOPICS), pulse.SCHEMA, lockstep.SCHEMA,
+    for schema in [*(schema_of(topic, dims) for topic in TOPICS), page.SCHEMA, lockstep.SCHEMA,
                    schema_of(faults.PAGE, dims)]:
         names = schema.dtype.names or ()
         assert laid_out(schema) == ({n: schema.offset(n) for n in names}, schema.dtype.itemsize, schema.stride)
 
 
-@pytest.mark.parametrize(("which", "schema"), [(0, pulse.SCHEMA), (1, COMMAND_SCHEMA), (2, REPLY_SCHEMA),
+@pytest.mark.parametrize(("which", "schema"), [(0, page.SCHEMA), (1, COMMAND_SCHEMA), (2, REPLY_SCHEMA),
                                                (3, lockstep.SCHEMA)])
 def test_records_lie_where_the_page_says(which: int, schema: Schema) -> None:
     dtypes = dict(re.findall(r'"name":"([^"]*)","dtype":"([^"]*)"', schema.text.decode()))
@@ -231,7 +230,7 @@ def test_names_are_as_long_as_the_page_says() -> None:
 
 
 def test_the_steps_are_those_of_the_modules() -> None:
-    modules: tuple[ModuleType, ...] = (ring, mailbox, nap)
+    modules: tuple[ModuleType, ...] = (ring, mailbox, wakeup)
     steps = re.compile(r"\b(?:[WRVMNABPQL][1-9]|S1)\b")
     assert set(steps.findall(TEXT)) == {step for module in modules for step in steps.findall(module.__doc__ or "")}
 
@@ -397,12 +396,12 @@ def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> No
         end.close()
 
 
-def test_a_sleeper_made_from_the_page_is_roused(system: str) -> None:
+def test_a_sleeper_made_from_the_page_is_woken(system: str) -> None:
     create_control(system, "PSM1")
     page, seen = ControlPage(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
-    word = seen.first + offset(records(0), "nap")
+    word = seen.first + offset(records(0), "wakeup")
     seen.map[word : word + 4] = struct.pack("<I", 1)
-    page.nap().rouse()
+    page.wakeup().wake()
     assert struct.unpack_from("<I", seen.map, word) == (0,)
     seen.close()
     page.close()

@@ -103,14 +103,14 @@ def test_a_dead_member_is_dropped_and_the_others_go_on(world: Any, keeper: Make)
     world.kill(world.children[1])
 
 
-def test_who_is_roused_runs_before_time_goes_on(world: Any, keeper: Make) -> None:
+def test_who_is_woken_runs_before_time_goes_on(world: Any, keeper: Make) -> None:
     time_ = keeper("A", "B")
     one, other = LockstepClock(world.name, "A"), LockstepClock(world.name, "B")
     time_.admit(["A", "B"])
     other.sleep_until(EPOCH_NS + MS, once())
     other._own.begin()  # as it is while it sleeps
     page = ControlPage(world.name, "B", write=True)
-    page.nap().rouse()
+    page.wakeup().wake()
     one.sleep_until(EPOCH_NS + MS, once())
     assert one.now_ns() == EPOCH_NS
     assert other.sleep_until(EPOCH_NS + MS, forever, lambda: True), "there was news"

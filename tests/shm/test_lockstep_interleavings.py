@@ -50,7 +50,7 @@ def sleeper(real: Real, name: str, table: Table, wishes: tuple[int, ...], wakes:
             me.note(member.now_ns())
             if wakes and wish == wishes[0]:
                 me.store((NEWS, 1))
-                member._naps[table.members.index(wakes)].rouse()
+                member._wakeups[table.members.index(wakes)].wake()
         leave(member, member._place)
 
     return run
@@ -138,17 +138,17 @@ APART = partial(lockstep, wishes={"A": (1, 2), "B": (2,)})
 MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  # and the search that finds it first
     "asleep before the wish is out": (TOGETHER, (
         ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "pass"),
-        ("lockstep", "nap.begin()  # F4", "nap.begin(); words[self._next[place]] = deadline_ns"))),
+        ("lockstep", "wakeup.begin()  # F4", "wakeup.begin(); words[self._next[place]] = deadline_ns"))),
     "wish before the count": (news, (
         ("lockstep", COUNT, "words[self._next[place]] = deadline_ns"),
         ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "words[self._finished[place]] += 1"))),
-    "falling asleep without fence": (APART, (("nap", "self._fence()  # P2", "pass"),)),
+    "falling asleep without fence": (APART, (("wakeup", "self._fence()  # P2", "pass"),)),
     "nobody is woken": (APART, (
         ("lockstep", "            if wish:\n                self._wake_due()", "            pass"),)),
     "no lock": (APART, (("lockstep", "if not self._lock.take(0):", "if False:"),)),
     "two looks that may differ": (news, (("lockstep", "if wish and seen == again:", "if wish:"),)),
     "no look after the lock": (APART, (("lockstep", "while self._wish(seen):  # A1", "if self._wish(seen):"),)),
-    "time goes past who is awake": (news, (("lockstep", "if not nap.sleeps:", "if False:"),)),
+    "time goes past who is awake": (news, (("lockstep", "if not wakeup.sleeps:", "if False:"),)),
 }
 
 

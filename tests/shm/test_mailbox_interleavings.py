@@ -20,12 +20,12 @@ TWO_PLACES: Change = "mailbox_map", "CLIENTS = 1", "CLIENTS = 2"
 SAYS = {"refused": "no", "failed": DIED[:6]}
 
 
-def client(real: Real, verbs: str, predecessor: str = "", who: int = 1000, heir: bool = False) -> Program:
+def client(real: Real, verbs: str, previous_state: str = "", who: int = 1000, heir: bool = False) -> Program:
     """Sends and polls; without an heir polls for a last time when all is quiet. Command n has the value `who` + n."""
 
     def run(me: Actor) -> None:
-        if predecessor:
-            me.after(predecessor)
+        if previous_state:
+            me.after(previous_state)
         sender = real.on(me).sender()
         begin, got = sender._seen, 0
         me.private = lambda: private(sender)
@@ -59,12 +59,12 @@ def client(real: Real, verbs: str, predecessor: str = "", who: int = 1000, heir:
     return run
 
 
-def owner(real: Real, rounds: int, predecessor: str = "", refuses: bool = False, numbered: bool = True) -> Program:
+def owner(real: Real, rounds: int, previous_state: str = "", refuses: bool = False, numbered: bool = True) -> Program:
     """Runs what comes in, at last when all is quiet; an heir may refuse what it finds. `numbered`: values as ids."""
 
     def run(me: Actor) -> None:
-        if predecessor:
-            me.after(predecessor)
+        if previous_state:
+            me.after(previous_state)
         box = real.on(me).owner()
         me.private = lambda: private(box)
 

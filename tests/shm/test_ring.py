@@ -35,7 +35,7 @@ sys.stdin.read()
 """
 
 
-class Ring:
+class RingUnderTest:
     """One ring under test."""
 
     def __init__(self, name: str) -> None:
@@ -52,15 +52,15 @@ class Ring:
 
 
 @pytest.fixture
-def make_ring(world: Any) -> Iterator[Callable[[], Ring]]:
+def make_ring(world: Any) -> Iterator[Callable[[], RingUnderTest]]:
     """A maker of rings of NUMBER."""
-    made: list[Ring] = []
+    made: list[RingUnderTest] = []
     counter = itertools.count()
 
-    def make() -> Ring:
+    def make() -> RingUnderTest:
         instance = f"r{next(counter)}"
         create_ring(world.name, instance, NUMBER, {}, {})
-        made.append(Ring(segment_name(world.name, instance, "number")))
+        made.append(RingUnderTest(segment_name(world.name, instance, "number")))
         return made[-1]
 
     yield make
@@ -71,7 +71,7 @@ def make_ring(world: Any) -> Iterator[Callable[[], Ring]]:
 
 
 @pytest.fixture
-def ring(make_ring: Callable[[], Ring]) -> Ring:
+def ring(make_ring: Callable[[], RingUnderTest]) -> RingUnderTest:
     return make_ring()
 
 
@@ -90,14 +90,14 @@ def rest(reader: RingReader) -> list[int]:
     return found
 
 
-def test_an_empty_ring_gives_nothing(ring: Ring) -> None:
+def test_an_empty_ring_gives_nothing(ring: RingUnderTest) -> None:
     reader = ring.reader()
     assert not reader.newest() and not reader.next()
     assert len(reader.last(3)) == 0 and len(reader.since(0)) == 0
     assert (reader.sequence, reader.stamp_ns, reader.head, reader.epoch, reader.lost) == (0, 0, 0, 0, 0)
 
 
-def test_newest_copies_one_whole_record(ring: Ring) -> None:
+def test_newest_copies_one_whole_record(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     value, pair = reader.field("value"), reader.field("pair")
     put(writer, 1, 2)
@@ -108,7 +108,7 @@ def test_newest_copies_one_whole_record(ring: Ring) -> None:
     assert reader.newest() and int(value) == 3
 
 
-def test_next_gives_every_record_in_order(ring: Ring) -> None:
+def test_next_gives_every_record_in_order(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2, 3)
     assert rest(reader) == [1, 2, 3]
@@ -116,7 +116,7 @@ def test_next_gives_every_record_in_order(ring: Ring) -> None:
     assert rest(reader) == [4] and reader.lost == 0
 
 
-def test_lost_records_are_counted_exactly(ring: Ring) -> None:
+def test_lost_records_are_counted_exactly(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, *range(1, 11))
     assert rest(reader) == [8, 9, 10] and reader.lost == 7
@@ -124,7 +124,7 @@ def test_lost_records_are_counted_exactly(ring: Ring) -> None:
     assert rest(reader) == [13, 14, 15] and reader.lost == 9
 
 
-def test_a_late_reader_sees_history_and_loses_nothing(ring: Ring) -> None:
+def test_a_late_reader_sees_history_and_loses_nothing(ring: RingUnderTest) -> None:
     writer = ring.writer()
     put(writer, 1, 2, 3)
     late = ring.reader()
@@ -133,7 +133,7 @@ def test_a_late_reader_sees_history_and_loses_nothing(ring: Ring) -> None:
     assert rest(late) == [4] and late.lost == 0
 
 
-def test_last_leaves_the_slot_out_that_comes_next(ring: Ring) -> None:
+def test_last_leaves_the_slot_out_that_comes_next(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, *range(1, 10))
     assert reader.last(100)["value"].tolist() == [7, 8, 9]
@@ -142,26 +142,26 @@ def test_last_leaves_the_slot_out_that_comes_next(ring: Ring) -> None:
     assert reader.since(0)["value"].tolist() == [7, 8, 9] and len(reader.since(9999)) == 0
 
 
-def test_verbs_do_not_disturb_each_other(ring: Ring) -> None:
+def test_verbs_do_not_disturb_each_other(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2, 3)
     assert reader.newest() and len(reader.last(2)) == 2
     assert rest(reader) == [1, 2, 3]
 
 
-def test_a_field_that_is_not_there_names_those_that_are(ring: Ring) -> None:
+def test_a_field_that_is_not_there_names_those_that_are(ring: RingUnderTest) -> None:
     with pytest.raises(RingError, match=r"no field x; there are: sequence, stamp_ns, value, pair"):
         ring.writer().field("x")
 
 
-def test_another_schema_is_refused_naming_both(ring: Ring) -> None:
+def test_another_schema_is_refused_naming_both(ring: RingUnderTest) -> None:
     with Segment(ring.name) as segment, pytest.raises(SegmentError) as caught:
         RingReader(segment, schema_of(SETPOINT))
     text = str(caught.value)
     assert f"{schema_of(NUMBER).fingerprint:016x}" in text and f"{schema_of(SETPOINT).fingerprint:016x}" in text
 
 
-def test_a_successor_goes_on_from_head_with_a_new_epoch(world: Any, ring: Ring) -> None:
+def test_a_successor_goes_on_from_head_with_a_new_epoch(world: Any, ring: RingUnderTest) -> None:
     reader = ring.reader()
     child = world.start(WRITER, ring.name)
     assert child.stdout.readline() == "written\n"
@@ -175,7 +175,7 @@ def test_a_successor_goes_on_from_head_with_a_new_epoch(world: Any, ring: Ring) 
     assert rest(reader) == [105, 106, 7] and reader.lost == 4 and reader.epoch == 2
 
 
-def test_a_writer_that_died_inside_a_slot_harms_nobody(ring: Ring) -> None:
+def test_a_writer_that_died_inside_a_slot_harms_nobody(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2, 3)
     with Segment(ring.name, write=True) as hand:
@@ -191,7 +191,7 @@ def test_a_writer_that_died_inside_a_slot_harms_nobody(ring: Ring) -> None:
     assert rest(reader) == [4] and reader.lost == 0
 
 
-def test_a_half_written_newest_slot_is_never_given(ring: Ring) -> None:
+def test_a_half_written_newest_slot_is_never_given(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2)
     with Segment(ring.name, write=True) as hand:
@@ -202,7 +202,7 @@ def test_a_half_written_newest_slot_is_never_given(ring: Ring) -> None:
         assert len(reader.last(9)) == 0  # who has come round to 2 has overwritten 1
 
 
-def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: Ring) -> None:
+def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: RingUnderTest) -> None:
     writer, reader, other = ring.writer(), ring.reader(), ring.reader()
     put(writer, 1, 2)
     with Segment(ring.name, write=True) as hand:
@@ -217,7 +217,7 @@ def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: Ring) 
     assert rest(reader) == [5] and reader.sequence == 3 and reader.trouble == ""
 
 
-def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: Ring) -> None:
+def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2, 3)
     assert reader.newest() and rest(reader) == [1, 2, 3]
@@ -228,7 +228,7 @@ def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: Ring) -> 
     assert reader.backwards == 1 and "went backwards" in reader.trouble
 
 
-def test_a_slot_that_contradicts_the_head_is_reported(ring: Ring) -> None:
+def test_a_slot_that_contradicts_the_head_is_reported(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2)
     with Segment(ring.name, write=True) as hand:
@@ -237,7 +237,7 @@ def test_a_slot_that_contradicts_the_head_is_reported(ring: Ring) -> None:
     assert "no whole record" in reader.trouble
 
 
-def test_a_slot_that_contradicts_is_not_kept(ring: Ring) -> None:
+def test_a_slot_that_contradicts_is_not_kept(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2)
     with Segment(ring.name, write=True) as hand:
@@ -249,7 +249,7 @@ def test_a_slot_that_contradicts_is_not_kept(ring: Ring) -> None:
 
 
 @pytest.mark.parametrize("head", [2**64 - 1, 2**62, 1 << 40, 7])
-def test_a_garbage_head_ends_in_no_endless_loop(ring: Ring, head: int) -> None:
+def test_a_garbage_head_ends_in_no_endless_loop(ring: RingUnderTest, head: int) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, 1, 2)
     assert rest(reader) == [1, 2]
@@ -263,7 +263,7 @@ def test_a_garbage_head_ends_in_no_endless_loop(ring: Ring, head: int) -> None:
             ring.writer()
 
 
-def test_fences_asked_for_change_nothing_but_the_time(ring: Ring, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fences_asked_for_change_nothing_but_the_time(ring: RingUnderTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TROCAR_FENCES", "1")
     writer, reader = ring.writer(), ring.reader()
     assert isinstance(writer._words, FencedWords) and isinstance(reader._words, FencedWords)
@@ -273,7 +273,7 @@ def test_fences_asked_for_change_nothing_but_the_time(ring: Ring, monkeypatch: p
     assert reader.trouble == "" and reader.lost == 0
 
 
-def test_closing_twice_is_harmless(ring: Ring) -> None:
+def test_closing_twice_is_harmless(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     writer.close()
     reader.close()
@@ -307,7 +307,7 @@ STEPS = st.lists(st.sampled_from(["put", "put", "put", "newest", "next", "last",
 def test_any_sequence_of_verbs_equals_a_plain_list(steps: list[str]) -> None:
     name = segment_name(MODEL_SYSTEM, "model", "number")
     create_ring(MODEL_SYSTEM, "model", NUMBER, {}, {})
-    ring, written = Ring(name), []
+    ring, written = RingUnderTest(name), []
     try:
         writer = ring.writer()
         pairs = [(ring.reader(), Model(written))]
@@ -404,7 +404,7 @@ def test_no_record_is_torn_at_full_speed(world: Any) -> None:
 
 
 @pytest.mark.parametrize("stamp", [-(2**63), -1, 2**63 - 1])
-def test_a_successor_takes_over_no_absurd_stamp(ring: Ring, stamp: int) -> None:
+def test_a_successor_takes_over_no_absurd_stamp(ring: RingUnderTest, stamp: int) -> None:
     writer = ring.writer()
     writer.publish(stamp)
     writer.close()

@@ -182,21 +182,21 @@ def test_a_long_life_of_scribbles_leaves_rings_usable() -> None:
 @given(at=st.integers(0, 4096), data=st.binary(min_size=1, max_size=1200))
 def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
     create_control(SYSTEM, "PSM1")
-    pulse, other = ControlPage(SYSTEM, "PSM1", write=True), ControlPage(SYSTEM, "PSM1", write=True)
+    page, other = ControlPage(SYSTEM, "PSM1", write=True), ControlPage(SYSTEM, "PSM1", write=True)
     try:
-        ours, theirs = pulse.nap(), other.nap()
-        end = min(len(pulse.segment.view), 4096 + at + len(data))
-        pulse.segment.view[4096 + at : end] = data[: end - 4096 - at]
+        ours, theirs = page.wakeup(), other.wakeup()
+        end = min(len(page.segment.view), 4096 + at + len(data))
+        page.segment.view[4096 + at : end] = data[: end - 4096 - at]
         with bounded():
             for _ in range(20):
-                theirs.rouse()
+                theirs.wake()
             assert ours.sleep(lambda: False, 100_000) is False
-            assert isinstance(pulse.state, str)
-            assert all(pulse.get(name) is not None for name in ("heartbeat_ns", "period_avg", "policy", "error"))
-            pulse.show("FAILED", "it did")
-        assert pulse.state == "FAILED" and pulse.get("error") == b"it did"
+            assert isinstance(page.state, str)
+            assert all(page.get(name) is not None for name in ("heartbeat_ns", "period_avg", "policy", "error"))
+            page.show("FAILED", "it did")
+        assert page.state == "FAILED" and page.get("error") == b"it did"
     finally:
-        pulse.close()
+        page.close()
         other.close()
         clear()
 

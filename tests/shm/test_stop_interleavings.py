@@ -14,7 +14,7 @@ from tests.shm.test_mailbox_interleavings import ONE_REPLY, SAYS, owner
 STOPS = {"one": 1000, "other": 2000, "last": 3000}
 
 
-def stopper(real: Real, who: str, count: int = 1, *, width: int = 1, predecessor: str = "", heir: bool = False
+def stopper(real: Real, who: str, count: int = 1, *, width: int = 1, previous_state: str = "", heir: bool = False
             ) -> Program:
     """Stops so many times; without an heir polls for a last time when all is quiet.
 
@@ -22,8 +22,8 @@ def stopper(real: Real, who: str, count: int = 1, *, width: int = 1, predecessor
     """
 
     def run(me: Actor) -> None:
-        if predecessor:
-            me.after(predecessor)
+        if previous_state:
+            me.after(previous_state)
         stops = real.on(me).stopper()
         me.private = lambda: private(stops)
         for n in range(1, count + 1):
@@ -70,7 +70,7 @@ def two(real: Real, *, kill: str = "", rounds: int = 1, stops: int = 1, width: i
     if kill == "owner":
         programs["heir"] = owner(real, rounds, "owner", refuses, False)
     programs["one"] = stopper(real, "one", stops, width=width, heir=heir)
-    programs["other"] = stopper(real, "other", width=width, predecessor="one" if heir else "")
+    programs["other"] = stopper(real, "other", width=width, previous_state="one" if heir else "")
     return Explorer(programs, judge, kill=kill)
 
 

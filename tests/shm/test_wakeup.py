@@ -1,4 +1,4 @@
-"""The nap: who has news wakes who sleeps, it costs nothing when nobody does, and every sleep ends."""
+"""The wake-up word: who has news wakes who sleeps, it costs nothing when nobody does, and every sleep ends."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from shm.control_page import ControlPage, create_control
 from shm.segment import SegmentError, segment_name, unlink
 
 LONG_S = 1800.0
-NAPPER = """
+SLEEPER_OF_PAGE = """
 import sys
 from shm.control_page import ControlPage
-pulse = ControlPage(sys.argv[1], "PSM1", write=True)
-nap, cycles = pulse.nap(), pulse.field("cycles")
+page = ControlPage(sys.argv[1], "PSM1", write=True)
+wakeup, cycles = page.wakeup(), page.field("cycles")
 for seen in range(int(sys.argv[2])):
-    while not nap.sleep(lambda: int(cycles) > seen, 60_000_000_000):
+    while not wakeup.sleep(lambda: int(cycles) > seen, 60_000_000_000):
         pass
     print(seen + 1, flush=True)
 """
 
 
 @pytest.fixture
-def pulse(world: Any) -> Iterator[ControlPage]:
+def control_page(world: Any) -> Iterator[ControlPage]:
     """The control page of PSM1."""
     create_control(world.name, "PSM1")
     page = ControlPage(world.name, "PSM1", write=True)
@@ -39,70 +39,71 @@ def pulse(world: Any) -> Iterator[ControlPage]:
     unlink(segment_name(world.name, "PSM1", "control"))
 
 
-def test_a_sleeper_is_roused_by_whoever_has_news(world: Any, pulse: ControlPage) -> None:
+def test_a_sleeper_is_woken_by_whoever_has_news(world: Any, control_page: ControlPage) -> None:
     other = ControlPage(world.name, "PSM1", write=True)
-    naps, cycles, word = (pulse.nap(), other.nap()), pulse.field("cycles"), pulse.field("nap")
-    child = world.start(NAPPER, "20")
+    wakeups = control_page.wakeup(), other.wakeup()
+    cycles, word = control_page.field("cycles"), control_page.field("wakeup")
+    child = world.start(SLEEPER_OF_PAGE, "20")
     for i in range(1, 21):
         world.until(lambda: word == 1, "it sleeps")
         cycles[...] = i
-        naps[i % 2].rouse()
+        wakeups[i % 2].wake()
         assert child.stdout.readline() == f"{i}\n"
     world.finish(child)
     other.close()
 
 
-def test_a_nap_ends_by_itself_and_news_need_no_rousing(pulse: ControlPage) -> None:
-    nap, word = pulse.nap(), pulse.field("nap")
-    nap.rouse()
-    assert not nap.sleep(lambda: False, 1_000_000) and word == 0
-    assert nap.sleep(lambda: True, 10**12) and word == 0
+def test_a_sleep_ends_by_itself_and_news_need_no_waking(control_page: ControlPage) -> None:
+    wakeup, word = control_page.wakeup(), control_page.field("wakeup")
+    wakeup.wake()
+    assert not wakeup.sleep(lambda: False, 1_000_000) and word == 0
+    assert wakeup.sleep(lambda: True, 10**12) and word == 0
 
 
-def test_a_sleep_lasts_as_long_as_it_may(pulse: ControlPage) -> None:
-    nap, begin = pulse.nap(), time.monotonic_ns()
-    assert not nap.sleep(lambda: False, 20_000_000)
+def test_a_sleep_lasts_as_long_as_it_may(control_page: ControlPage) -> None:
+    wakeup, begin = control_page.wakeup(), time.monotonic_ns()
+    assert not wakeup.sleep(lambda: False, 20_000_000)
     assert time.monotonic_ns() - begin >= 19_000_000
-    assert not nap.sleep(lambda: False, 0) and not nap.sleep(lambda: False, -5)
+    assert not wakeup.sleep(lambda: False, 0) and not wakeup.sleep(lambda: False, -5)
 
 
-def test_rousing_who_is_awake_changes_nothing(pulse: ControlPage) -> None:
-    nap, before = pulse.nap(), bytes(pulse.segment.view)
+def test_waking_who_is_awake_changes_nothing(control_page: ControlPage) -> None:
+    wakeup, before = control_page.wakeup(), bytes(control_page.segment.view)
     for _ in range(5):
-        nap.rouse()
-    assert bytes(pulse.segment.view) == before
+        wakeup.wake()
+    assert bytes(control_page.segment.view) == before
 
 
-def test_news_between_look_and_sleep_are_not_slept_through(pulse: ControlPage) -> None:
-    nap, looks = pulse.nap(), iter((False, True))
+def test_news_between_look_and_sleep_are_not_slept_through(control_page: ControlPage) -> None:
+    wakeup, looks = control_page.wakeup(), iter((False, True))
 
     def news() -> bool:
         found = next(looks)
         if not found:
-            nap.rouse()  # right behind our look: the word is 0, so the futex must not sleep
+            wakeup.wake()  # right behind our look: the word is 0, so the futex must not sleep
         return found
 
-    assert nap.sleep(news, 60_000_000_000)
+    assert wakeup.sleep(news, 60_000_000_000)
 
 
-def test_an_error_while_looking_leaves_nobody_asleep(pulse: ControlPage) -> None:
+def test_an_error_while_looking_leaves_nobody_asleep(control_page: ControlPage) -> None:
     with pytest.raises(ZeroDivisionError):
-        pulse.nap().sleep(lambda: 1 // 0 > 0, 10**9)
-    assert pulse.get("nap") == 0
+        control_page.wakeup().sleep(lambda: 1 // 0 > 0, 10**9)
+    assert control_page.get("wakeup") == 0
 
 
-def test_a_dead_sleeper_costs_one_wake_up(world: Any, pulse: ControlPage) -> None:
-    child = world.start(NAPPER, "1")
-    world.until(lambda: pulse.get("nap") == 1, "it sleeps")
+def test_a_dead_sleeper_costs_one_wake_up(world: Any, control_page: ControlPage) -> None:
+    child = world.start(SLEEPER_OF_PAGE, "1")
+    world.until(lambda: control_page.get("wakeup") == 1, "it sleeps")
     world.kill(child)
-    nap = pulse.nap()
-    assert nap.sleeps and nap.wake() and not nap.wake()
+    wakeup = control_page.wakeup()
+    assert wakeup.sleeps and wakeup.wake_after_fence() and not wakeup.wake_after_fence()
 
 
-def test_napping_needs_write_access(world: Any, pulse: ControlPage) -> None:
+def test_sleeping_needs_write_access(world: Any, control_page: ControlPage) -> None:
     reader = ControlPage(world.name, "PSM1")
     with pytest.raises(SegmentError, match="a futex needs write access"):
-        reader.nap()
+        reader.wakeup()
     reader.close()
 
 
@@ -139,25 +140,25 @@ def test_without_the_fence_both_miss_each_other(world: Any) -> None:
 
 
 @pytest.mark.slow
-def test_no_nap_sleeps_through_news(world: Any, pulse: ControlPage) -> None:
+def test_nobody_sleeps_through_news(world: Any, control_page: ControlPage) -> None:
     report = race(world, "wakeups", "2000", "10", "")
     assert (report["wakeups"], report["lost"]) == (2000, 0) and report["slept"] > 100, report
 
 
 @pytest.mark.soak
-def test_a_hundred_thousand_naps_sleep_through_no_news(world: Any, pulse: ControlPage) -> None:
+def test_a_hundred_thousand_sleeps_miss_no_news(world: Any, control_page: ControlPage) -> None:
     report = race(world, "wakeups", "100000", "10", "")
     assert (report["wakeups"], report["lost"]) == (100_000, 0) and report["slept"] > 5000, report
 
 
 @pytest.mark.slow
-def test_news_looked_for_too_early_are_slept_through(world: Any, pulse: ControlPage) -> None:
+def test_news_looked_for_too_early_are_slept_through(world: Any, control_page: ControlPage) -> None:
     report = race(world, "wakeups", "100000", "0.3", "looked_too_early")
     assert report["lost"] == 1, report
 
 
 SLEEPS = {
-    "a nap": "ControlPage(sys.argv[1], 'PSM1', write=True).nap().sleep(lambda: False, 60_000_000_000)",
+    "a wake-up word": "ControlPage(sys.argv[1], 'PSM1', write=True).wakeup().sleep(lambda: False, 60_000_000_000)",
     "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
     "a pause": "pause(60)",
 }
@@ -186,9 +187,9 @@ def timespec(child: Any, at: int) -> tuple[int, int]:
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="the numbers of system calls are those of x86-64")
 @pytest.mark.parametrize("how", SLEEPS)
-def test_no_sleep_depends_on_the_wall_clock(world: Any, pulse: ControlPage, how: str) -> None:
+def test_no_sleep_depends_on_the_wall_clock(world: Any, control_page: ControlPage, how: str) -> None:
     child = world.start(SLEEPER + SLEEPS[how])
-    wanted = FUTEX_ON_X86_64 if "nap" in how else CLOCK_NANOSLEEP
+    wanted = FUTEX_ON_X86_64 if "wake-up" in how else CLOCK_NANOSLEEP
     world.until(lambda: call_of(child)[:1] == [wanted], "it sleeps")
     _, first, operation, value, timeout_at, *_ = call_of(child)
     if wanted == CLOCK_NANOSLEEP:

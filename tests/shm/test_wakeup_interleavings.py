@@ -15,10 +15,10 @@ def rouser(real: Real, name: str, rounds: int) -> Program:
     """Has `rounds` news of its own, one after the other."""
 
     def run(me: Actor) -> None:
-        nap = real.on(me).nap()
+        wakeup = real.on(me).wakeup()
         for k in range(1, rounds + 1):
             me.store(((name, 0), k))  # Q1
-            nap.rouse()
+            wakeup.wake()
 
     return run
 
@@ -27,7 +27,7 @@ def sleeper(real: Real, rounds: dict[str, int]) -> Program:
     """Sleeps until it has seen all of everybody's news."""
 
     def run(me: Actor) -> None:
-        nap = real.on(me).nap()
+        wakeup = real.on(me).wakeup()
         me.private = lambda: 0
         seen = dict.fromkeys(rounds, 0)
 
@@ -35,49 +35,49 @@ def sleeper(real: Real, rounds: dict[str, int]) -> Program:
             return any(me.load((name, 0))[0] > seen[name] for name in rounds)
 
         while seen != rounds:
-            if nap.sleep(news, LONG):
+            if wakeup.sleep(news, LONG):
                 seen = {name: me.load((name, 0))[0] for name in rounds}
             me.merge(tuple(seen.values()))
 
     return run
 
 
-def nap(real: Real, rounds: dict[str, int], model: str = "tso") -> Explorer:
+def wakeup(real: Real, rounds: dict[str, int], model: str = "tso") -> Explorer:
     """One sleeper, and a rouser for each name."""
     rousers = {name: rouser(real, name, count) for name, count in rounds.items()}
-    return Explorer({"sleeper": sleeper(real, rounds), **rousers}, roused, model=model)
+    return Explorer({"sleeper": sleeper(real, rounds), **rousers}, woken, model=model)
 
 
-def roused(outcome: Outcome) -> None:
+def woken(outcome: Outcome) -> None:
     """It does not sleep though there is news."""
     assert not outcome.asleep, "it sleeps, though all is out"
 
 
 @pytest.mark.parametrize("rounds", [{"io": 3}, {"io": 1, "client": 1}])
 def test_nobody_naps_while_there_is_news(rounds: dict[str, int]) -> None:
-    assert nap(Real(), rounds).explore().states > 300
+    assert wakeup(Real(), rounds).explore().states > 300
 
 
 def test_merging_leaves_no_schedule_out() -> None:
-    slowly = nap(Real(), {"io": 2})
+    slowly = wakeup(Real(), {"io": 2})
     slowly.merging = False
-    assert slowly.explore().schedules == nap(Real(), {"io": 2}).explore().schedules
+    assert slowly.explore().schedules == wakeup(Real(), {"io": 2}).explore().schedules
 
 
 def test_naps_work_where_memory_keeps_no_order() -> None:
-    assert nap(Real(fenced=True), {"io": 2}, model="weak").explore().states > 100
+    assert wakeup(Real(fenced=True), {"io": 2}, model="weak").explore().states > 100
 
 
 P2, Q2 = "self._fence()  # P2", "self._fence()  # Q2"
 DROWSY: dict[str, Change] = {
-    "sleeper without fence": ("nap", P2, "pass"),
-    "rouser without fence": ("nap", Q2, "pass"),
-    "word left as it is": ("nap", "self._futex.value = 0  # Q4", "pass"),
-    "nobody woken": ("nap", "self._futex.wake()", "pass"),
+    "sleeper without fence": ("wakeup", P2, "pass"),
+    "rouser without fence": ("wakeup", Q2, "pass"),
+    "word left as it is": ("wakeup", "self._futex.value = 0  # Q4", "pass"),
+    "nobody woken": ("wakeup", "self._futex.wake()", "pass"),
 }
 
 
 @pytest.mark.parametrize("name", DROWSY)
 def test_a_seeded_mutant_of_the_nap_is_caught(name: str) -> None:
     with pytest.raises(Broken, match="sleeps"):
-        nap(Real(DROWSY[name]), {"io": 3}).explore()
+        wakeup(Real(DROWSY[name]), {"io": 3}).explore()

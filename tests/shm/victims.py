@@ -10,7 +10,7 @@ from shm.control_page import ControlPage, create_control
 from shm.directory import create_ring
 from shm.ring import RingReader, RingWriter
 from shm.segment import Segment, segment_name
-from tests.shm.witness import Author, Lives, Notes, Violation, Witness, holds, topic
+from tests.shm.witness import Author, Lives, Notes, RingViolation, Witness, holds, topic
 
 QUIET_NS = 100_000
 NAP_NS = 2_000_000
@@ -124,14 +124,14 @@ class ReaderVictim:
         self._name = segment_name(system, "io", "telling")
         self._author = Author(RingWriter(Segment(self._name, write=True), "io"), 1)
         self._page = ControlPage(system, "io", write=True)
-        self._nap = self._page.nap()
+        self._wakeup = self._page.wakeup()
         self._due = self._steady = 0
         self.figures = {"records": 0, "reads": 0, "lost": 0, "naps": 0, "left_asleep": 0}
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Attach, and read for ever: by `next`, by `newest`, or history."""
         witness = Witness(RingReader(Segment(self._name)), Lives())
-        nap = ControlPage(self._system, "io", write=True).nap()
+        wakeup = ControlPage(self._system, "io", write=True).wakeup()
         notes, reader, seen = self._notes, witness.reader, 0
 
         def ready_to_read() -> bool:
@@ -139,7 +139,7 @@ class ReaderVictim:
 
         ready()
         while True:
-            if nap.sleep(ready_to_read, NAP_NS):
+            if wakeup.sleep(ready_to_read, NAP_NS):
                 seen = reader.head
                 notes[self.READS] += self._read(witness, life % 3)
                 notes[self.LOST] = reader.lost
@@ -163,7 +163,7 @@ class ReaderVictim:
         now = time.monotonic_ns()
         if now >= self._due:
             self._author.publish()
-            self._nap.rouse()
+            self._wakeup.wake()
             self._due = now + self._steady
 
     def inspect(self, life: int, pid: int) -> None:
@@ -171,10 +171,10 @@ class ReaderVictim:
         self._steady = QUIET_NS if life % 2 else 0
         for figure, at in (("reads", self.READS), ("lost", self.LOST), ("naps", self.NAPS)):
             self.figures[figure] += self._notes[at]
-        self.figures["left_asleep"] += int(self._nap.sleeps)
+        self.figures["left_asleep"] += int(self._wakeup.sleeps)
         self.figures["records"] = n = self._author.publish()
-        self._nap.rouse()
-        holds(not self._nap.sleeps, "the dead still seems to sleep")
+        self._wakeup.wake()
+        holds(not self._wakeup.sleeps, "the dead still seems to sleep")
         fresh = Witness(RingReader(Segment(self._name)), Lives())
         holds(fresh.newest() and fresh.last == n, f"a fresh reader gets {fresh.last} instead of {n}")
         fresh.reader.close()
@@ -182,6 +182,6 @@ class ReaderVictim:
     def finish(self) -> None:
         """Nothing is left to do."""
         if not self.figures["reads"]:
-            raise Violation("nobody has read anything")
+            raise RingViolation("nobody has read anything")
         self._author.writer.close()
         self._page.close()

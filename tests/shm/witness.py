@@ -23,14 +23,14 @@ REMEMBERED = 1 << 14
 PR_SET_PDEATHSIG = 1
 
 
-class Violation(Exception):
+class RingViolation(Exception):
     """Something that must always hold does not."""
 
 
 def holds(true: object, what: str) -> None:
     """Violation when it does not."""
     if not true:
-        raise Violation(what)
+        raise RingViolation(what)
 
 
 def die_with_parent() -> None:
@@ -101,7 +101,7 @@ class Lives:
         """A number has one author for good."""
         known, author = self._seen[number % REMEMBERED]
         if known == number and author != life:
-            raise Violation(f"record {number} was given twice, by life {author} and by life {life}")
+            raise RingViolation(f"record {number} was given twice, by life {author} and by life {life}")
         self._seen[number % REMEMBERED] = (number, life)
 
 
@@ -124,8 +124,8 @@ class Witness:
     def _whole(self, n: int, number: int, stamp: int, life: int, data: NDArray[np.uint64]) -> None:
         if not (number == stamp == n and np.array_equal(data - first_word(n, life), self._count)):
             other = int(np.count_nonzero(data - first_word(n, life) != self._count))
-            raise Violation(f"record {n} is torn: number {number}, stamp {stamp}, life {life}, "
-                            f"{other} of {data.size} words belong to another")
+            raise RingViolation(f"record {n} is torn: number {number}, stamp {stamp}, life {life}, "
+                                f"{other} of {data.size} words belong to another")
         self._lives.judge(n, life)
 
     def newest(self) -> bool:
@@ -134,7 +134,7 @@ class Witness:
             return False
         n = self.judge()
         if n < self.last:
-            raise Violation(f"newest gave {n} after {self.last}")
+            raise RingViolation(f"newest gave {n} after {self.last}")
         self.received += 1
         self.last = n
         return True
@@ -145,11 +145,11 @@ class Witness:
             return False
         n = self.judge()
         if n <= self.last:
-            raise Violation(f"next gave {n} after {self.last}")
+            raise RingViolation(f"next gave {n} after {self.last}")
         self.received += 1
         self.last = n
         if self.received + self.reader.lost != n - self.start:
-            raise Violation(f"{self.received} received + {self.reader.lost} lost are not {n} - {self.start}")
+            raise RingViolation(f"{self.received} received + {self.reader.lost} lost are not {n} - {self.start}")
         return True
 
     def history(self, rows: NDArray[Any]) -> list[int]:
@@ -159,5 +159,5 @@ class Witness:
             n = int(row["sequence"])
             self._whole(n, n, int(row["stamp_ns"]), int(row["life"]), row["data"])
         if numbers and numbers != list(range(numbers[0], numbers[-1] + 1)):
-            raise Violation(f"the history given has holes: {numbers}")
+            raise RingViolation(f"the history given has holes: {numbers}")
         return numbers

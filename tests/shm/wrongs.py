@@ -80,7 +80,7 @@ def same_epoch() -> None:
 
 def deep_sleep() -> None:
     """No Q4: who sleeps is left asleep."""
-    Wakeup.rouse = lambda self: None  # type: ignore[method-assign]
+    Wakeup.wake = lambda self: None  # type: ignore[method-assign]
 
 
 def run_then_taken() -> None:

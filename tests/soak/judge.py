@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.soak.motion import SHORTEST_LEVER_M, Motion, Robot, Truth
+from tests.soak.motion import SHORTEST_LEVER_M, Motion, MotionTruth, Truth
 
 Array = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def _grouped(motion: Motion, mode: NDArray[np.object_], over: NDArray[np.bool_],
     return found
 
 
-def powered_by_nobody(robot: Robot, truth: Truth, commands: Iterable[Command], losses: Iterable[Loss]
+def powered_by_nobody(robot: MotionTruth, truth: Truth, commands: Iterable[Command], losses: Iterable[Loss]
                       ) -> list[Violation]:
     """Amplifiers that came on without a person's command given after the robot last lost power or had a fault."""
     given = [command for command in commands if command.robot == robot.name]

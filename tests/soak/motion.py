@@ -47,7 +47,7 @@ class Motion:
     powered: Flags
 
 
-class Robot:
+class MotionTruth:
     """Where a robot lies in the boards' record, and its kinematics."""
 
     def __init__(self, system: SystemConfig, arm: ArmConfig) -> None:

@@ -51,7 +51,7 @@ class Commands(Remote):
         return super().post(command, values, text)
 
 
-class Person:
+class StormPerson:
     """Commands to a running system; `problem` words come from its own answers."""
 
     def __init__(self, system: System, diary: Diary) -> None:
@@ -95,12 +95,12 @@ class Person:
                 climbs = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
                                      stack.enter_context(Amplifiers(system, watch.name)), goal,
                                      0.0) for watch in watches]
-                while not all(climb.over for climb in climbs):
-                    for climb in climbs:
-                        if not climb.over:
-                            climb.step(monotonic_ns())
+                while not all(bring_up.over for bring_up in climbs):
+                    for bring_up in climbs:
+                        if not bring_up.over:
+                            bring_up.step(monotonic_ns())
                     pause(0.02)
-                return {climb.watch.name: climb.problem for climb in climbs if climb.problem}
+                return {bring_up.watch.name: bring_up.problem for bring_up in climbs if bring_up.problem}
         except TROUBLES as problem:
             return dict.fromkeys(robots, str(problem))
         finally:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from procs.arm_types import ARM_TYPES
 from shm.clock import monotonic_ns, pause
 from tools.errors import Problem
-from tools.examples.operator_sim import Seen
+from tools.examples.operator_sim import SeenRecord
 from tools.remote import Remote
 
 Array = NDArray[np.float64]
@@ -63,12 +63,12 @@ def main() -> None:
     with Remote(system, name) as arm:
         try:
             print("begins", flush=True)
-            PLAYS[kind](arm, Seen(system, name, "arm"), random.Random(seed))
+            PLAYS[kind](arm, SeenRecord(system, name, "arm"), random.Random(seed))
         except Problem as problem:
             sys.exit(f"{kind}: {problem}")
 
 
-def _move(arm: Remote, seen: Seen, chance: random.Random) -> None:
+def _move(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
     while True:
         goal = PLACE + REACH * [chance.uniform(-1.0, 1.0) for _ in REACH]
         reply = arm.settled("move_jp", goal)
@@ -90,7 +90,7 @@ def _beat(arm: Remote, command: str, values: Callable[[float], Array]) -> None:
         pause(STEP_S)
 
 
-def _pose(arm: Remote, seen: Seen, chance: random.Random) -> None:
+def _pose(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
     first = np.array(seen.value("setpoint_cp"))
 
     def pose(time_s: float) -> Array:
@@ -102,12 +102,12 @@ def _pose(arm: Remote, seen: Seen, chance: random.Random) -> None:
     _beat(arm, "servo_cp", pose)
 
 
-def _effort(arm: Remote, seen: Seen, chance: random.Random) -> None:
+def _effort(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
     phases = np.array([chance.uniform(0.0, 2.0 * np.pi) for _ in EFFORT])
     _beat(arm, "servo_jf", lambda time_s: EFFORT * np.sin(2.0 * np.pi * time_s / TURN_S + phases))
 
 
-def _wrench(arm: Remote, seen: Seen, chance: random.Random) -> None:
+def _wrench(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
     phase = chance.uniform(0.0, 2.0 * np.pi)
 
     def wrench(time_s: float) -> Array:
@@ -117,7 +117,7 @@ def _wrench(arm: Remote, seen: Seen, chance: random.Random) -> None:
     _beat(arm, "body/servo_cf", wrench)
 
 
-PLAYS: dict[str, Callable[[Remote, Seen, random.Random], None]] = {
+PLAYS: dict[str, Callable[[Remote, SeenRecord, random.Random], None]] = {
     "move": _move, "pose": _pose, "effort": _effort, "wrench": _wrench}
 
 

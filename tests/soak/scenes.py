@@ -18,10 +18,10 @@ from procs.arm_types import ARM_TYPES
 from shm.clock import pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
-from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, Person
+from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, StormPerson
 from tests.soak.system import System, wait_for
 from tools.arms import HOMED
-from tools.examples.operator_sim import Seen
+from tools.examples.operator_sim import SeenRecord
 from tools.systems import ROOT
 
 RENEWED_S = 0.1
@@ -60,7 +60,7 @@ class Puppet:
         self._asking = self._ask()
         words = [sys.executable, "-m", "tests.soak.puppets", kind, system.name, SLAVE, str(seed)]
         if kind == "joints":
-            seen = Seen(system.name, SLAVE, "arm")
+            seen = SeenRecord(system.name, SLAVE, "arm")
             file = system.folder / "stream.csv"
             puppets.stream_file(file, np.array(seen.value("setpoint_position")[:6]))
             seen.ring.close()
@@ -113,7 +113,7 @@ class Driven:
     events = 12
     victims: Sequence[str] = (SLAVE,)
 
-    def __init__(self, name: str, kinds: Sequence[str], system: System, person: Person, diary: Diary,
+    def __init__(self, name: str, kinds: Sequence[str], system: System, person: StormPerson, diary: Diary,
                  chance: random.Random) -> None:
         self.name, self._kinds = name, kinds
         self._system, self._person, self._diary, self._chance = system, person, diary, chance
@@ -196,7 +196,7 @@ class Effort(Driven):
     def _master(self) -> tuple[bool, bool]:
         """In effort mode, homed."""
         try:
-            seen = Seen(self._system.name, MASTER, "arm")
+            seen = SeenRecord(self._system.name, MASTER, "arm")
             is_homed = seen.value("state") == "ENABLED" and bool(seen.value("is_homed"))
             is_free = is_homed and int(seen.value("control_mode")) == EFFORT_MODE
             seen.ring.close()
@@ -216,7 +216,7 @@ class Homing:
     name, events = "homing", 10
     victims: Sequence[str] = (SLAVE, MASTER, "system")
 
-    def __init__(self, person: Person, diary: Diary, chance: random.Random) -> None:
+    def __init__(self, person: StormPerson, diary: Diary, chance: random.Random) -> None:
         self._person, self._diary, self._chance = person, diary, chance
         self._askings: list[Asking] = []
 
@@ -248,7 +248,7 @@ class Following:
     name, events = "following", 10
     victims: Sequence[str] = (TELEOP, CONSOLE, SLAVE, MASTER)
 
-    def __init__(self, person: Person) -> None:
+    def __init__(self, person: StormPerson) -> None:
         self._person = person
 
     def keep(self) -> str:

@@ -21,8 +21,8 @@ from shm.clock import monotonic_ns, pause
 from tests.soak import recorder
 from tests.soak.diary import Diary
 from tests.soak.judge import Violation, powered_by_nobody, too_fast
-from tests.soak.motion import Robot
-from tests.soak.person import ROBOTS, Person
+from tests.soak.motion import MotionTruth
+from tests.soak.person import ROBOTS, StormPerson
 from tests.soak.scenes import Driven, Effort, Following, Homing, Scene
 from tests.soak.system import System, wait_for
 from tests.soak.weather import Weather
@@ -68,7 +68,7 @@ class Storm:
         self._chance = random.Random(seed)
         self._end_ns = math.inf
         self.system = System(f"storm{os.getpid()}", folder)
-        self._person = Person(self.system, self.diary)
+        self._person = StormPerson(self.system, self.diary)
         self._weather = Weather(self.system, self._person, self.diary, self._chance)
         self._weather.only = event
 
@@ -171,7 +171,7 @@ class Storm:
         """By all that was recorded."""
         document = self.system.document
         assert document.emulation is not None
-        robots = [Robot(document, document.arm(name)) for name in ROBOTS]
+        robots = [MotionTruth(document, document.arm(name)) for name in ROBOTS]
         found: list[Violation] = []
         for path in self.system.records:
             truth, lost = recorder.read(path)

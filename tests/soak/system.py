@@ -82,11 +82,11 @@ class System:
         if instance == "supervisor":
             return self.supervisor
         try:
-            pulse = ControlPage(self.name, instance)
+            page = ControlPage(self.name, instance)
         except SegmentError:
             return 0
-        pid = int(pulse.get("pid"))
-        pulse.close()
+        pid = int(page.get("pid"))
+        page.close()
         self.ever.add(pid)
         return pid
 
@@ -96,9 +96,9 @@ class System:
         for name in self.instances:
             pid = self.pid(name)
             with contextlib.suppress(SegmentError):
-                pulse = ControlPage(self.name, name)
-                state, age_ns = pulse.state, monotonic_ns() - int(pulse.get("heartbeat_ns"))
-                pulse.close()
+                page = ControlPage(self.name, name)
+                state, age_ns = page.state, monotonic_ns() - int(page.get("heartbeat_ns"))
+                page.close()
                 if state != "RUNNING" or not _lives(pid):
                     found[name] = f"{state}, process {pid} {'lives' if _lives(pid) else 'is gone'}"
                 elif age_ns > 500_000_000:

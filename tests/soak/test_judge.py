@@ -11,7 +11,7 @@ from procs.config import load_system
 from procs.document.system import SystemConfig
 from tests.soak.diary import Diary
 from tests.soak.judge import LAG_NS, Ask, Command, Loss, powered_by_nobody, too_fast
-from tests.soak.motion import Robot
+from tests.soak.motion import MotionTruth
 from tools.verbs.demo import SYSTEM
 
 MS = 1_000_000
@@ -27,11 +27,11 @@ def document() -> SystemConfig:
     return loaded
 
 
-class World:
+class JudgedWorld:
     """A second of truth in which both robots stand with power; tests change it."""
 
     def __init__(self, document: SystemConfig) -> None:
-        self.robots = {name: Robot(document, document.arm(name)) for name in ("MTMR", "PSM1")}
+        self.robots = {name: MotionTruth(document, document.arm(name)) for name in ("MTMR", "PSM1")}
         axes = sum(len(robot.actuators) for io in document.ios for robot in io.robots)
         self.truth: Any = np.zeros(SECOND, dtype=[
             ("epoch", "<u8"), ("sequence", "<u8"), ("stamp_ns", "<i8"), ("position", "<f8", (axes,)),
@@ -58,33 +58,33 @@ class World:
 
 
 @pytest.fixture
-def world(document: SystemConfig) -> World:
-    return World(document)
+def world(document: SystemConfig) -> JudgedWorld:
+    return JudgedWorld(document)
 
 
 def ask(robot: str, *joints: float, end_ms: int = SECOND, begin_ms: int = 0, **more: Any) -> Ask:
     return Ask(robot, "asked", EPOCH_NS + begin_ms * MS, EPOCH_NS + end_ms * MS, joints, **more)
 
 
-def test_robots_that_stand_are_no_violation(world: World) -> None:
+def test_robots_that_stand_are_no_violation(world: JudgedWorld) -> None:
     assert world.too_fast("PSM1") == world.too_fast("MTMR") == []
 
 
-def test_a_jump_that_nobody_asked_for_is_seen_and_said(world: World) -> None:
+def test_a_jump_that_nobody_asked_for_is_seen_and_said(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[500:] += 0.001
     (found,) = world.too_fast("PSM1")
     assert (found.robot, found.mode, found.limit) == ("PSM1", "hold", pytest.approx(0.005))
     assert found.value == pytest.approx(0.1) and abs(found.stamp_ns - EPOCH_NS - 500 * MS) <= 10 * MS
 
 
-def test_a_creep_of_five_millimetres_a_second_is_allowed_and_six_are_not(world: World) -> None:
+def test_a_creep_of_five_millimetres_a_second_is_allowed_and_six_are_not(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[:] += 0.0049e-3 * np.arange(SECOND)
     assert world.too_fast("PSM1") == []
     world.part("PSM1", INSERTION)[:] += 0.0011e-3 * np.arange(SECOND)
     assert len(world.too_fast("PSM1")) == 1
 
 
-def test_a_rotary_joint_is_judged_at_the_tip(world: World) -> None:
+def test_a_rotary_joint_is_judged_at_the_tip(world: JudgedWorld) -> None:
     reach = 0.1 - 0.0156 + 0.0091  # from the remote centre, insertion 0.1 m, Classic with its wrist straight
     speed = 0.0045 / reach
     world.part("PSM1", YAW)[:] = speed * 1e-3 * np.arange(SECOND)
@@ -94,7 +94,7 @@ def test_a_rotary_joint_is_judged_at_the_tip(world: World) -> None:
     assert found.value == pytest.approx(0.0045 * 1.3, rel=0.1)
 
 
-def test_motion_that_was_asked_for_may_be_a_fifth_faster(world: World) -> None:
+def test_motion_that_was_asked_for_may_be_a_fifth_faster(world: JudgedWorld) -> None:
     asked = ask("PSM1", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0)
     world.part("PSM1", INSERTION)[:] += 0.06e-3 * np.arange(SECOND)
     assert world.too_fast("PSM1", asked) == []
@@ -103,27 +103,27 @@ def test_motion_that_was_asked_for_may_be_a_fifth_faster(world: World) -> None:
     assert len(world.too_fast("PSM1", ask("MTMR", *(9.0,) * 7))) == 1, "it was another robot that was asked"
 
 
-def test_what_goes_on_when_the_asking_is_over_is_seen(world: World) -> None:
+def test_what_goes_on_when_the_asking_is_over_is_seen(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[:] += 0.05e-3 * np.arange(SECOND)
     (found,) = world.too_fast("PSM1", ask("PSM1", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, end_ms=300))
     assert found.mode == "hold" and abs(found.stamp_ns - EPOCH_NS - 300 * MS - LAG_NS) <= 20 * MS
 
 
-def test_an_exact_limit_has_no_slack(world: World) -> None:
+def test_an_exact_limit_has_no_slack(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[:] += 0.062e-3 * np.arange(SECOND)
     joints = 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0
     assert world.too_fast("PSM1", ask("PSM1", *joints)) == []
     assert len(world.too_fast("PSM1", ask("PSM1", *joints, exact=True))) == 1
 
 
-def test_unpowered_motion_is_not_judged(world: World) -> None:
+def test_unpowered_motion_is_not_judged(world: JudgedWorld) -> None:
     world.power("PSM1")[400:700] = False
     world.part("PSM1", INSERTION)[450:650] += 0.1e-3 * np.arange(200)
     world.part("PSM1", INSERTION)[650:] += 0.02
     assert world.too_fast("PSM1") == []
 
 
-def test_motion_is_judged_until_power_is_about_to_go(world: World) -> None:
+def test_motion_is_judged_until_power_is_about_to_go(world: JudgedWorld) -> None:
     world.power("PSM1")[500:] = False
     world.part("PSM1", INSERTION)[470:] += 0.001
     assert world.too_fast("PSM1") == []
@@ -131,19 +131,19 @@ def test_motion_is_judged_until_power_is_about_to_go(world: World) -> None:
     assert len(world.too_fast("PSM1")) == 1
 
 
-def test_motion_of_boards_that_begin_afresh_is_none(world: World) -> None:
+def test_motion_of_boards_that_begin_afresh_is_none(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[500:] += 0.05
     world.truth["epoch"][500:] = 2
     assert world.too_fast("PSM1") == []
 
 
-def test_records_that_are_lost_are_no_motion(world: World) -> None:
+def test_records_that_are_lost_are_no_motion(world: JudgedWorld) -> None:
     world.part("PSM1", INSERTION)[500:] += 0.05
     world.truth["sequence"][500:] += 70
     assert world.too_fast("PSM1") == []
 
 
-def test_a_slave_may_go_as_fast_as_its_hand_and_no_lurch_more(world: World) -> None:
+def test_a_slave_may_go_as_fast_as_its_hand_and_no_lurch_more(world: JudgedWorld) -> None:
     asked = ask("PSM1", leader="MTMR", scale=0.2)
     world.part("MTMR", YAW)[:] = 0.2e-3 * np.arange(SECOND)
     hand = world.robots["MTMR"].motion(world.truth, 0.001).linear.max()
@@ -156,7 +156,7 @@ def test_a_slave_may_go_as_fast_as_its_hand_and_no_lurch_more(world: World) -> N
     assert found.what.startswith("tip, m/s") and found.value > 0.145
 
 
-def test_a_slave_that_turns_with_its_hand_may_swing_its_wrist_and_no_more(world: World) -> None:
+def test_a_slave_that_turns_with_its_hand_may_swing_its_wrist_and_no_more(world: JudgedWorld) -> None:
     asked = ask("PSM1", leader="MTMR", scale=0.2)
     world.part("MTMR", 6)[:] = 0.6e-3 * np.arange(SECOND)  # on the spot
     assert world.robots["MTMR"].motion(world.truth, 0.001).linear.max() < 1e-6
@@ -166,12 +166,12 @@ def test_a_slave_that_turns_with_its_hand_may_swing_its_wrist_and_no_more(world:
     assert len(world.too_fast("PSM1", asked)) == 1
 
 
-def test_a_slave_whose_wrist_spins_is_seen(world: World) -> None:
+def test_a_slave_whose_wrist_spins_is_seen(world: JudgedWorld) -> None:
     world.part("PSM1", ROLL)[:] = 5.9e-3 * np.arange(SECOND)
     assert any(found.what.startswith("tip, rad/s") for found in world.too_fast("PSM1", ask("PSM1", leader="MTMR")))
 
 
-def test_an_amplifier_that_comes_on_by_itself_is_seen(world: World) -> None:
+def test_an_amplifier_that_comes_on_by_itself_is_seen(world: JudgedWorld) -> None:
     world.truth["amp_on"][:100] = False
     world.power("PSM1")[300:400] = False
     given = [Command("PSM1", EPOCH_NS + 50 * MS, "PSM1 enable"), Command("MTMR", EPOCH_NS + 50 * MS, "MTMR enable")]
@@ -183,7 +183,7 @@ def test_an_amplifier_that_comes_on_by_itself_is_seen(world: World) -> None:
     assert len(world.powered_by_nobody("PSM1", [given[0], Command("MTMR", EPOCH_NS + 350 * MS, "")])) == 1
 
 
-def test_one_amplifier_alone_counts_and_so_does_a_fault_without_power(world: World) -> None:
+def test_one_amplifier_alone_counts_and_so_does_a_fault_without_power(world: JudgedWorld) -> None:
     given = [Command("PSM1", EPOCH_NS + 50 * MS, "PSM1 enable")]
     world.truth["amp_on"][:100] = False
     world.power("PSM1")[300:340, 4] = False

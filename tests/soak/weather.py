@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from shm.clock import monotonic_ns, pause
 from tests.soak.diary import Diary
-from tests.soak.person import MASTER, ROBOTS, SLAVE, Person
+from tests.soak.person import MASTER, ROBOTS, SLAVE, StormPerson
 from tests.soak.system import System
 
 BOARDS = {2: MASTER, 3: MASTER, 6: SLAVE, 7: SLAVE}
@@ -25,7 +25,7 @@ class Weather:
     """Strikes the system; what it changed for longer is put right by `clear`."""
 
     system: System
-    person: Person
+    person: StormPerson
     diary: Diary
     chance: random.Random
 

@@ -16,9 +16,9 @@ from procs.suj.multiplexer import Multiplexer
 from shm.topics import SUJ_STATE
 from tests import stock
 from tests.boards.rails import Rails
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, FakeSource
-from tests.suj.harness import Memory, Stand
+from tests.suj.harness import FakeMemory, SetupHarness
 
 PLACES = {
     "ECM": (0.41, -0.3, 0.2, 3.3, 0.0, 0.0), "PSM1": (0.52, 0.4, -1.1, 0.3, 0.2, -0.7),
@@ -63,41 +63,42 @@ class Orders:
             self.waiting.append(FakeCommand(name, text, *values))
 
 
-class Cart(Stand):
+class Cart(SetupHarness):
     """`run` steps everything; every third cycle of io is one of the set-up joints."""
 
-    def __init__(self, memory: Memory | None = None, rig: Rig | None = None, *, quick: bool = True) -> None:
+    def __init__(self, memory: FakeMemory | None = None, harness: BoardsHarness | None = None, *,
+                 quick: bool = True) -> None:
         """`quick`: emulated inputs need no time to settle, and are without noise."""
         self._multiplexer = Multiplexer(6, 5_000_000) if quick else Multiplexer()
         loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
                              boards="emulated")
         assert loaded.system is not None
-        self.rig = rig or Rig(loaded.system, "IO1", driven=True)
-        self.orders, self.records = Orders(), Records(self.rig.record)
+        self.harness = harness or BoardsHarness(loaded.system, "IO1", driven=True)
+        self.orders, self.records = Orders(), Records(self.harness.record)
         cart = loaded.system.cart("SUJ")
-        super().__init__(cart, self._classic, memory or Memory(SUJ_STATE, setups=4))
-        source = self.rig.arms.setdefault("SUJ", FakeSource())
+        super().__init__(cart, self._classic, memory or FakeMemory(SUJ_STATE, setups=4))
+        source = self.harness.arms.setdefault("SUJ", FakeSource())
         source.mode, source.count = self.setpoint.field("mode"), self.setpoint.field("count")
         source.effort, source.in_effort = self.setpoint.field("effort"), self.setpoint.field("in_effort")
         self._source, self.alive = source, True
 
     def _classic(self, cart, setups, reports, field, setpoint) -> Classic:
-        board = InterfaceBoard(self.rig.io, "SUJ", self.records, self.orders)
+        board = InterfaceBoard(self.harness.io, "SUJ", self.records, self.orders)
         return Classic(cart, setups, board, reports, field, setpoint, lambda number: f"fault {number}",
                        self._multiplexer)
 
     @property
     def plant(self) -> Plant:
-        return self.rig.world.setup_joints["SUJ"]
+        return self.harness.world.setup_joints["SUJ"]
 
     def run(self, seconds: float, *requests: FakeCommand) -> None:
         for _ in range(round(seconds * 500)):
             for _ in range(3):
                 commands, self.orders.waiting = self.orders.waiting, []
-                self.rig.cycle(commands)
-                self.records.push(self.rig.clock.ns)
+                self.harness.cycle(commands)
+                self.records.push(self.harness.clock.ns)
             if self.alive:
-                self.now_ns = self.rig.clock.ns + 100_000
+                self.now_ns = self.harness.clock.ns + 100_000
                 self.joints.step(self.now_ns, requests)
                 requests = ()
 
@@ -112,19 +113,19 @@ class Cart(Stand):
             if request.outcome != "accepted":
                 break
             self.run(0.1)
-        assert request.outcome == "done", (request.answers, self.reports.said, self.rig.events)
+        assert request.outcome == "done", (request.answers, self.reports.said, self.harness.events)
 
     def kill(self) -> None:
         """No cycle of the set-up joints any more; their last set-point grows old."""
         self.alive = False
-        self.rig.arms.pop("SUJ")
+        self.harness.arms.pop("SUJ")
 
     def lose_supply(self, lost: bool) -> None:
-        bus = self.rig.world.buses[0]
+        bus = self.harness.world.buses[0]
         bus.power.lose_supply(0, lost, bus.now)
 
     def press(self, name: str, on: bool) -> None:
-        BoardFaults(self.rig.world, Rails(4)).press(name, on)
+        BoardFaults(self.harness.world, Rails(4)).press(name, on)
 
     def valid(self) -> list[bool]:
         return self.field("setup_valid").tolist()

@@ -33,7 +33,7 @@ def system_of(tmp_path, arms: str, ios: str = "", *, boards: str | None = None,
     return loaded.system
 
 
-class Memory:
+class FakeMemory:
     """One record, as a ring's private one."""
 
     def __init__(self, topic: Topic, **dims: int) -> None:
@@ -43,7 +43,7 @@ class Memory:
         return self._record[name].reshape(self._record[name].shape[1:])
 
 
-class FakeRing(Memory):
+class FakeRing(FakeMemory):
     """The record of a carried arm, always whole."""
 
     def __init__(self) -> None:
@@ -58,7 +58,7 @@ class FakeRing(Memory):
         self.field("local_measured_cp")[...], self.field("cartesian_valid")[...] = poses.pose_from_matrix(tip), valid
 
 
-class FakeReports:
+class FakeSetupReports:
     """Remembers what is told."""
 
     def __init__(self) -> None:
@@ -79,14 +79,14 @@ class FakeReports:
         return [text for said, _, text in self.said if said == kind]
 
 
-class Stand:
+class SetupHarness:
     """A cart; `source` makes what measures it of (cart, setups, reports, field, setpoint)."""
 
-    def __init__(self, cart: Cart, source=None, memory: Memory | None = None) -> None:
+    def __init__(self, cart: Cart, source=None, memory: FakeMemory | None = None) -> None:
         self.cart = cart
-        self.memory = memory or Memory(SUJ_STATE, setups=len(cart.arms))
-        self.setpoint = Memory(SUJ_SETPOINT)
-        self.reports = FakeReports()
+        self.memory = memory or FakeMemory(SUJ_STATE, setups=len(cart.arms))
+        self.setpoint = FakeMemory(SUJ_SETPOINT)
+        self.reports = FakeSetupReports()
         self.now_ns = 1_000 * MS
         setups = Setups(cart, self.memory.field)
         self.rings = {arm.name: FakeRing() for arm in cart.arms if arm.carries}

@@ -12,7 +12,7 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import inverse, pose_from_matrix
 from shm.topics import SUJ_STATE
 from tests import stock
-from tests.suj.harness import Memory, Stand, system_of
+from tests.suj.harness import FakeMemory, SetupHarness, system_of
 
 ECM_TIP = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 NAMES = ("ECM", "PSM1", "PSM2", "PSM3")
@@ -38,8 +38,8 @@ def cart(tmp_path) -> Cart:
     return system_of(tmp_path, f"{SUJ}, {CARRIED}").cart("SUJ")
 
 
-def measured(stand: Stand, name: str, tips: dict[str, np.ndarray]) -> np.ndarray:
-    return pose_from_matrix(stand.base(name)[0] @ tips[name])
+def measured(harness: SetupHarness, name: str, tips: dict[str, np.ndarray]) -> np.ndarray:
+    return pose_from_matrix(harness.base(name)[0] @ tips[name])
 
 
 def test_original_routines_agree_on_every_chain(cart: Cart) -> None:
@@ -58,10 +58,10 @@ def test_original_routines_agree_on_every_chain(cart: Cart) -> None:
     ("ECM", (0.060075, 1.242143, 0.994177)), ("PSM1", (-0.028795, 1.219772, 0.959059)),
     ("PSM2", (0.184254, 1.187733, 0.974223)), ("PSM3", (0.212812, 1.22536, 0.911495))])
 def test_carried_arms_stand_where_the_original_puts_them(cart: Cart, name: str, local: tuple[float, ...]) -> None:
-    stand = Stand(cart)
-    stand.step()
-    assert np.allclose(stand.field("local_measured_cp")[stand.row(name), :3], local, atol=1e-6)
-    assert stand.field("setup_valid").all() and stand.field("simulated").item()
+    harness = SetupHarness(cart)
+    harness.step()
+    assert np.allclose(harness.field("local_measured_cp")[harness.row(name), :3], local, atol=1e-6)
+    assert harness.field("setup_valid").all() and harness.field("simulated").item()
 
 
 @pytest.mark.parametrize(("name", "pose"), [
@@ -71,96 +71,96 @@ def test_carried_arms_stand_where_the_original_puts_them(cart: Cart, name: str, 
     ("PSM3", (0.139604, -0.126381, 0.028876, 0.184702, 0.306649, -0.873956, 0.328714))])
 def test_tips_are_where_the_original_sees_them(
         cart: Cart, tips: dict[str, np.ndarray], name: str, pose: tuple[float, ...]) -> None:
-    stand = Stand(cart)
-    stand.tips(**tips)
-    stand.step()
-    assert stand.base(name)[1:] == (True, "Cart" if name == "ECM" else "ECM")
-    assert np.allclose(measured(stand, name, tips), pose, atol=1e-6)
+    harness = SetupHarness(cart)
+    harness.tips(**tips)
+    harness.step()
+    assert harness.base(name)[1:] == (True, "Cart" if name == "ECM" else "ECM")
+    assert np.allclose(measured(harness, name, tips), pose, atol=1e-6)
 
 
 def test_base_frames_follow_the_reference_arms_tip(cart: Cart, tips: dict[str, np.ndarray]) -> None:
-    stand = Stand(cart)
-    stand.tips(**tips)
-    stand.step()
-    before = stand.base("PSM1")[0].copy()
+    harness = SetupHarness(cart)
+    harness.tips(**tips)
+    harness.step()
+    before = harness.base("PSM1")[0].copy()
     moved = tips["ECM"].copy()
     moved[:3, 3] += 0.01
-    stand.tips(ECM=moved)
-    stand.step()
-    c = inverse(stand.base("ECM")[0] @ moved) @ (stand.base("ECM")[0] @ tips["ECM"])
-    assert np.allclose(stand.base("PSM1")[0], c @ before, atol=1e-12)
+    harness.tips(ECM=moved)
+    harness.step()
+    c = inverse(harness.base("ECM")[0] @ moved) @ (harness.base("ECM")[0] @ tips["ECM"])
+    assert np.allclose(harness.base("PSM1")[0], c @ before, atol=1e-12)
 
 
 def test_another_reference_arm_changes_all_frames(cart: Cart, tips: dict[str, np.ndarray]) -> None:
-    stand = Stand(cart)
-    stand.tips(**tips)
-    stand.step()
-    in_ecm = {name: measured(stand, name, tips) for name in NAMES}
-    assert stand.ask("set_reference_arm", "PSM1").outcome == "done"
-    assert [stand.base(name)[1:] for name in NAMES] == [
+    harness = SetupHarness(cart)
+    harness.tips(**tips)
+    harness.step()
+    in_ecm = {name: measured(harness, name, tips) for name in NAMES}
+    assert harness.ask("set_reference_arm", "PSM1").outcome == "done"
+    assert [harness.base(name)[1:] for name in NAMES] == [
         (True, "PSM1"), (True, "Cart"), (True, "PSM1"), (True, "PSM1")]
-    assert stand.field("reference_arm").item() == b"PSM1"
-    tip = stand.base("PSM1")[0] @ tips["PSM1"]
+    assert harness.field("reference_arm").item() == b"PSM1"
+    tip = harness.base("PSM1")[0] @ tips["PSM1"]
     for name in ("ECM", "PSM2", "PSM3"):
-        local = stand.joints._setups.local[stand.row(name)]
-        assert np.allclose(stand.base(name)[0], inverse(tip) @ local, atol=1e-12)
-    assert stand.ask("set_reference_arm", "ECM").outcome == "done"
-    assert all(np.allclose(measured(stand, name, tips), in_ecm[name], atol=1e-12) for name in NAMES)
-    refused = stand.ask("set_reference_arm", "PSM4")
+        local = harness.joints._setups.local[harness.row(name)]
+        assert np.allclose(harness.base(name)[0], inverse(tip) @ local, atol=1e-12)
+    assert harness.ask("set_reference_arm", "ECM").outcome == "done"
+    assert all(np.allclose(measured(harness, name, tips), in_ecm[name], atol=1e-12) for name in NAMES)
+    refused = harness.ask("set_reference_arm", "PSM4")
     assert refused.answers == [("refused", "set_reference_arm: no set-up arm PSM4; there are ECM, PSM1, PSM2, PSM3")]
 
 
 def test_bases_are_unknown_while_the_reference_tip_is(cart: Cart, tips: dict[str, np.ndarray]) -> None:
-    stand = Stand(cart)
-    stand.step()
-    assert [stand.base(name)[1] for name in NAMES] == [True, False, False, False], "the ECM has not shown anything"
-    stand.tips(**tips)
-    stand.step()
-    assert all(stand.base(name)[1] for name in NAMES)
-    stand.rings["ECM"].field("cartesian_valid")[...] = False
-    stand.step()
-    assert [stand.base(name)[1] for name in NAMES] == [True, False, False, False], "not homed"
-    stand.rings["ECM"].field("cartesian_valid")[...] = True
-    stand.step()
-    stand.rings["ECM"].stamp_ns = 0  # its process has died
-    stand.step(ms=60)
-    assert [stand.base(name)[1] for name in NAMES] == [True, False, False, False], "too old"
+    harness = SetupHarness(cart)
+    harness.step()
+    assert [harness.base(name)[1] for name in NAMES] == [True, False, False, False], "the ECM has not shown anything"
+    harness.tips(**tips)
+    harness.step()
+    assert all(harness.base(name)[1] for name in NAMES)
+    harness.rings["ECM"].field("cartesian_valid")[...] = False
+    harness.step()
+    assert [harness.base(name)[1] for name in NAMES] == [True, False, False, False], "not homed"
+    harness.rings["ECM"].field("cartesian_valid")[...] = True
+    harness.step()
+    harness.rings["ECM"].stamp_ns = 0  # its process has died
+    harness.step(ms=60)
+    assert [harness.base(name)[1] for name in NAMES] == [True, False, False, False], "too old"
 
 
 def test_without_an_arm_on_the_reference_all_stand_in_the_cart(tmp_path) -> None:
-    stand = Stand(system_of(tmp_path, SUJ).cart("SUJ"))
-    stand.step()
+    harness = SetupHarness(system_of(tmp_path, SUJ).cart("SUJ"))
+    harness.step()
     for name in NAMES:
-        base, valid, frame = stand.base(name)
-        assert (valid, frame) == (True, "Cart") and np.allclose(base, stand.joints._setups.local[stand.row(name)])
+        base, valid, frame = harness.base(name)
+        assert (valid, frame) == (True, "Cart") and np.allclose(base, harness.joints._setups.local[harness.row(name)])
 
 
 def test_simulated_joints_go_where_they_are_told(cart: Cart, tips: dict[str, np.ndarray]) -> None:
-    stand = Stand(cart)
-    stand.tips(**tips)
+    harness = SetupHarness(cart)
+    harness.tips(**tips)
     goal = (0.1, 0.2, -0.3, 0.4, -0.5, 0.6)
-    assert stand.ask("servo_jp", "PSM2", *goal).outcome == "done"
-    assert np.allclose(stand.field("position")[2, :6], goal)
+    assert harness.ask("servo_jp", "PSM2", *goal).outcome == "done"
+    assert np.allclose(harness.field("position")[2, :6], goal)
     arm = cart.arms[2]
     local = np.array(arm.world) @ Kinematics(arm.chain).fk(np.array(goal)) @ np.array(arm.tip)
-    assert np.allclose(stand.joints._setups.local[2], local, atol=1e-12)
-    assert stand.ask("move_jp", "PSM2", *([0.0] * 6)).outcome == "done"
+    assert np.allclose(harness.joints._setups.local[2], local, atol=1e-12)
+    assert harness.ask("move_jp", "PSM2", *([0.0] * 6)).outcome == "done"
     for text, values in (("PSM2", (1.0,)), ("PSM2", (np.nan,) * 6), ("", goal), ("PSM2", (1e9,) * 6)):
-        assert stand.ask("servo_jp", text, *values).outcome == "refused"
-    assert not stand.field("position")[2].any(), "nothing of what was refused was taken"
+        assert harness.ask("servo_jp", text, *values).outcome == "refused"
+    assert not harness.field("position")[2].any(), "nothing of what was refused was taken"
     for name, text in (("local/servo_cp", "PSM2"), ("clutch", "PSM2"), ("set_lift_velocity", "")):
-        assert stand.ask(name, text, *((1.0,) if name != "local/servo_cp" else (0, 0, 0, 0, 0, 0, 1))).outcome == (
+        assert harness.ask(name, text, *((1.0,) if name != "local/servo_cp" else (0, 0, 0, 0, 0, 0, 1))).outcome == (
             "refused")
 
 
 def test_a_restart_goes_on_from_the_record(cart: Cart, tips: dict[str, np.ndarray]) -> None:
-    stand = Stand(cart)
-    stand.tips(**tips)
-    stand.ask("state_command", "home")
-    stand.ask("servo_jp", "PSM2", 0.1, 0.2, -0.3, 0.4, -0.5, 0.6)
-    stand.ask("set_reference_arm", "PSM3")
-    bases = stand.field("measured_cp").copy()
-    again = Stand(cart, memory=stand.memory)
+    harness = SetupHarness(cart)
+    harness.tips(**tips)
+    harness.ask("state_command", "home")
+    harness.ask("servo_jp", "PSM2", 0.1, 0.2, -0.3, 0.4, -0.5, 0.6)
+    harness.ask("set_reference_arm", "PSM3")
+    bases = harness.field("measured_cp").copy()
+    again = SetupHarness(cart, memory=harness.memory)
     again.tips(**tips)
     again.step()
     assert np.allclose(again.field("measured_cp"), bases, atol=1e-12)
@@ -168,10 +168,10 @@ def test_a_restart_goes_on_from_the_record(cart: Cart, tips: dict[str, np.ndarra
 
 
 def test_a_first_start_takes_nothing_from_an_empty_record(cart: Cart) -> None:
-    stand = Stand(cart, memory=Memory(SUJ_STATE, setups=4))
-    stand.step()
-    assert stand.field("sub_state").item() == b"DISABLED" and np.allclose(
-        stand.field("position")[0, :6], cart.arms[0].position)
+    harness = SetupHarness(cart, memory=FakeMemory(SUJ_STATE, setups=4))
+    harness.step()
+    assert harness.field("sub_state").item() == b"DISABLED" and np.allclose(
+        harness.field("position")[0, :6], cart.arms[0].position)
 
 
 # -- fixed -------------------------------------------------------------------------------------------------------------
@@ -180,16 +180,16 @@ FIXED = '{"name": "SUJ", "type": "SUJ_Fixed", "arm_file": "arm/suj-fixed-simulat
 
 
 def test_fixed_arms_stand_where_the_file_says_or_where_they_are_put(tmp_path) -> None:
-    stand = Stand(system_of(tmp_path, FIXED).cart("SUJ"))
-    stand.step()
-    assert np.array_equal(stand.field("local_measured_cp")[:, :3], [(0, 0, 0), (0, 1, 0), (0, 2, 0), (0, 0, 3)])
+    harness = SetupHarness(system_of(tmp_path, FIXED).cart("SUJ"))
+    harness.step()
+    assert np.array_equal(harness.field("local_measured_cp")[:, :3], [(0, 0, 0), (0, 1, 0), (0, 2, 0), (0, 0, 3)])
     pose = (0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5)
-    assert stand.ask("local/servo_cp", "PSM1", *pose).outcome == "done"
-    assert np.allclose(stand.field("local_measured_cp")[1], pose) and stand.field("setup_valid").all()
+    assert harness.ask("local/servo_cp", "PSM1", *pose).outcome == "done"
+    assert np.allclose(harness.field("local_measured_cp")[1], pose) and harness.field("setup_valid").all()
     for values in ((0.1,), (0, 0, 0, 0, 0, 0, 0), (np.nan, 0, 0, 0, 0, 0, 1)):
-        assert stand.ask("local/servo_cp", "PSM1", *values).outcome == "refused"
-    assert stand.ask("servo_jp", "PSM1", *([0.0] * 6)).outcome == "refused"
-    again = Stand(stand.cart, memory=stand.memory)
+        assert harness.ask("local/servo_cp", "PSM1", *values).outcome == "refused"
+    assert harness.ask("servo_jp", "PSM1", *([0.0] * 6)).outcome == "refused"
+    again = SetupHarness(harness.cart, memory=harness.memory)
     again.step()
     assert np.allclose(again.field("local_measured_cp")[1], pose), "after a restart, too"
 

@@ -50,9 +50,9 @@ def test_three_whole_rounds_at_rest_make_all_arms_known() -> None:
     for name, place in PLACES.items():
         assert miss(cart, name, place) < CLOSE
         local = cart.joints._setups.local[cart.row(name)].copy()
-        cart.joints._setups.stand(cart.row(name), np.array(place))
+        cart.joints._setups.harness(cart.row(name), np.array(place))
         assert np.abs(cart.joints._setups.local[cart.row(name)] - local).max() < 1e-3
-    assert cart.reports.of("error") == cart.reports.of("warning") == [] and cart.rig.errors() == []
+    assert cart.reports.of("error") == cart.reports.of("warning") == [] and cart.harness.errors() == []
 
 
 def test_a_clutch_button_lets_one_arm_go_which_is_unknown_then(known: Cart) -> None:
@@ -83,7 +83,7 @@ def test_brakes_follow_a_ramp_of_8_amperes_a_second(known: Cart) -> None:
         currents.append(float(known.field("brake_current")[0]))
     steps = np.diff(currents)
     assert np.all(steps[np.array(currents[1:]) < 1.5] == pytest.approx(0.08, abs=0.017)) and currents[-1] == 1.5
-    measured = known.rig.record.current[0]
+    measured = known.harness.record.current[0]
     assert measured == pytest.approx(1.5, abs=0.05)
 
 
@@ -100,7 +100,7 @@ def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
     known.kill()
     known.run(0.05)
     assert not any(released(known)), "30 ms without a set-point"
-    assert known.rig.record.powered[0], "and power stays on"
+    assert known.harness.record.powered[0], "and power stays on"
 
 
 def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
@@ -108,11 +108,11 @@ def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
     known.run(0.5)
     known.kill()
     known.run(0.2)
-    again = Cart(memory=known.memory, rig=known.rig)
+    again = Cart(memory=known.memory, harness=known.harness)
     again.press("SUJ_clutch_3", False)
     again.run(0.3)
     assert again.joints.machine.state is SetupState.ENABLED and again.joints.machine.is_homed
-    assert not any(name == "power_off" for name, _, _ in again.orders.log) and known.rig.record.powered[0]
+    assert not any(name == "power_off" for name, _, _ in again.orders.log) and known.harness.record.powered[0]
     assert again.valid() == [False] * 4, "anybody may have moved them"
     again.run(4.2 * ROUND_S)
     assert again.valid() == [True] * 4
@@ -228,8 +228,8 @@ def test_the_lift_stops_when_the_process_dies(known: Cart) -> None:
     stopped = height(known)
     known.run(0.5)
     assert height(known) == stopped
-    outputs = [row.name for row in known.rig.io.digital_outputs]
-    assert known.rig.record.output[outputs.index("disable_PWM")]
+    outputs = [row.name for row in known.harness.io.digital_outputs]
+    assert known.harness.record.output[outputs.index("disable_PWM")]
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------

@@ -19,12 +19,12 @@ from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiple
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from procs.suj.si import EmulatedBoards, Si, counts
 from tests.io.harness import FakeCommand
-from tests.suj.harness import Stand, system_of
+from tests.suj.harness import SetupHarness, system_of
 
 STEP_NS = 666_667
 
 
-class Counter:
+class ConversionCounter:
     """What the interface board does, and a host that looks every cycle."""
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Counter:
 
 
 def test_a_round_averages_every_channel_after_it_has_settled() -> None:
-    counter = Counter()
+    counter = ConversionCounter()
     cycles = 0
     while counter.multiplexer.rounds < 1:
         settled = counter.now_ns + STEP_NS >= counter.multiplexer._ready_ns
@@ -54,7 +54,7 @@ def test_a_round_averages_every_channel_after_it_has_settled() -> None:
 
 
 def test_a_counter_that_is_elsewhere_is_reset_and_told() -> None:
-    counter = Counter()
+    counter = ConversionCounter()
     while counter.channel < 3:
         counter.cycle(np.zeros(4))
     counter.channel = 9
@@ -68,7 +68,7 @@ def test_a_counter_that_is_elsewhere_is_reset_and_told() -> None:
 
 
 def test_missed_samples_begin_the_channel_anew() -> None:
-    counter = Counter()
+    counter = ConversionCounter()
     while counter.multiplexer._count < SAMPLES - 1:
         counter.cycle(np.full(4, 7.0))
     counter.multiplexer.skip()
@@ -124,7 +124,7 @@ def test_brakes_ramp_with_the_sign_of_the_file_and_hold_with_theirs() -> None:
 SI = '{"name": "SUJ", "type": "SUJ_Si", "arm_file": "suj-si.json"}'
 
 
-class Boards(EmulatedBoards):
+class PotBoards(EmulatedBoards):
     """Played boards of which the test takes some away."""
 
     silent: tuple[str, ...] = ()
@@ -137,21 +137,21 @@ class Boards(EmulatedBoards):
 
 
 @pytest.fixture
-def si(tmp_path) -> Stand:
+def si(tmp_path) -> SetupHarness:
     cart: Cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
-    link, pressed = Boards(cart), np.zeros(4, dtype=bool)
-    stand = Stand(cart, lambda cart, setups, reports, field, _: Si(cart, setups, link, reports, field,
-                                                                   lambda now: pressed))
-    stand.link, stand.pressed = link, pressed
-    return stand
+    link, pressed = PotBoards(cart), np.zeros(4, dtype=bool)
+    harness = SetupHarness(cart, lambda cart, setups, reports, field, _: Si(cart, setups, link, reports, field,
+                                                                            lambda now: pressed))
+    harness.link, harness.pressed = link, pressed
+    return harness
 
 
-def run(stand: Stand, seconds: float) -> None:
+def run(harness: SetupHarness, seconds: float) -> None:
     for _ in range(round(seconds * 100)):
-        stand.step(ms=10)
+        harness.step(ms=10)
 
 
-def test_readings_of_base_and_arm_make_an_si_arm_known(si: Stand) -> None:
+def test_readings_of_base_and_arm_make_an_si_arm_known(si: SetupHarness) -> None:
     goals = {name: np.linspace(0.1, 0.4, arm.joints) * (1, -1, 1, -1, 1)[: arm.joints]
              for name, arm in zip(("ECM", "PSM1", "PSM2", "PSM3"), si.cart.arms, strict=True)}
     for place, goal in enumerate(goals.values()):
@@ -163,7 +163,7 @@ def test_readings_of_base_and_arm_make_an_si_arm_known(si: Stand) -> None:
     assert si.field("sub_state").item() == b"DISABLED" and si.ask("state_command", "home").outcome == "done"
 
 
-def test_an_si_arm_is_unknown_while_clutched_and_until_it_was_read_again(si: Stand) -> None:
+def test_an_si_arm_is_unknown_while_clutched_and_until_it_was_read_again(si: SetupHarness) -> None:
     run(si, 0.5)
     si.pressed[1] = True
     run(si, 0.3)
@@ -177,7 +177,7 @@ def test_an_si_arm_is_unknown_while_clutched_and_until_it_was_read_again(si: Sta
     assert si.field("setup_valid").all() and np.allclose(si.field("position")[1, :4], goal)
 
 
-def test_a_board_that_is_away_is_told_and_its_arm_unknown(si: Stand) -> None:
+def test_a_board_that_is_away_is_told_and_its_arm_unknown(si: SetupHarness) -> None:
     run(si, 0.5)
     si.link.silent = (si.cart.arms[2].board,)
     run(si, 5.5)
@@ -204,7 +204,7 @@ def test_readings_are_rows_of_counts() -> None:
     assert np.array_equal(counts(b'{"timestamp": 5, "pots": [[1, 2], [3, 4.5]]}'), [[1, 2], [3, 4.5]])
 
 
-def test_si_brakes_are_the_arms_own(si: Stand) -> None:
+def test_si_brakes_are_the_arms_own(si: SetupHarness) -> None:
     assert np.isnan(si.field("brake_current")).all()
     si.step(FakeCommand("set_lift_velocity", "", 1.0))
     assert si.ask("set_lift_velocity", "", 1.0).outcome == "refused"

@@ -6,7 +6,7 @@ import pytest
 
 from procs.suj.machine import NoPower, SetupState, SetupStates
 from tests.io.harness import FakeCommand
-from tests.suj.harness import FakeReports
+from tests.suj.harness import FakeSetupReports
 
 
 class FakePower(NoPower):
@@ -29,11 +29,11 @@ class FakePower(NoPower):
         return self.wrong
 
 
-class Bench:
+class StatesBench:
     """A machine in a state."""
 
     def __init__(self, state: SetupState) -> None:
-        self.reports, self.power = FakeReports(), FakePower()
+        self.reports, self.power = FakeSetupReports(), FakePower()
         self.machine = SetupStates("SUJ", self.reports, self.power, lambda state: None)
         self.machine.begin(state, False, 0)
         self.reports.states.clear()
@@ -58,7 +58,7 @@ AFTER = {
 
 @pytest.mark.parametrize(("state", "word"), AFTER)
 def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
-    bench = Bench(state)
+    bench = StatesBench(state)
     request = bench.say(word)
     assert bench.machine.state is AFTER[state, word]
     assert len(bench.reports.states) >= 2, "the operating state is told before and after, even if nothing changes"
@@ -69,14 +69,14 @@ def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
 @pytest.mark.parametrize("state", SetupState)
 @pytest.mark.parametrize("word", ["pause", "resume", "", "Enable", "fly"])
 def test_other_words_are_refused_with_a_reason(state: SetupState, word: str) -> None:
-    bench = Bench(state)
+    bench = StatesBench(state)
     request = bench.say(word)
     assert request.outcome == "refused" and bench.machine.state is state
     assert bench.reports.of("warning") and request.answers[0][1]
 
 
 def test_power_comes_and_home_makes_it_homed() -> None:
-    bench = Bench(SetupState.DISABLED)
+    bench = StatesBench(SetupState.DISABLED)
     request = bench.say("home")
     assert (bench.machine.published, bench.machine.is_busy, bench.machine.is_homed) == ("DISABLED", True, False)
     assert bench.power.log == ["on"]
@@ -91,7 +91,7 @@ def test_power_comes_and_home_makes_it_homed() -> None:
 
 @pytest.mark.parametrize("state", [SetupState.POWERING, SetupState.ENABLED])
 def test_trouble_is_a_fault_with_its_reason(state: SetupState) -> None:
-    bench = Bench(SetupState.DISABLED)
+    bench = StatesBench(SetupState.DISABLED)
     request = bench.say("enable")
     if state is SetupState.ENABLED:
         bench.power.there = True
@@ -107,7 +107,7 @@ def test_trouble_is_a_fault_with_its_reason(state: SetupState) -> None:
 
 
 def test_a_newer_word_answers_the_one_under_way() -> None:
-    bench = Bench(SetupState.DISABLED)
+    bench = StatesBench(SetupState.DISABLED)
     request = bench.say("enable")
     bench.say("disable")
     assert request.answers[-1] == ("failed", "disable was asked for")
@@ -115,7 +115,7 @@ def test_a_newer_word_answers_the_one_under_way() -> None:
 
 def test_setup_joints_that_were_never_restarted_are_switched_off_as_well() -> None:
     power = FakePower()
-    machine = SetupStates("SUJ", FakeReports(), power, lambda state: None)
+    machine = SetupStates("SUJ", FakeSetupReports(), power, lambda state: None)
     for word in ("enable", "disable"):
         machine.command(FakeCommand("state_command", word), 0)
     assert power.log == ["on", "off"]

@@ -65,29 +65,29 @@ class Robot:
         if self.supervisor.poll() is not None:
             pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
         try:
-            pulse = ControlPage(self.name,
-                                "supervisor")  # one page for both: the next supervisor clears a dead one's page
+            page = ControlPage(self.name,
+                               "supervisor")  # one page for both: the next supervisor clears a dead one's page
         except SegmentError:
             return False
-        running = pulse.state == "RUNNING" and int(pulse.get("pid")) == self.supervisor.pid
-        pulse.close()
+        running = page.state == "RUNNING" and int(page.get("pid")) == self.supervisor.pid
+        page.close()
         return running
 
     def state(self, instance: str) -> str:
         """Lifecycle state an instance shows, empty when it has no control page."""
         try:
-            pulse = ControlPage(self.name, instance)
+            page = ControlPage(self.name, instance)
         except SegmentError:
             return ""
-        state = pulse.state
-        pulse.close()
+        state = page.state
+        page.close()
         return state
 
     def cell(self, instance: str, name: str) -> float:
         """One number of an instance's control page."""
-        pulse = ControlPage(self.name, instance)
-        value = pulse.get(name)
-        pulse.close()
+        page = ControlPage(self.name, instance)
+        value = page.get(name)
+        page.close()
         return value
 
     def pid(self, instance: str) -> int:

@@ -25,7 +25,7 @@ STATES = {
 FILES = {"ECM": "demo-ecm.yaml", "MTML": "demo-mtm.yaml"}
 
 
-class Watched:
+class WatchedArm:
     """One arm of a running system, in lock-step so that nothing depends on this machine's speed."""
 
     def __init__(self, robot: Robot, name: str) -> None:
@@ -82,13 +82,13 @@ class Watched:
 
 
 @pytest.fixture
-def watched(robot: Robot) -> Callable[[str], Watched]:
-    return lambda name: Watched(robot, name)
+def watched(robot: Robot) -> Callable[[str], WatchedArm]:
+    return lambda name: WatchedArm(robot, name)
 
 
 @pytest.mark.parametrize("arm", ["ECM", pytest.param("MTML", marks=pytest.mark.soak)])
 def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
-    robot: Robot, watched: Callable[[str], Watched], arm: str
+    robot: Robot, watched: Callable[[str], WatchedArm], arm: str
 ) -> None:
     one = watched(arm)
     for state in STATES[arm]:
@@ -107,7 +107,7 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
     one.close()
 
 
-def kill(robot: Robot, one: Watched) -> None:
+def kill(robot: Robot, one: WatchedArm) -> None:
     """kill -9; returns once the successor has run for 0.3 s."""
     old, life = robot.kill(one.name), one.state.epoch
     wait_for(lambda: robot.pid(one.name) != old and robot.state(one.name) == "RUNNING", 60, "the arm's restart")

@@ -22,7 +22,7 @@ ROUNDED_NS = 2_000  # periods are whole ns: two that make a third ms come apart 
 INSERTION, DEEPEST = 2, 0.24
 
 
-class Pair:
+class FollowingPair:
     """The system, homed, its tele-operation following."""
 
     def __init__(self, robot: Robot, folder: Path, *, cart: bool = False) -> None:
@@ -78,14 +78,14 @@ class Pair:
 
 
 @pytest.fixture
-def pair(robot: Robot, tmp_path: Path) -> Iterator[Pair]:
-    made = Pair(robot, tmp_path)
+def pair(robot: Robot, tmp_path: Path) -> Iterator[FollowingPair]:
+    made = FollowingPair(robot, tmp_path)
     yield made
     made.close()
     assert robot.down() == 0
 
 
-def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: Pair) -> None:
+def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: FollowingPair) -> None:
     way = pair.lead(0.02, -0.01, 0.0)
     assert way["following"].all() and not way["reason"].astype(bool).any()
     assert set(np.diff(way["stamp_ns"])) == {MS}
@@ -121,7 +121,7 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: Pair
 
 
 def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_path: Path) -> None:
-    pair = Pair(robot, tmp_path, cart=True)
+    pair = FollowingPair(robot, tmp_path, cart=True)
     cart = directory.reader(robot.name, "SUJ", "state", "suj")
     goal = matrix_from_pose(pair.shown(pair.teleop, "goal_cp"))
     first = matrix_from_pose(pair.shown(cart, "measured_cp")[1])

@@ -11,7 +11,7 @@ import pytest
 from shm import directory
 from shm.clock import monotonic_ns
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.examples.operator_sim import OperatorSim, Seen
+from tools.examples.operator_sim import OperatorSim, SeenRecord
 from tools.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -25,8 +25,8 @@ class Operator:
     def __init__(self, robot: Robot) -> None:
         self.robot, name = robot, robot.name
         self.boards, self.system = Remote(name, "boards"), Remote(name, "system")
-        self.truth, self.seat = Seen(name, "boards", "boards"), OperatorSim(name, "console")
-        self.arms = [Seen(name, arm, "arm") for arm in ("MTMR", "PSM1")]
+        self.truth, self.seat = SeenRecord(name, "boards", "boards"), OperatorSim(name, "console")
+        self.arms = [SeenRecord(name, arm, "arm") for arm in ("MTMR", "PSM1")]
         self.teleop = self.seat.teleops[0]
 
     def press(self, on: bool) -> None:

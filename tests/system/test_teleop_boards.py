@@ -11,7 +11,7 @@ import pytest
 
 from shm import directory
 from tests.system.robot import Robot, wait_for
-from tools.examples.operator_sim import OperatorSim, Seen
+from tools.examples.operator_sim import OperatorSim, SeenRecord
 from tools.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -29,7 +29,7 @@ class Surgeon:
     def __init__(self, robot: Robot) -> None:
         self.robot, name = robot, robot.name
         self.boards = Remote(name, "boards")
-        self.master, self.slave = Seen(name, "MTML", "arm"), Seen(name, "PSM1", "arm")
+        self.master, self.slave = SeenRecord(name, "MTML", "arm"), SeenRecord(name, "PSM1", "arm")
         self.seat = OperatorSim(name, "console1")
         self.teleop = self.seat.teleops[0]
         self._is_open = True
@@ -77,7 +77,7 @@ class Surgeon:
 
 
 @pytest.fixture
-def surgeon(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
+def operator(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
     robot.up(data("dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"), "--boards", "emulated", "--path",
              str(data("dvrk-share")), *SETS)
     with Remote(robot.name, "boards") as boards, Remote(robot.name, "PSM1") as slave:
@@ -91,59 +91,59 @@ def surgeon(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
     made.close()
 
 
-def followed(surgeon: Surgeon) -> tuple[Array, Array]:
+def followed(operator: Surgeon) -> tuple[Array, Array]:
     """Places of the master and of the slave's goal in every cycle of the last second that was followed in."""
-    ring = directory.reader(surgeon.robot.name, NAME, "state", "teleop")
+    ring = directory.reader(operator.robot.name, NAME, "state", "teleop")
     rows = ring.last(1000)
     ring.close()
     rows = rows[rows["following"] & (rows["sent_ns"] == rows["stamp_ns"])]
     return rows["mtm_measured_cp"][:, :3], rows["goal_cp"][:, :3]
 
 
-def test_the_slave_follows_a_hand_and_deaths_end_that(surgeon: Surgeon) -> None:
-    robot = surgeon.robot
-    surgeon.seat.ask("teleop_enable", 1)
-    surgeon.press("coag", True)
-    surgeon.waits_for("waiting: pinch or twist MTML's gripper a bit")  # though it was turned by half a turn meanwhile
-    surgeon.pinch()
-    surgeon.follows()
+def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None:
+    robot = operator.robot
+    operator.seat.ask("teleop_enable", 1)
+    operator.press("coag", True)
+    operator.waits_for("waiting: pinch or twist MTML's gripper a bit")  # though it was turned by half a turn meanwhile
+    operator.pinch()
+    operator.follows()
 
-    surgeon.pull(0.05, 0.03, 0.0)
-    surgeon.moves(0.04)
-    masters, goals = followed(surgeon)
+    operator.pull(0.05, 0.03, 0.0)
+    operator.moves(0.04)
+    masters, goals = followed(operator)
     assert np.abs((goals - goals[0]) - 0.2 * (masters - masters[0])).max() < 1e-6
     assert np.linalg.norm(goals[-1] - goals[0]) > 0.004
-    wait_for(lambda: np.linalg.norm(np.array(surgeon.slave.value("measured_cp")[:3]) - surgeon.place()) < 1e-3, 20,
+    wait_for(lambda: np.linalg.norm(np.array(operator.slave.value("measured_cp")[:3]) - operator.place()) < 1e-3, 20,
              "the slave at its set-point")
 
-    surgeon.press("clutch", True)
-    wait_for(lambda: not surgeon.teleop.is_following, 20, "the clutch")
-    before = surgeon.place()
-    surgeon.pull(-0.05, -0.05, 0.0)
-    surgeon.moves(0.05)
-    surgeon.let_go()
-    assert np.abs(surgeon.place() - before).max() < STILL_M
-    surgeon.press("clutch", False)
-    surgeon.follows()  # nobody has to pinch again
-    assert np.abs(surgeon.place() - before).max() < STILL_M
+    operator.press("clutch", True)
+    wait_for(lambda: not operator.teleop.is_following, 20, "the clutch")
+    before = operator.place()
+    operator.pull(-0.05, -0.05, 0.0)
+    operator.moves(0.05)
+    operator.let_go()
+    assert np.abs(operator.place() - before).max() < STILL_M
+    operator.press("clutch", False)
+    operator.follows()  # nobody has to pinch again
+    assert np.abs(operator.place() - before).max() < STILL_M
 
-    surgeon.press("coag", False)
-    wait_for(lambda: not surgeon.teleop.is_following, 20, "the pedal let go of")
+    operator.press("coag", False)
+    wait_for(lambda: not operator.teleop.is_following, 20, "the pedal let go of")
     for victim, reason in ((NAME, "align only"), ("console1", "align only"), ("MTML", "pinch or twist")):
-        surgeon.press("coag", False)
-        wait_for(lambda: surgeon.seat.console.value("present_inputs") == 0, 20, "nobody there")
-        surgeon.press("coag", True)
-        surgeon.waits_for("pinch or twist")
-        surgeon.pinch()
-        surgeon.follows()
-        surgeon.pull(0.0, 0.04, 0.02)
-        surgeon.moves(0.01)
+        operator.press("coag", False)
+        wait_for(lambda: operator.seat.console.value("present_inputs") == 0, 20, "nobody there")
+        operator.press("coag", True)
+        operator.waits_for("pinch or twist")
+        operator.pinch()
+        operator.follows()
+        operator.pull(0.0, 0.04, 0.02)
+        operator.moves(0.01)
         old = robot.kill(victim)
-        wait_for(lambda: not surgeon.teleop.is_following or robot.pid(victim) != old, 20, "the end of following")  # noqa: B023
-        before = surgeon.place()
-        surgeon.let_go()  # a hand that holds on shows presence by the roll
+        wait_for(lambda: not operator.teleop.is_following or robot.pid(victim) != old, 20, "the end of following")  # noqa: B023
+        before = operator.place()
+        operator.let_go()  # a hand that holds on shows presence by the roll
         wait_for(lambda victim=victim, old=old: robot.pid(victim) != old and robot.state(victim) == "RUNNING", 30,  # type: ignore[misc]
                  f"{victim}'s restart")
-        surgeon.waits_for(reason)
-        assert np.linalg.norm(surgeon.place() - before) < 1e-3, f"the slave went on when {victim} had died"
+        operator.waits_for(reason)
+        assert np.linalg.norm(operator.place() - before) < 1e-3, f"the slave went on when {victim} had died"
     assert robot.down() == 0

@@ -27,7 +27,7 @@ LOCKSTEP = ("--set", "clock=lockstep")  # nobody is late on a busy machine
 
 
 @dataclass(frozen=True)
-class Row:
+class SightRow:
     """One row of the table: patterns of what is seen (one of them is enough), commands to type."""
 
     seen: str
@@ -45,7 +45,7 @@ class Scenario:
     before: tuple[Words, ...] = ()
 
 
-def rows() -> list[Row]:
+def rows() -> list[SightRow]:
     text = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8")
     section = text.partition(HEADING)[2].partition("\n## ")[0]
     found = []
@@ -54,7 +54,7 @@ def rows() -> list[Row]:
         if line.startswith("| `") and len(cells) == 3:
             patterns = [re.escape(code).replace("…", ".*") for code in re.findall(r"`([^`]+)`", cells[0])]
             typed = [tuple(code.split()[1:]) for code in re.findall(r"`(trocar [^`]+)`", cells[2])]
-            found.append(Row(cells[0], tuple(patterns), tuple(typed)))
+            found.append(SightRow(cells[0], tuple(patterns), tuple(typed)))
     return found
 
 
@@ -104,7 +104,7 @@ def said(robot: Robot, words: Words) -> str:
     return " ".join(f"{done.stdout} {done.stderr}".split())
 
 
-def see(robot: Robot, row: Row, words: Words) -> None:
+def see(robot: Robot, row: SightRow, words: Words) -> None:
     """The command shows what the row says, in the end."""
     shown: list[str] = []
 
@@ -115,7 +115,7 @@ def see(robot: Robot, row: Row, words: Words) -> None:
     wait_for(is_seen, 60.0, f"{row.seen}: {row.patterns}, seen was: {shown[-1:]}")
 
 
-def type_it(robot: Robot, row: Row) -> None:
+def type_it(robot: Robot, row: SightRow) -> None:
     for words in row.typed:
         robot.trocar(*words, timeout=300)
     assert "all well" in said(robot, STATUS)

@@ -33,7 +33,7 @@ JAW = (math.radians(-40.0), math.radians(80.0))
 SMALL_JAW = (0.0, math.radians(30.0))
 
 
-class Ring:
+class FakeTeleopRing:
     """A ring that a test writes: what it holds is the newest record."""
 
     def __init__(self, topic: Any, **dims: int) -> None:
@@ -65,11 +65,11 @@ class Answer:
     text: str = ""
 
 
-class FakeArm:
+class FakeTeleopArm:
     """An arm that does at once what it is asked for, and remembers it."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.ring, self.events = name, Ring(ARM_STATE), Ring(EVENTS)
+        self.name, self.ring, self.events = name, FakeTeleopRing(ARM_STATE), FakeTeleopRing(EVENTS)
         self.sent: list[tuple[str, tuple[float, ...], str]] = []
         self.answers: list[Answer] = []
         self.origins: list[Origin] = []
@@ -167,7 +167,7 @@ class Reports:
         return [text for said, text in self.said if said == kind]
 
 
-class Theatre:
+class TeleopHarness:
     """One tele-operation and everything around it; a PSM's unless `make_teleop` says something else."""
 
     names = ("MTMR", "PSM1")
@@ -175,19 +175,21 @@ class Theatre:
     def __init__(self, *, console: bool = True, base: bool = False, setup: int | None = None, **settings: Any) -> None:
         """`base`: an ECM carries the slave; `setup`: the set-up arm of that place does."""
         self.now_ns = 5 * SECOND
-        self.arms = {name: FakeArm(name) for name in self.names}
-        self.console = Ring(CONSOLE_STATE, teleops=1) if console else None
+        self.arms = {name: FakeTeleopArm(name) for name in self.names}
+        self.console = FakeTeleopRing(CONSOLE_STATE, teleops=1) if console else None
         self.console_alive = True
         if self.console is not None:
             self.console.set(valid=True, operator_present=True)
         self.setup = setup
-        self.base = Ring(ARM_STATE) if base else Ring(SUJ_STATE, setups=setup + 1) if setup is not None else None
+        self.base = FakeTeleopRing(ARM_STATE) if base else None
+        if self.base is None and setup is not None:
+            self.base = FakeTeleopRing(SUJ_STATE, setups=setup + 1)
         self.settings, self.faults = settings, NoFaults()
         self.start()
 
     def start(self) -> None:
         """A new process on a record as its predecessor left it, or an empty one."""
-        self.reports, self.record = Reports(), Ring(TELEOP_STATE)
+        self.reports, self.record = Reports(), FakeTeleopRing(TELEOP_STATE)
         self.teleop = self.make_teleop(Operator("console", self.console))
 
     def make_teleop(self, operator: Operator) -> Teleop:
@@ -200,11 +202,11 @@ class Theatre:
                          BaseFrame(carrier, self.base, self.setup) if self.base else None, faults=self.faults)
 
     @property
-    def master(self) -> FakeArm:
+    def master(self) -> FakeTeleopArm:
         return self.arms[self.names[0]]
 
     @property
-    def slave(self) -> FakeArm:
+    def slave(self) -> FakeTeleopArm:
         return self.arms[self.names[-1]]
 
     def step(self, *requests: FakeRequest) -> None:
@@ -252,7 +254,7 @@ class Theatre:
         self.reports.said.clear()
 
 
-class EcmTheatre(Theatre):
+class EcmTheatre(TeleopHarness):
     """Two masters and an ECM."""
 
     names = ("MTML", "MTMR", "ECM")

@@ -8,24 +8,25 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_io import FakeRequest
-from tests.teleop.harness import EcmTheatre, Theatre
+from tests.teleop.harness import EcmTheatre, TeleopHarness
 from tests.teleop.test_trouble import show
 
 DEGREE = math.pi / 180
 
 
 @pytest.fixture
-def following() -> Theatre:
-    theatre = Theatre(start_gripper_threshold=0.5)
-    theatre.state_command("enable")
-    show(theatre)
-    assert theatre.following, theatre.text("reason")
-    theatre.forget()
-    return theatre
+def following() -> TeleopHarness:
+    harness = TeleopHarness(start_gripper_threshold=0.5)
+    harness.state_command("enable")
+    show(harness)
+    assert harness.following, harness.text("reason")
+    harness.forget()
+    return harness
 
 
 @pytest.mark.parametrize("words", [("disable", "enable"), ("align_MTM", "enable")])
-def test_who_is_stopped_and_asked_again_in_one_cycle_has_stopped(following: Theatre, words: tuple[str, ...]) -> None:
+def test_who_is_stopped_and_asked_again_in_one_cycle_has_stopped(following: TeleopHarness,
+                                                                 words: tuple[str, ...]) -> None:
     following.step(*(FakeRequest("state_command", (), word) for word in words))
     assert not following.following
     following.run(0.05)
@@ -34,7 +35,7 @@ def test_who_is_stopped_and_asked_again_in_one_cycle_has_stopped(following: Thea
     assert following.following
 
 
-def test_an_error_is_not_outrun_by_a_command(following: Theatre) -> None:
+def test_an_error_is_not_outrun_by_a_command(following: TeleopHarness) -> None:
     following.slave.fail("PSM1: tracking error")
     following.state_command("enable")
     assert not following.following and "hold" in following.slave.words()
@@ -43,7 +44,7 @@ def test_an_error_is_not_outrun_by_a_command(following: Theatre) -> None:
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_an_arm_moved_by_hand_is_not_followed_with_or_by(following: Theatre, which: str) -> None:
+def test_an_arm_moved_by_hand_is_not_followed_with_or_by(following: TeleopHarness, which: str) -> None:
     arm = following.arms[which]
     arm.ring.set(sub_state=b"MANUAL", is_busy=True)
     following.step()
@@ -60,7 +61,7 @@ def test_an_arm_moved_by_hand_is_not_followed_with_or_by(following: Theatre, whi
     assert following.following and following.slave.pose == pytest.approx(before, abs=1e-9)
 
 
-def test_what_a_slave_refused_is_not_caught_up_with(following: Theatre) -> None:
+def test_what_a_slave_refused_is_not_caught_up_with(following: TeleopHarness) -> None:
     before = following.slave.pose
     following.slave.obeys = False
     following.slave.refuses["servo_cp"] = "the instrument needs to be inserted past the cannula"
@@ -76,7 +77,7 @@ def test_what_a_slave_refused_is_not_caught_up_with(following: Theatre) -> None:
     assert following.following and following.slave.pose[0] == pytest.approx(before[0] + 0.002)
 
 
-def test_another_instrument_ends_following(following: Theatre) -> None:
+def test_another_instrument_ends_following(following: TeleopHarness) -> None:
     following.slave.ring.set(tool=b"MEGA")
     following.forget()
     following.step()
@@ -84,7 +85,7 @@ def test_another_instrument_ends_following(following: Theatre) -> None:
     assert following.text("reason") == "the instrument of PSM1 was changed"
 
 
-def test_the_jaw_is_that_of_the_instrument_that_is_on_when_following_begins(following: Theatre) -> None:
+def test_the_jaw_is_that_of_the_instrument_that_is_on_when_following_begins(following: TeleopHarness) -> None:
     following.state_command("align_MTM")
     following.slave.ring.set(tool=b"SMALL")
     following.run(0.01)
@@ -96,7 +97,7 @@ def test_the_jaw_is_that_of_the_instrument_that_is_on_when_following_begins(foll
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_another_base_frame_ends_following(following: Theatre, which: str) -> None:
+def test_another_base_frame_ends_following(following: TeleopHarness, which: str) -> None:
     arm = following.arms[which]
     arm.ring.set(base_frame=(0.1, 0, 0, 0, 0, 0, 1))
     following.forget()
@@ -109,7 +110,7 @@ def test_another_base_frame_ends_following(following: Theatre, which: str) -> No
     assert following.following
 
 
-def test_a_base_that_set_up_joints_carry_may_drift(following: Theatre) -> None:
+def test_a_base_that_set_up_joints_carry_may_drift(following: TeleopHarness) -> None:
     for step in range(100):
         following.slave.ring.set(base_frame=(step * 0.0005, 0, 0, 0, 0, 0, 1))
         following.step()
@@ -117,23 +118,23 @@ def test_a_base_that_set_up_joints_carry_may_drift(following: Theatre) -> None:
 
 
 def test_a_master_that_turns_by_itself_shows_no_presence() -> None:
-    theatre = Theatre(start_gripper_threshold=0.5)
-    theatre.master.obeys = False
-    theatre.master.turn(0, 30 * DEGREE)
-    theatre.master.ring.set(is_busy=True)
-    theatre.state_command("enable")
+    harness = TeleopHarness(start_gripper_threshold=0.5)
+    harness.master.obeys = False
+    harness.master.turn(0, 30 * DEGREE)
+    harness.master.ring.set(is_busy=True)
+    harness.state_command("enable")
     for _ in range(30):
-        theatre.step()
-        theatre.master.turn(0, -1 * DEGREE)
-    theatre.master.ring.set(is_busy=False)
-    theatre.run(0.1)
-    assert not theatre.following and not theatre.record.field("operator_active")
-    theatre.master.turn(0, 4.5 * DEGREE)
-    theatre.run(0.01)
-    assert theatre.following
+        harness.step()
+        harness.master.turn(0, -1 * DEGREE)
+    harness.master.ring.set(is_busy=False)
+    harness.run(0.1)
+    assert not harness.following and not harness.record.field("operator_active")
+    harness.master.turn(0, 4.5 * DEGREE)
+    harness.run(0.01)
+    assert harness.following
 
 
-def test_a_gripper_that_is_not_seen_any_more_leaves_the_jaw(following: Theatre) -> None:
+def test_a_gripper_that_is_not_seen_any_more_leaves_the_jaw(following: TeleopHarness) -> None:
     following.master.ring.set(gripper_position=0.3)
     following.run(2.0)
     before = float(following.slave.ring.field("jaw_setpoint_position"))
@@ -146,38 +147,38 @@ def test_a_gripper_that_is_not_seen_any_more_leaves_the_jaw(following: Theatre) 
 
 
 def test_what_a_torn_record_of_the_camera_says_is_no_place_to_begin() -> None:
-    theatre = EcmTheatre()
-    theatre.slave.ring.set(is_homed=False)
-    theatre.slave.obeys = False
-    theatre.state_command("enable")
-    theatre.run(0.01)
-    theatre.slave.ring.set(is_homed=True)
-    theatre.step()
-    theatre.send("clutch", 1)
-    theatre.slave.ring.torn = True
-    theatre.slave.ring.field("setpoint_position")[:4] = 7.0
-    theatre.send("clutch", 0)
-    theatre.run(0.003)
-    theatre.slave.ring.torn = False
-    theatre.slave.ring.field("setpoint_position")[:4] = (0.0, 0.0, 0.12, 0.0)
-    theatre.forget()
-    theatre.run(0.01)
-    for _, goal, _ in theatre.slave.asked("servo_jp"):
+    harness = EcmTheatre()
+    harness.slave.ring.set(is_homed=False)
+    harness.slave.obeys = False
+    harness.state_command("enable")
+    harness.run(0.01)
+    harness.slave.ring.set(is_homed=True)
+    harness.step()
+    harness.send("clutch", 1)
+    harness.slave.ring.torn = True
+    harness.slave.ring.field("setpoint_position")[:4] = 7.0
+    harness.send("clutch", 0)
+    harness.run(0.003)
+    harness.slave.ring.torn = False
+    harness.slave.ring.field("setpoint_position")[:4] = (0.0, 0.0, 0.12, 0.0)
+    harness.forget()
+    harness.run(0.01)
+    for _, goal, _ in harness.slave.asked("servo_jp"):
         assert np.allclose(goal, (0.0, 0.0, 0.12, 0.0), atol=1e-9)
-    assert theatre.following
+    assert harness.following
 
 
 def test_hands_that_cross_do_not_throw_the_camera_over() -> None:
-    theatre = EcmTheatre()
-    theatre.state_command("enable")
-    theatre.run(0.01)
-    assert theatre.following
-    last = np.array(theatre.slave.asked("servo_jp")[-1][1])
+    harness = EcmTheatre()
+    harness.state_command("enable")
+    harness.run(0.01)
+    assert harness.following
+    last = np.array(harness.slave.asked("servo_jp")[-1][1])
     for _ in range(320):
-        theatre.arms["MTML"].shift(-0.001, 0, 0)
-        theatre.arms["MTMR"].shift(0.001, 0, 0)
-        theatre.step()
-        goal = np.array(theatre.slave.asked("servo_jp")[-1][1])
+        harness.arms["MTML"].shift(-0.001, 0, 0)
+        harness.arms["MTMR"].shift(0.001, 0, 0)
+        harness.step()
+        goal = np.array(harness.slave.asked("servo_jp")[-1][1])
         assert np.abs(goal - last).max() < 0.1
         last = goal
-    assert not theatre.following and theatre.text("reason").startswith("the camera would jump")
+    assert not harness.following and harness.text("reason").startswith("the camera would jump")

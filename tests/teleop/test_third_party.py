@@ -10,17 +10,17 @@ import pytest
 from procs.teleop.arms import TeleopArm
 from procs.teleop.third_party import ThirdPartyArm
 from shm.operator_topics import EXTERNAL_STATE
-from tests.teleop.harness import EcmTheatre, FakeArm, Ring, Theatre
+from tests.teleop.harness import EcmTheatre, FakeTeleopArm, FakeTeleopRing, TeleopHarness
 
 RECORD_NS = 10_000_000  # a hundred records a second
 
 
-class Program(FakeArm):
+class Program(FakeTeleopArm):
     """Somebody's program: it carries nothing out."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.ring, self.obeys = Ring(EXTERNAL_STATE, inputs=0), False
+        self.ring, self.obeys = FakeTeleopRing(EXTERNAL_STATE, inputs=0), False
         self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -28,7 +28,7 @@ class Program(FakeArm):
         return ThirdPartyArm(self.name, self.ring, self.events, self)
 
 
-class Stage(Theatre):
+class ThirdPartyStage(TeleopHarness):
     """Ten cycles for one record of the master."""
 
     def __init__(self) -> None:
@@ -48,8 +48,8 @@ class Stage(Theatre):
 
 
 @pytest.fixture
-def stage() -> Stage:
-    stage = Stage()
+def stage() -> ThirdPartyStage:
+    stage = ThirdPartyStage()
     stage.arms["MTMR"].ring.stamp_ns = 0
     stage.run(0.02)
     stage.state_command("enable")
@@ -59,13 +59,13 @@ def stage() -> Stage:
     return stage
 
 
-def show_presence(stage: Stage) -> None:
+def show_presence(stage: ThirdPartyStage) -> None:
     for gripper in (0.0, 1.0, 0.0):
         stage.master.ring.set(gripper_position=gripper)
         stage.run(0.02)
 
 
-def test_a_master_without_forces_is_followed_and_asked_for_nothing(stage: Stage) -> None:
+def test_a_master_without_forces_is_followed_and_asked_for_nothing(stage: ThirdPartyStage) -> None:
     before = stage.slave.pose
     for _ in range(20):
         stage.master.shift(0.005, 0.0, 0.0)
@@ -75,7 +75,7 @@ def test_a_master_without_forces_is_followed_and_asked_for_nothing(stage: Stage)
 
 
 @pytest.mark.parametrize("turn", [False, True])
-def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: Stage, turn: bool) -> None:
+def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: ThirdPartyStage, turn: bool) -> None:
     before = stage.slave.pose
     if turn:
         stage.master.turn(2, math.radians(60))
@@ -95,7 +95,7 @@ def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: S
     assert stage.following and np.allclose(stage.slave.pose, before), "from where it is now, without a jump"
 
 
-def test_a_master_that_jumps_all_the_time_is_told_once(stage: Stage) -> None:
+def test_a_master_that_jumps_all_the_time_is_told_once(stage: ThirdPartyStage) -> None:
     for place in range(100):
         stage.master.shift(0.1 * (-1) ** place, 0.0, 0.0)
         stage.run(0.01)
@@ -113,7 +113,7 @@ def test_a_master_that_jumps_all_the_time_is_told_once(stage: Stage) -> None:
      ({"gripper_position": math.nan}, "MTMR's gripper is no angle"),
      ({"gripper_valid": False}, "MTMR has lost its gripper")],
 )
-def test_nonsense_ends_following(stage: Stage, wrong: dict[str, object], said: str) -> None:
+def test_nonsense_ends_following(stage: ThirdPartyStage, wrong: dict[str, object], said: str) -> None:
     before = stage.slave.pose
     stage.master.ring.set(**wrong)
     stage.run(0.02)
@@ -122,7 +122,7 @@ def test_nonsense_ends_following(stage: Stage, wrong: dict[str, object], said: s
     assert len(stage.reports.of("error")) == 1
 
 
-def test_a_master_that_does_not_know_where_it_is_is_left(stage: Stage) -> None:
+def test_a_master_that_does_not_know_where_it_is_is_left(stage: ThirdPartyStage) -> None:
     stage.master.ring.set(reference_valid=False)
     stage.run(0.02)
     assert stage.text("state") == "DISABLED"
@@ -151,14 +151,14 @@ def test_two_programs_carry_a_camera_and_are_not_pushed() -> None:
     assert not stage.following and "MTMR jumped by 100 mm" in stage.reports.of("error")[0]
 
 
-def test_stamps_from_the_future_are_silence(stage: Stage) -> None:
+def test_stamps_from_the_future_are_silence(stage: ThirdPartyStage) -> None:
     stage.master.alive = False
     stage.master.ring.stamp_ns = stage.now_ns + 10**12
     stage.run(0.05)
     assert not stage.following and stage.reports.of("error") == ["MTMR_PSM1: MTMR is silent"]
 
 
-def test_a_program_that_died_and_is_back_needs_presence(stage: Stage) -> None:
+def test_a_program_that_died_and_is_back_needs_presence(stage: ThirdPartyStage) -> None:
     stage.master.alive = False
     stage.run(0.045)
     assert not stage.following and stage.text("reason") == "waiting: MTMR is silent"
@@ -172,7 +172,7 @@ def test_a_program_that_died_and_is_back_needs_presence(stage: Stage) -> None:
     assert stage.following and np.allclose(stage.slave.pose, before)
 
 
-def test_records_that_were_held_up_are_no_jump(stage: Stage) -> None:
+def test_records_that_were_held_up_are_no_jump(stage: ThirdPartyStage) -> None:
     """25 mm within 25 ms: two records did not come, but none was silent."""
     stage.master.alive = False
     stage.run(0.02)
@@ -182,7 +182,7 @@ def test_records_that_were_held_up_are_no_jump(stage: Stage) -> None:
     assert stage.following, stage.text("reason")
 
 
-def test_a_master_that_creeps_away_in_small_jumps_is_not_followed(stage: Stage) -> None:
+def test_a_master_that_creeps_away_in_small_jumps_is_not_followed(stage: ThirdPartyStage) -> None:
     for _ in range(5):  # 6 m/s, each step within what a coarse device may show
         stage.master.shift(0.006, 0.0, 0.0)
         stage.step()
@@ -190,11 +190,11 @@ def test_a_master_that_creeps_away_in_small_jumps_is_not_followed(stage: Stage) 
 
 
 def test_a_jaw_that_is_no_number_is_none() -> None:
-    theatre = Theatre(start_gripper_threshold=0.5)
-    slave = theatre.arms["PSM1"] = Program("PSM1")
+    harness = TeleopHarness(start_gripper_threshold=0.5)
+    slave = harness.arms["PSM1"] = Program("PSM1")
     slave.ring.set(has_jaw=True, jaw_setpoint_position=math.nan)
-    theatre.start()
-    theatre.run(0.02)
-    theatre.state_command("enable")
-    theatre.run(0.02)
-    assert theatre.text("state") == "DISABLED" and "PSM1 has no jaw" in theatre.text("reason")
+    harness.start()
+    harness.run(0.02)
+    harness.state_command("enable")
+    harness.run(0.02)
+    assert harness.text("state") == "DISABLED" and "PSM1 has no jaw" in harness.text("reason")

@@ -6,34 +6,34 @@ import math
 
 import pytest
 
-from tests.teleop.harness import Theatre
+from tests.teleop.harness import TeleopHarness
 
 
 @pytest.fixture
-def theatre() -> Theatre:
-    return Theatre(start_gripper_threshold=0.5)
+def harness() -> TeleopHarness:
+    return TeleopHarness(start_gripper_threshold=0.5)
 
 
-def show(theatre: Theatre) -> None:
+def show(harness: TeleopHarness) -> None:
     """The operator opens and closes the gripper."""
-    theatre.run(0.01)
-    theatre.master.ring.set(gripper_position=1.0)
-    theatre.run(0.01)
-    theatre.master.ring.set(gripper_position=0.0)
-    theatre.run(0.01)
+    harness.run(0.01)
+    harness.master.ring.set(gripper_position=1.0)
+    harness.run(0.01)
+    harness.master.ring.set(gripper_position=0.0)
+    harness.run(0.01)
 
 
 @pytest.fixture
-def following(theatre: Theatre) -> Theatre:
-    theatre.state_command("enable")
-    show(theatre)
-    assert theatre.following, theatre.text("reason")
-    theatre.forget()
-    return theatre
+def following(harness: TeleopHarness) -> TeleopHarness:
+    harness.state_command("enable")
+    show(harness)
+    assert harness.following, harness.text("reason")
+    harness.forget()
+    return harness
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_an_error_of_an_arm_disables(following: Theatre, which: str) -> None:
+def test_an_error_of_an_arm_disables(following: TeleopHarness, which: str) -> None:
     following.arms[which].fail(f"{which}: tracking error")
     following.step()
     assert not following.following and following.text("state") == "DISABLED"
@@ -48,7 +48,7 @@ def test_an_error_of_an_arm_disables(following: Theatre, which: str) -> None:
     assert following.following
 
 
-def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: Theatre) -> None:
+def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: TeleopHarness) -> None:
     following.slave.says |= {"servo_cp": "at its limit: insertion would be 0.3, above its limit 0.24",
                              "jaw/servo_jp": "clipped: jaw"}
     following.run(0.005)
@@ -59,15 +59,15 @@ def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: Theatre) 
     assert following.following and following.text("reason") == ""
 
 
-def test_a_master_without_a_model_of_its_weight_is_no_reason(theatre: Theatre) -> None:
-    theatre.master.refuses["use_gravity_compensation"] = "this arm has no gravity model"
-    theatre.state_command("enable")
-    show(theatre)
-    assert theatre.following and theatre.text("reason") == ""
+def test_a_master_without_a_model_of_its_weight_is_no_reason(harness: TeleopHarness) -> None:
+    harness.master.refuses["use_gravity_compensation"] = "this arm has no gravity model"
+    harness.state_command("enable")
+    show(harness)
+    assert harness.following and harness.text("reason") == ""
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: Theatre, which: str) -> None:
+def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: TeleopHarness, which: str) -> None:
     following.arms[which].fail(f"{which}: move_cp: unable to solve inverse kinematics (far)", "inverse-kinematics")
     following.run(0.005)
     assert following.following and not following.reports.of("error")
@@ -79,21 +79,21 @@ def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: Theatre, w
      ("MTMR", {"is_homed": False, "sub_state": b"ENABLED"}, "MTMR is not homed anymore, it is ENABLED"),
      ("MTMR", {"reference_valid": False}, "the pose of MTMR in its reference frame is not known")],
 )
-def test_arms_must_stay_homed(following: Theatre, which: str, change: dict[str, object], reason: str) -> None:
+def test_arms_must_stay_homed(following: TeleopHarness, which: str, change: dict[str, object], reason: str) -> None:
     following.arms[which].ring.set(**change)
     following.run(0.002)
     assert not following.following and following.text("state") == "DISABLED"
     assert following.text("reason") == reason and following.reports.of("error") == [f"MTMR_PSM1: {reason}"]
 
 
-def test_disable_stops_at_once(following: Theatre) -> None:
+def test_disable_stops_at_once(following: TeleopHarness) -> None:
     following.state_command("disable")
     assert not following.following and following.text("state") == "DISABLED"
     assert following.slave.words()[-1] == "hold" and following.master.words()[-1] == "hold"
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_a_silent_arm_ends_following_until_presence_is_shown(following: Theatre, which: str) -> None:
+def test_a_silent_arm_ends_following_until_presence_is_shown(following: TeleopHarness, which: str) -> None:
     following.arms[which].alive = False
     following.run(0.029)
     assert following.following
@@ -112,13 +112,13 @@ def test_a_silent_arm_ends_following_until_presence_is_shown(following: Theatre,
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
-def test_an_arm_started_anew_ends_following(following: Theatre, which: str) -> None:
+def test_an_arm_started_anew_ends_following(following: TeleopHarness, which: str) -> None:
     following.arms[which].ring.epoch += 1
     following.step()
     assert not following.following and following.reports.of("error") == [f"MTMR_PSM1: {which} was started anew"]
 
 
-def test_an_arm_that_comes_back_without_power_is_left_alone(following: Theatre) -> None:
+def test_an_arm_that_comes_back_without_power_is_left_alone(following: TeleopHarness) -> None:
     following.slave.alive = False
     following.run(0.05)
     following.slave.alive = True
@@ -127,7 +127,7 @@ def test_an_arm_that_comes_back_without_power_is_left_alone(following: Theatre) 
     assert following.text("state") == "DISABLED" and not following.slave.asked("state_command")
 
 
-def test_a_torn_record_is_waited_over(following: Theatre) -> None:
+def test_a_torn_record_is_waited_over(following: TeleopHarness) -> None:
     following.forget()
     following.master.ring.torn = True
     following.run(0.005)
@@ -140,23 +140,23 @@ def test_a_torn_record_is_waited_over(following: Theatre) -> None:
     assert not following.following
 
 
-def absent(theatre: Theatre) -> None:
-    assert theatre.console is not None
-    theatre.console.set(operator_present=False)
+def absent(harness: TeleopHarness) -> None:
+    assert harness.console is not None
+    harness.console.set(operator_present=False)
 
 
-def blind(theatre: Theatre) -> None:
-    assert theatre.console is not None
-    theatre.console.set(valid=False)
+def blind(harness: TeleopHarness) -> None:
+    assert harness.console is not None
+    harness.console.set(valid=False)
 
 
-def restarted(theatre: Theatre) -> None:
-    assert theatre.console is not None
-    theatre.console.epoch += 1
+def restarted(harness: TeleopHarness) -> None:
+    assert harness.console is not None
+    harness.console.epoch += 1
 
 
 @pytest.mark.parametrize("what", [absent, blind, restarted])
-def test_an_absent_operator_ends_following_within_a_cycle(following: Theatre, what) -> None:  # type: ignore[no-untyped-def]
+def test_an_absent_operator_ends_following_within_a_cycle(following: TeleopHarness, what) -> None:  # type: ignore[no-untyped-def]
     what(following)
     following.step()
     assert not following.following and following.text("state") == "ALIGNING_MTM"
@@ -170,13 +170,13 @@ def test_an_absent_operator_ends_following_within_a_cycle(following: Theatre, wh
     assert following.following
 
 
-def test_an_absent_operator_is_named_as_the_reason(following: Theatre) -> None:
+def test_an_absent_operator_is_named_as_the_reason(following: TeleopHarness) -> None:
     absent(following)
     show(following)
     assert following.text("reason") == "waiting: console console sees no operator"
 
 
-def test_a_silent_console_ends_following(following: Theatre) -> None:
+def test_a_silent_console_ends_following(following: TeleopHarness) -> None:
     following.console_alive = False
     following.run(0.024)
     assert following.following
@@ -189,7 +189,7 @@ def test_a_silent_console_ends_following(following: Theatre) -> None:
     assert following.following
 
 
-def test_a_clutch_released_unheard_is_released(following: Theatre) -> None:
+def test_a_clutch_released_unheard_is_released(following: TeleopHarness) -> None:
     following.send("clutch", 1)
     following.console_alive = False
     following.run(0.05)
@@ -200,10 +200,10 @@ def test_a_clutch_released_unheard_is_released(following: Theatre) -> None:
 
 
 def test_without_a_console_commands_are_enough() -> None:
-    Theatre(console=False).follow()
+    TeleopHarness(console=False).follow()
 
 
-def test_a_teleop_started_anew_is_disabled_and_asks_arms_for_nothing(following: Theatre) -> None:
+def test_a_teleop_started_anew_is_disabled_and_asks_arms_for_nothing(following: TeleopHarness) -> None:
     following.start()
     following.forget()
     show(following)
@@ -216,7 +216,7 @@ def test_a_teleop_started_anew_is_disabled_and_asks_arms_for_nothing(following: 
     assert following.following
 
 
-def test_another_desire_needs_presence_anew(following: Theatre) -> None:
+def test_another_desire_needs_presence_anew(following: TeleopHarness) -> None:
     following.state_command("align_MTM")
     following.run(0.01)
     assert following.text("state") == "ALIGNING_MTM" and not following.following
@@ -227,10 +227,10 @@ def test_another_desire_needs_presence_anew(following: Theatre) -> None:
     assert following.following
 
 
-def test_a_pose_that_is_no_number_never_starts(theatre: Theatre) -> None:
-    theatre.master.obeys = False
-    theatre.master.ring.set(measured_cp=math.nan)
-    theatre.state_command("enable")
-    show(theatre)
-    assert not theatre.following
-    assert theatre.text("reason") == "waiting: the pose of MTMR in its reference frame is not known"
+def test_a_pose_that_is_no_number_never_starts(harness: TeleopHarness) -> None:
+    harness.master.obeys = False
+    harness.master.ring.set(measured_cp=math.nan)
+    harness.state_command("enable")
+    show(harness)
+    assert not harness.following
+    assert harness.text("reason") == "waiting: the pose of MTMR in its reference frame is not known"

@@ -33,21 +33,21 @@ def system(world: World) -> Iterator[str]:
 @pytest.mark.parametrize(("name", "command"), [("MTMR_PSM1", "clutch"), ("console", "emulate_clutch")])
 def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, command: str) -> None:
     page, client = ControlPage(system, name, write=True), kind(system, name)
-    page.field("nap")[...] = 1  # it sleeps
+    page.field("wakeup")[...] = 1  # it sleeps
     assert client.send(command, (1.0,))
-    assert page.get("nap") == 0
+    assert page.get("wakeup") == 0
     client.close()
     page.close()
 
 
 def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
-    me = runtime.Node("teleop", system, "MTMR_PSM1")
-    loop, client = TeleopLoop(me), Client(system, "MTMR_PSM1")
-    me._pacing.period_ns = PERIOD_NS
-    me.ready()
+    node = runtime.Node("teleop", system, "MTMR_PSM1")
+    loop, client = TeleopLoop(node), Client(system, "MTMR_PSM1")
+    node._pacing.period_ns = PERIOD_NS
+    node.ready()
 
     def ask() -> None:
-        while not me.pulse.get("nap"):
+        while not node.page.get("wakeup"):
             pause(0.001)
         client.send("clutch", (1.0,))
 
@@ -56,9 +56,9 @@ def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -
     loop.wait()
     asking.join()
     assert monotonic_ns() - begun_ns < IDLE_PERIODS * PERIOD_NS, "it slept on"
-    loop.cycle(me.now_ns, me.wall_ns)
+    loop.cycle(node.now_ns, node.wall_ns)
     assert client.poll(), "it was not answered"
     client.close()
     loop.close()
-    me.give_back()
-    me.close()
+    node.give_back()
+    node.close()

@@ -58,11 +58,11 @@ class Played:
     def __init__(self, name: str) -> None:
         self.name = name
         memory.create_all(_document(name))
-        self.pulses = {i: ControlPage(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
-        for instance, pulse in self.pulses.items():
-            pulse.segment.claim(instance)
-            pulse.field("pid")[...] = os.getpid()
-            pulse.show("RUNNING")
+        self.pages = {i: ControlPage(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
+        for instance, page in self.pages.items():
+            page.segment.claim(instance)
+            page.field("pid")[...] = os.getpid()
+            page.show("RUNNING")
         self.arm = directory.writer(name, "PSM1", "state", "arm")
         self.io = directory.writer(name, "IO1", "state", "io")
         self.supervisor = directory.writer(name, "supervisor", "state", "supervisor")
@@ -73,8 +73,8 @@ class Played:
 
     def beat(self) -> None:
         """Every process shows that it lives."""
-        for pulse in self.pulses.values():
-            pulse.field("heartbeat_ns")[...] = monotonic_ns()
+        for page in self.pages.values():
+            page.field("heartbeat_ns")[...] = monotonic_ns()
 
     def _ledger(self) -> None:
         for i, (instance, kind) in enumerate((("IO1", b"io"), ("PSM1", b"arm"))):
@@ -106,8 +106,8 @@ class Played:
 
     def close(self) -> None:
         """Give everything back and remove the segments."""
-        for pulse in self.pulses.values():
-            pulse.close()
+        for page in self.pages.values():
+            page.close()
         for end in (self.arm, self.io, self.supervisor, self.mailbox):
             end.close()
         for part in names_of(self.name):

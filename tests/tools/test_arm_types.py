@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from shm.commands import COMMANDS
-from tests.arm.fake_io import Rig
+from tests.arm.fake_io import ArmHarness
 from tests.tools.robot import Played, robot
 from tools import cli
 
@@ -42,7 +42,7 @@ def test_a_psm_lists_no_events_and_views_of_masters_and_cameras(played: Played) 
 
 
 def test_the_types_of_commands_are_those_that_carry_them_out() -> None:
-    psm = Rig().arm._commands
+    psm = ArmHarness().arm._commands
     for command in COMMANDS["arm"]:
         if command.types:
             assert (command.name in psm._rows) is ("PSM" in command.types), command.name

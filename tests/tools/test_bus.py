@@ -25,8 +25,7 @@ from tests.lib import board_side
 from tools import cli
 from tools.bus_client import FoundBoard
 from tools.errors import Misuse, Problem
-from tools.inspect import register_names as meanings
-from tools.inspect import samples, serials
+from tools.inspect import register_names, samples, serials
 from tools.verbs import bus
 
 APP = cli.build("bus")
@@ -302,39 +301,39 @@ def test_watching_stops_when_somebody_else_samples(monkeypatch: pytest.MonkeyPat
 
 
 def test_every_register_has_one_name() -> None:
-    for name, address in meanings.BOARD_REGISTERS.items():
-        assert meanings.address_name(address) == name
-    for name in meanings.AXIS_REGISTERS:
-        (address,) = meanings.addresses(f"{name}:2", DQLA)
-        assert meanings.address_name(address) == f"{name}:2"
+    for name, address in register_names.BOARD_REGISTERS.items():
+        assert register_names.address_name(address) == name
+    for name in register_names.AXIS_REGISTERS:
+        (address,) = register_names.addresses(f"{name}:2", DQLA)
+        assert register_names.address_name(address) == f"{name}:2"
 
 
 def test_controllers_have_their_own_number_of_axes() -> None:
-    assert len(meanings.addresses("ENCODER", DRA)) == 7
-    assert len(meanings.addresses("DAC", DRA)) == 10
+    assert len(register_names.addresses("ENCODER", DRA)) == 7
+    assert len(register_names.addresses("DAC", DRA)) == 10
     with pytest.raises(Misuse, match="ENCODER:1 to ENCODER:4"):
-        meanings.addresses("ENCODER:5", QLA)
+        register_names.addresses("ENCODER:5", QLA)
 
 
 def test_status_is_told_by_name() -> None:
-    words = meanings.status_words(0x428F_0F00 | registers.STATUS_SAFETY_VOLTAGE, "QLA1", 8)
+    words = register_names.status_words(0x428F_0F00 | registers.STATUS_SAFETY_VOLTAGE, "QLA1", 8)
     assert words[:2] == ["board 2", "watchdog tripped"]
     assert {"relay closed", "motor supply good", "motor power on", "amplifiers on: 1 2 3 4"} <= set(
-        meanings.status_words(0x420F_0F00, "QLA1", 8))
+        register_names.status_words(0x420F_0F00, "QLA1", 8))
     assert "voltage on the safety line" in words
 
 
 def test_dqla_tells_its_two_halves_apart() -> None:
-    words = meanings.status_words(registers.STATUS_DQLA_MV_GOOD << 1, "DQLA", 8)
+    words = register_names.status_words(registers.STATUS_DQLA_MV_GOOD << 1, "DQLA", 8)
     assert "first QLA: motor supply not good" in words and "second QLA: motor supply good" in words
 
 
 def test_writing_the_status_register_is_told_as_control() -> None:
-    said = meanings.written_meaning(registers.STATUS, 0x000C_0303, QLA)
+    said = register_names.written_meaning(registers.STATUS, 0x000C_0303, QLA)
     assert said == "motor power on, amplifiers on: 1 2"
-    assert meanings.written_meaning(registers.STATUS, registers.CONTROL_POWER_OFF, QLA) == "motor power off"
-    assert meanings.written_meaning(registers.STATUS, 1, QLA).startswith("no mask bit is set")
-    assert "reboot" in meanings.written_meaning(registers.STATUS, registers.CONTROL_REBOOT, QLA)
+    assert register_names.written_meaning(registers.STATUS, registers.CONTROL_POWER_OFF, QLA) == "motor power off"
+    assert register_names.written_meaning(registers.STATUS, 1, QLA).startswith("no mask bit is set")
+    assert "reboot" in register_names.written_meaning(registers.STATUS, registers.CONTROL_REBOOT, QLA)
 
 
 @pytest.mark.parametrize(("name", "value", "said"), [
@@ -354,21 +353,21 @@ def test_writing_the_status_register_is_told_as_control() -> None:
     ("QUERY", 5, ""),
 ])
 def test_known_registers_are_decoded(name: str, value: int, said: str) -> None:
-    (address,) = meanings.addresses(name, QLA)
-    assert meanings.meaning(address, value, QLA) == said
+    (address,) = register_names.addresses(name, QLA)
+    assert register_names.meaning(address, value, QLA) == said
 
 
 @pytest.mark.parametrize(("word", "said"), [
     (0, "off"), (registers.MOTOR_STATUS_AMP_REQUESTED, "requested"), (registers.MOTOR_STATUS_AMP_ON, "on"),
     (registers.MOTOR_STATUS_SAFETY, "cut (current)"), (registers.MOTOR_STATUS_AMP_FAULT, "fault")])
 def test_amplifiers_are_told_in_words(word: int, said: str) -> None:
-    assert meanings.amplifier(0, word, 0, "QLA1", 8) == said
+    assert register_names.amplifier(0, word, 0, "QLA1", 8) == said
 
 
 def test_rev_7_amplifiers_come_from_the_status() -> None:
-    assert meanings.amplifier(0x0202, 0, 1, "QLA1", 7) == "on"
-    assert meanings.amplifier(0x0002, 0, 1, "QLA1", 7) == "fault"
-    assert meanings.amplifier(0x0020, 0, 1, "QLA1", 7) == "cut (current)"
+    assert register_names.amplifier(0x0202, 0, 1, "QLA1", 7) == "on"
+    assert register_names.amplifier(0x0002, 0, 1, "QLA1", 7) == "fault"
+    assert register_names.amplifier(0x0020, 0, 1, "QLA1", 7) == "cut (current)"
 
 
 def test_unknown_controllers_cannot_be_watched() -> None:

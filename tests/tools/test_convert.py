@@ -60,7 +60,8 @@ def test_json_output_is_one_object_a_file(tmp_path: Path) -> None:
     assert (file["ok"], file["kind"], file["problems"]) == (True, "io", [])
     assert file["written"] == [{"file": str(tmp_path / f"{NAME}.json"), "kind": "io", "problems": []}]
     change = file["changes"][0]
-    assert (change["fate"], change["old"], change["new"]) == ("converted", "0.00025 deg/bit", "4.36332313e-06 rad/bit")
+    assert change["outcome"] == "converted"
+    assert (change["old"], change["new"]) == ("0.00025 deg/bit", "4.36332313e-06 rad/bit")
 
 
 def test_files_that_are_there_need_force(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tests.tools.robot import Played, nothing_ages, robot
 from tools import cli
 from tools.arms import ArmBringUp
 from tools.inspect import standing
-from tools.inspect.processes import Life
+from tools.inspect.processes import ProcessStatus
 from tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
@@ -27,7 +27,7 @@ OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should 
 @pytest.fixture
 def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
     nothing_ages(monkeypatch)
-    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, pulse, simulated: False)
+    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)
     with robot(world.name) as made:
         yield made
 
@@ -81,8 +81,8 @@ def fault(name: str, code: str, stamp_ns: int) -> Standing:
         "code": code, "hint": "", "monotonic_ns": stamp_ns})
 
 
-def life(name: str, trouble: str = "") -> Life:
-    return Life(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, trouble, {})
+def life(name: str, trouble: str = "") -> ProcessStatus:
+    return ProcessStatus(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, trouble, {})
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
@@ -94,7 +94,7 @@ def life(name: str, trouble: str = "") -> Life:
     ([], [Standing("A_B", "teleop", "ENABLED", None, "the operator to hold the master")], ""),
 ])
 def test_the_cause_comes_before_what_follows_from_it(
-    processes: list[Life], found: list[Standing], first: str
+    processes: list[ProcessStatus], found: list[Standing], first: str
 ) -> None:
     assert first_thing(processes, found) == first
 
@@ -142,10 +142,10 @@ class Waiting:
 def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
     watch: Any = Waiting()
     none: Any = None
-    climb, second = ArmBringUp(watch, none, none, "homed", 0.0), 10**9
+    bring_up, second = ArmBringUp(watch, none, none, "homed", 0.0), 10**9
     watch.reason = "brakes to let go"
     now = monotonic_ns()
-    assert climb.news(now) == "" and climb.news(now + second // 2) == ""
+    assert bring_up.news(now) == "" and bring_up.news(now + second // 2) == ""
     watch.reason = NAMED
-    told = [climb.news(now + k * second // 4) for k in range(4, 40)]
+    told = [bring_up.news(now + k * second // 4) for k in range(4, 40)]
     assert list(filter(None, told)) == [f"PSM1 waits: {NAMED}"]

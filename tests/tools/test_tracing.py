@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tools.bench.teleop import EVERY_S, LONGEST_NS, NUDGE_RAD, PART, STEP_NS, edges, reactions
+from tools.bench.teleop import EVERY_S, LONGEST_NS, NUDGE_RAD, PART, STEP_NS, edges, fault_handler
 from tools.examples.hand import figure_eight
 from tools.inspect.tracing import STEP_NS as OUT_NS
 from tools.inspect.tracing import IoTrace, errors, latencies
@@ -60,14 +60,14 @@ def test_reaction_is_found_behind_each_nudge() -> None:
     setpoints = np.zeros((439, 3))
     for sign, nudge, late in ((1.0, nudges[0], 2_000_000), (-1.0, nudges[1], 4_000_000)):
         setpoints[stamps >= nudge + late, 1] += sign * 1e-4
-    found = reactions(nudges, stamps, setpoints)
+    found = fault_handler(nudges, stamps, setpoints)
     assert found == pytest.approx([2_000_000, 4_000_000], abs=PERIOD)
 
 
 def test_slave_that_moves_anyway_tells_nothing() -> None:
     stamps = np.arange(1, 440) * PERIOD
     setpoints = np.outer(np.arange(439) * 1e-4, np.ones(3))
-    assert reactions(np.array([50 * STEP_NS]), stamps, setpoints).size == 0
+    assert fault_handler(np.array([50 * STEP_NS]), stamps, setpoints).size == 0
 
 
 def test_nudges_do_not_run_into_each_other() -> None:

@@ -23,7 +23,7 @@ from tests.tools.robot import Played, nothing_ages, robot
 from tools import cli
 from tools.bench import io_loop as bench_io
 from tools.errors import Problem
-from tools.examples.operator_sim import Seen
+from tools.examples.operator_sim import SeenRecord
 from tools.inspect.processes import cells, lives, remarks
 from tools.inspect.topics import catalogue
 from tools.inspect.views import open_topic
@@ -134,7 +134,7 @@ def test_torn_records_are_told(played: Played) -> None:
 
 
 def test_the_demo_takes_no_torn_record_for_its_arm(played: Played) -> None:
-    seen = Seen(played.name, "PSM1", "arm")
+    seen = SeenRecord(played.name, "PSM1", "arm")
     with pytest.raises(Problem, match=r"PSM1: its state cannot be read: it has shown none"):
         seen.value("state")
     played.show_arm(state="ENABLED", homed=True)
@@ -288,7 +288,7 @@ def test_a_header_may_say_anything_of_its_instance(played: Played, info: dict[st
 
 
 def test_status_says_how_often_a_process_was_held_up(played: Played) -> None:
-    played.pulses["PSM1"].field("pauses")[...] = 3
+    played.pages["PSM1"].field("pauses")[...] = 3
     life = next(life for life in lives(played.name) if life.name == "PSM1")
     assert life.pauses == 3 and "held up 3 times" in remarks(life)
 
@@ -296,8 +296,8 @@ def test_status_says_how_often_a_process_was_held_up(played: Played) -> None:
 @settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, 1000), data=st.binary(min_size=1, max_size=1000))
 def test_status_survives_a_scribbled_control_page(played: Played, at: int, data: bytes) -> None:
-    pulse = played.pulses["PSM1"]
-    view, first = pulse.segment.view, pulse.segment.header.first
+    control_page = played.pages["PSM1"]
+    view, first = control_page.segment.view, control_page.segment.header.first
     good = view[first:].tobytes()
     end = min(len(view), first + at + len(data))
     view[first + at : end] = data[: end - first - at]
@@ -309,7 +309,7 @@ def test_status_survives_a_scribbled_control_page(played: Played, at: int, data:
 
 def test_status_says_that_a_process_is_dead(played: Played) -> None:
     played.beat()
-    played.pulses["PSM1"].segment.view[64:68] = (2**22 + 1).to_bytes(4, "little")  # no such process
+    played.pages["PSM1"].segment.view[64:68] = (2**22 + 1).to_bytes(4, "little")  # no such process
     status = json.loads(run(played, "status", "--json").stdout)
     assert next(row["trouble"] for row in status["processes"] if row["name"] == "PSM1") == "dead"
 

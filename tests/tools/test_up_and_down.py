@@ -28,11 +28,11 @@ def trocar(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def beats(system: str) -> bool:
     """The supervisor has got to where it starts processes."""
     try:
-        pulse = ControlPage(system, "supervisor")
+        page = ControlPage(system, "supervisor")
     except SegmentError:
         return False
-    state = pulse.state
-    pulse.close()
+    state = page.state
+    page.close()
     return state in ("STARTING", "RUNNING")
 
 

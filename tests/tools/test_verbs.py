@@ -219,8 +219,8 @@ def test_status_shows_every_process(played: Played) -> None:
 
 
 def test_status_finds_stalled_and_failed_processes(played: Played) -> None:
-    played.pulses["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
-    played.pulses["PSM1"].show("FAILED", "no such file")
+    played.pages["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
+    played.pages["PSM1"].show("FAILED", "no such file")
     result = run("status", "--json", "--system", played.name)
     rows = {row["name"]: row for row in json.loads(result.stdout)["processes"]}
     assert result.exit_code == 1
@@ -392,8 +392,8 @@ def test_home_of_an_unknown_arm_names_those_there_are(played: Played) -> None:
 def test_down_clears_what_a_dead_system_left(world: Any) -> None:
     made = Played(world.name)
     assert left_over(world.name) == []
-    for pulse in made.pulses.values():
-        pulse.close()
+    for page in made.pages.values():
+        page.close()
     assert left_over(world.name) == [world.name]
     result = run("down", "--json", "--system", world.name)
     made.close()

@@ -21,7 +21,7 @@ LOOPS = {"io": io_loop.IoLoop, "arm": arm_loop.ArmLoop, "teleop": teleop_loop.Te
 STEP_NS = 5_000_000
 
 
-class Host:
+class WholeHost:
     """The system of a file of ours; a context manager. `loops` by instance."""
 
     def __init__(self, name: str, file: str = "kinematic-teleop") -> None:
@@ -30,24 +30,24 @@ class Host:
         self.name, self.document = name, loaded.system
         memory.create_all(loaded.system)
         self._clock = Timekeeper(name, memory.simulated(loaded.system))
-        self.me = {row.name: runtime.Node(row.kind, name, row.name) for row in loaded.system.processes}
-        self.loops = {name: LOOPS[me.kind](me) for name, me in self.me.items()}
+        self.node = {row.name: runtime.Node(row.kind, name, row.name) for row in loaded.system.processes}
+        self.loops = {name: LOOPS[node.kind](node) for name, node in self.node.items()}
 
     def restart(self, instance: str) -> None:
         """The loop of an instance anew, as a process that was started again begins."""
-        me = self.me[instance]
+        node = self.node[instance]
         self.loops[instance].close()
-        me.give_back()
-        self.loops[instance] = LOOPS[me.kind](me)
-        assert me._mailbox is not None
-        me._mailbox.refuse_waiting("it was started again")
+        node.give_back()
+        self.loops[instance] = LOOPS[node.kind](node)
+        assert node._mailbox is not None
+        node._mailbox.refuse_waiting("it was started again")
 
     def step(self) -> None:
         """One cycle of everybody."""
         now_ns = self._clock.now_ns() + STEP_NS
         self._clock._go(now_ns)
         for name, loop in self.loops.items():
-            self.me[name].now_ns = now_ns
+            self.node[name].now_ns = now_ns
             loop.cycle(now_ns, 0)
 
     def run(self, seconds: float) -> None:
@@ -62,9 +62,9 @@ class Host:
                  where: TracebackType | None) -> None:
         for name, loop in self.loops.items():
             loop.close()
-            me: Any = self.me[name]
-            me.give_back()
-            for part in (me.pulse, me.events._ring, me._supervisor, me.clock):  # a process would just end
+            node: Any = self.node[name]
+            node.give_back()
+            for part in (node.page, node.events._ring, node._supervisor, node.clock):  # a process would just end
                 part.close()
         self._clock.close()
         memory.remove_all(self.name)

@@ -40,27 +40,27 @@ class FakeArm:
 
 
 def climbed(goal: str, *arms: FakeArm, limit_s: float = 100.0) -> tuple[BringUp, float]:
-    climb, now = BringUp(goal, arms, SECOND, PERSON), 0.0
-    while not climb.is_over and now < limit_s:
-        climb.step(round((1.0 + now) * SECOND))
+    bring_up, now = BringUp(goal, arms, SECOND, PERSON), 0.0
+    while not bring_up.is_over and now < limit_s:
+        bring_up.step(round((1.0 + now) * SECOND))
         for arm in arms:
             arm.pass_time(0.01)
         now += 0.01
-    return climb, now
+    return bring_up, now
 
 
 def test_home_waits_for_slow_power() -> None:
     slow, quick = FakeArm("PSM1", takes_s=5.0), FakeArm("PSM2", takes_s=0.1)
-    climb, now = climbed(HOME, slow, quick)
-    assert climb.problems == "" and slow.words == quick.words == ["enable", "home"]
+    bring_up, now = climbed(HOME, slow, quick)
+    assert bring_up.problems == "" and slow.words == quick.words == ["enable", "home"]
     assert 10.0 < now < 11.0 and slow.is_homed and quick.is_homed
 
 
 def test_what_an_arm_refused_before_does_not_count() -> None:
     arm = FakeArm("PSM1")
     arm.refusals.append("enable was asked for")
-    climb, _ = climbed(HOME, arm)
-    assert climb.problems == ""
+    bring_up, _ = climbed(HOME, arm)
+    assert bring_up.problems == ""
 
 
 def test_every_step_is_on_behalf_of_the_person_who_asked_for_it() -> None:
@@ -71,63 +71,63 @@ def test_every_step_is_on_behalf_of_the_person_who_asked_for_it() -> None:
 
 def test_arms_in_fault_are_disabled_first() -> None:
     arm = FakeArm("PSM1", "FAULT")
-    climb, _ = climbed(POWER_ON, arm)
-    assert climb.problems == "" and arm.words == ["disable", "enable"]
+    bring_up, _ = climbed(POWER_ON, arm)
+    assert bring_up.problems == "" and arm.words == ["disable", "enable"]
 
 
 def test_what_is_there_already_is_not_asked() -> None:
     arm = FakeArm("PSM1", "ENABLED")
-    climb, _ = climbed(POWER_ON, arm)
-    assert climb.is_over and arm.words == []
+    bring_up, _ = climbed(POWER_ON, arm)
+    assert bring_up.is_over and arm.words == []
 
 
 def test_power_that_does_not_come_is_told_after_seven_seconds() -> None:
     stuck, fine = FakeArm("PSM1", takes_s=50.0), FakeArm("PSM2")
-    climb, now = climbed(POWER_ON, stuck, fine)
-    assert climb.problems == "PSM1: is still DISABLED" and fine.state == "ENABLED" and 7.0 <= now < 7.5
+    bring_up, now = climbed(POWER_ON, stuck, fine)
+    assert bring_up.problems == "PSM1: is still DISABLED" and fine.state == "ENABLED" and 7.0 <= now < 7.5
 
 
 def test_what_an_arm_waits_for_is_told_meanwhile_and_at_the_end() -> None:
     stuck = FakeArm("PSM1", "ENABLED", takes_s=500.0)
     stuck.reason = "instrument not named"
-    climb = BringUp(HOME, [stuck], SECOND, PERSON)
-    climb.step(SECOND)
-    assert climb.waiting == "waiting for PSM1 (ENABLED: instrument not named)"
-    climb.step(100 * SECOND)
-    assert climb.problems == "PSM1: is still ENABLED: waits: instrument not named"
+    bring_up = BringUp(HOME, [stuck], SECOND, PERSON)
+    bring_up.step(SECOND)
+    assert bring_up.waiting == "waiting for PSM1 (ENABLED: instrument not named)"
+    bring_up.step(100 * SECOND)
+    assert bring_up.problems == "PSM1: is still ENABLED: waits: instrument not named"
 
 
 def test_an_arm_that_went_to_fault_tells_why() -> None:
     broken = FakeArm("PSM1")
-    climb = BringUp(POWER_ON, [broken], SECOND, PERSON)
-    climb.step(SECOND)
+    bring_up = BringUp(POWER_ON, [broken], SECOND, PERSON)
+    bring_up.step(SECOND)
     broken.state, broken.reason = "FAULT", "PSM1 axis 2 (insertion), board 6: off"
-    climb.step(2 * SECOND)
-    assert climb.problems == "PSM1: went to FAULT: PSM1 axis 2 (insertion), board 6: off"
+    bring_up.step(2 * SECOND)
+    assert bring_up.problems == "PSM1: went to FAULT: PSM1 axis 2 (insertion), board 6: off"
 
 
 def test_silent_arm_is_told_and_others_go_on() -> None:
     silent, fine = FakeArm("PSM1"), FakeArm("PSM2")
     silent.is_fresh = False
-    climb, _ = climbed(HOME, silent, fine)
-    assert climb.problems == "PSM1: does not answer" and fine.is_homed
+    bring_up, _ = climbed(HOME, silent, fine)
+    assert bring_up.problems == "PSM1: does not answer" and fine.is_homed
 
 
 def test_refusal_is_told_as_it_is() -> None:
     arm = FakeArm("PSM1", "ENABLED")
     arm.ask = lambda word, origin: arm.refusals.append("PSM1: its instrument is stuck") or True  # type: ignore[method-assign]
-    climb, _ = climbed(HOME, arm)
-    assert climb.problems == "PSM1: its instrument is stuck"
+    bring_up, _ = climbed(HOME, arm)
+    assert bring_up.problems == "PSM1: its instrument is stuck"
 
 
 @pytest.mark.parametrize("state", ["ENABLED", "FAULT", "DISABLED"])
 def test_power_off_disables_every_arm(state: str) -> None:
     arm = FakeArm("PSM1", state)
-    climb, _ = climbed(POWER_OFF, arm)
-    assert climb.problems == "" and arm.words == ["disable"] and arm.state == "DISABLED"
+    bring_up, _ = climbed(POWER_OFF, arm)
+    assert bring_up.problems == "" and arm.words == ["disable"] and arm.state == "DISABLED"
 
 
 def test_waiting_names_who_is_missing() -> None:
-    climb = BringUp(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND, PERSON)
-    climb.step(SECOND)
-    assert climb.waiting == "waiting for PSM1 (DISABLED)"
+    bring_up = BringUp(POWER_ON, [FakeArm("PSM1"), FakeArm("PSM2", "ENABLED")], SECOND, PERSON)
+    bring_up.step(SECOND)
+    assert bring_up.waiting == "waiting for PSM1 (DISABLED)"

@@ -54,7 +54,7 @@ class FakeConsole:
         return []
 
 
-class Stage:
+class CommandStage:
     """The system's commands on fake arms, without programs for sounds."""
 
     def __init__(self, *arms: FakeArm) -> None:
@@ -71,7 +71,7 @@ class Stage:
 
 
 def test_power_off_stops_teleoperation_first() -> None:
-    stage = Stage(FakeArm("PSM1", "ENABLED"))
+    stage = CommandStage(FakeArm("PSM1", "ENABLED"))
     command = stage.ask("power_off")
     assert stage.console.sent == [("teleop_enable", (0.0,))] and stage.arms[0].words == ["disable"]
     stage.arms[0].pass_time(1.0)
@@ -80,14 +80,14 @@ def test_power_off_stops_teleoperation_first() -> None:
 
 
 def test_power_off_ends_homing() -> None:
-    stage = Stage(FakeArm("PSM1"))
+    stage = CommandStage(FakeArm("PSM1"))
     homing = stage.ask("home")
     off = stage.ask("power_off")
     assert homing.outcome == "failed" and "power_off" in homing.answers[-1][1] and off.outcome == "accepted"
 
 
 def test_volume_is_clamped() -> None:
-    stage = Stage()
+    stage = CommandStage()
     assert stage.ask("set_volume", 1.7).outcome == "done" and stage.commands.volume == 1.0
     assert ("volume", "") in stage.events.told
     assert stage.ask("set_volume", math.nan).outcome == "refused" and stage.commands.volume == 1.0
@@ -95,11 +95,11 @@ def test_volume_is_clamped() -> None:
 
 @pytest.mark.parametrize("values", [(), (1.0, 2.0, 0.5, 1.0), (math.nan,), (0.3, math.inf)])
 def test_senseless_beep_is_refused(values: tuple[float, ...]) -> None:
-    assert Stage().ask("beep", *values).outcome == "refused"
+    assert CommandStage().ask("beep", *values).outcome == "refused"
 
 
 def test_long_beep_is_clipped_with_a_warning() -> None:
-    stage = Stage()
+    stage = CommandStage()
     assert stage.ask("beep", 100.0, 3000.0, 2.0).outcome == "done"
     assert [event for event, _ in stage.events.told] == ["warning", "warning", "beep"]
 
@@ -123,7 +123,7 @@ def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
     record: Any = np.zeros(1, dtype=schema_of(EVENTS, {}).dtype)
     waiting: list[tuple[int, str]] = []
 
-    class Ring:
+    class FakeCommandRing:
         def field(self, name: str) -> Any:
             return record[name].reshape(())
 
@@ -135,7 +135,7 @@ def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
 
     events, beeps = FakeEvents(), []
     told: Any = events
-    centre = MessageHub([MessageSource("PSM1", Ring())], told, lambda: beeps.append(1))
+    centre = MessageHub([MessageSource("PSM1", FakeCommandRing())], told, lambda: beeps.append(1))
     waiting += [(3, "a"), (0, "no message"), (3, "b"), (2, "c"), (1, "d")]
     centre.step(1)
     assert events.told == [("error", "a"), ("error", "b"), ("warning", "c"), ("status", "d")]

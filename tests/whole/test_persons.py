@@ -19,7 +19,7 @@ from shm import directory
 from shm.client import Client
 from shm.faults import Faults
 from tests.conftest import World
-from tests.whole.host import Host
+from tests.whole.host import WholeHost
 
 COUNT = itertools.count()
 ARMS: Final = ("MTMR", "PSM1")
@@ -44,7 +44,7 @@ EVENTS: Final = st.one_of(
 class Judge:
     """Watches arms and io: what comes up must have been asked for by a person since it went down."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: WholeHost) -> None:
         self.host, name = host, host.name
         self.page = Faults(name)
         self.given: dict[int, int] = {}
@@ -119,7 +119,7 @@ class Judge:
 @contextlib.contextmanager
 def judged(world: World) -> Iterator[Judge]:
     """A system of its own, and its judge."""
-    with Host(f"{world.name}-{next(COUNT)}") as host:
+    with WholeHost(f"{world.name}-{next(COUNT)}") as host:
         judge = Judge(host)
         try:
             yield judge

@@ -24,7 +24,7 @@ from shm.ring import RingReader
 from tools.arms import HOMED, bring
 from tools.cleanup import own_folder
 from tools.errors import Problem
-from tools.inspect.processes import Life, lives
+from tools.inspect.processes import ProcessStatus, lives
 from tools.inspect.watch import arm_names
 from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
@@ -192,7 +192,7 @@ def _packets() -> int:
     return 0
 
 
-def _io(system: str) -> Life:
+def _io(system: str) -> ProcessStatus:
     return next(life for life in lives(system) if life.name == "IO1")
 
 

@@ -234,7 +234,8 @@ def client(system: str) -> Turn:
 def sleeper(system: str) -> Turn:
     """Times from the rouser's call to the sleeper running."""
     page = ControlPage(system, "sleeper", write=True)
-    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+    wakeup, sent_out = page.wakeup(), page.field("cycles")
+    stamp, heard = page.field("heartbeat_ns"), page.field("missed")
     seen = 0
 
     def news() -> bool:
@@ -245,7 +246,7 @@ def sleeper(system: str) -> Turn:
         times: list[int] = []
         patience = monotonic_ns() + int(seconds * 1e9) + PATIENCE_NS
         while monotonic_ns() < patience:
-            if not nap.sleep(news, 1_000_000_000):
+            if not wakeup.sleep(news, 1_000_000_000):
                 continue  # a wake-up may come late, for news already seen
             now = monotonic_ns()
             seen, sent = int(sent_out), int(stamp)
@@ -261,11 +262,12 @@ def sleeper(system: str) -> Turn:
 def rouser(system: str) -> Turn:
     """Rouse the sleeper when it has heard the last news and gone to sleep."""
     page = ControlPage(system, "sleeper", write=True)
-    nap, sent_out, stamp, heard = page.nap(), page.field("cycles"), page.field("heartbeat_ns"), page.field("missed")
+    wakeup, sent_out = page.wakeup(), page.field("cycles")
+    stamp, heard = page.field("heartbeat_ns"), page.field("missed")
     count = 0
 
     def asleep(patience_ns: int) -> bool:
-        while heard != count or not nap.sleeps:
+        while heard != count or not wakeup.sleeps:
             if monotonic_ns() > patience_ns:
                 return False
             pause(1e-5)
@@ -283,7 +285,7 @@ def rouser(system: str) -> Turn:
             now = monotonic_ns()
             stamp[...] = -1 if last else now
             sent_out[...] = count
-            nap.rouse()
+            wakeup.wake()
             if last:
                 return {}
         raise Problem("the sleeper has gone")

@@ -27,7 +27,7 @@ from shm.events import ERROR, WARNING
 from shm.ring import RingReader
 from tools.arms import home, power_off
 from tools.errors import Problem
-from tools.examples.operator_sim import OperatorSim, Seen, Sway, seats
+from tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
 from tools.following import beats
 from tools.inspect.processes import lives
 from tools.inspect.watch import Watch, powered_names
@@ -155,11 +155,11 @@ def marks(system: str) -> dict[str, Mark]:
     """Every process of a system as it is now."""
     found = {}
     for life in lives(system):
-        pulse = ControlPage(system, life.name)
-        beat_ns, cycles = int(pulse.get("heartbeat_ns")), int(pulse.get("cycles"))
-        found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(pulse.get("missed")),
-                                int(pulse.get("overruns")), _cpu_s(life.pid), life.scheduling)
-        pulse.close()
+        page = ControlPage(system, life.name)
+        beat_ns, cycles = int(page.get("heartbeat_ns")), int(page.get("cycles"))
+        found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(page.get("missed")),
+                                int(page.get("overruns")), _cpu_s(life.pid), life.scheduling)
+        page.close()
     return found
 
 
@@ -227,7 +227,7 @@ def _is_homed(system: str, name: str) -> bool:
 
 
 def _flag(system: str, name: str, field: str) -> bool:
-    seen = Seen(system, name, "arm")
+    seen = SeenRecord(system, name, "arm")
     try:
         return bool(seen.value(field))
     finally:

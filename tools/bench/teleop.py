@@ -120,8 +120,8 @@ def _measure(system: str, seat: OperatorSim, seconds: float) -> dict[str, Any]:
         nudges = edges(times, positions[:, at.start])
         received, written, setpoints = applied.all()
         stamps, own = published.all()
-        taken, late = (reactions(nudges, times, setpoints[:, to]) * 1e-6 for times in (received, written))
-        early = reactions(nudges, stamps, own[:, : to.stop - to.start]) * 1e-6
+        taken, late = (fault_handler(nudges, times, setpoints[:, to]) * 1e-6 for times in (received, written))
+        early = fault_handler(nudges, stamps, own[:, : to.stop - to.start]) * 1e-6
         figures = trace.figures()
     if not (len(taken) and len(late) and len(early)):
         raise Problem(f"no nudge of the master was seen at the slave: {teleop.told}")
@@ -159,7 +159,7 @@ def edges(times: Stamps, positions: Array) -> Stamps:
     return found
 
 
-def reactions(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
+def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
     """ns from each nudge to the first of the set-points (m, k) that has gone PART of its way; those without left out.
 
     The way is the largest change within LONGEST_NS, per axis; drift before the nudge does not count.

@@ -63,9 +63,9 @@ class Provider:
         self._pauses = Pauses(round(self._late_s * 1e9))
         self._handlers = _checked(name, rate, commands or {})
         with contextlib.ExitStack() as stack:
-            self._pulse = ControlPage(system, name, write=True)
-            stack.callback(self._pulse.close)
-            self._pulse.segment.claim(name)
+            self._page = ControlPage(system, name, write=True)
+            stack.callback(self._page.close)
+            self._page.segment.claim(name)
             self._supervisor = ControlPage(system, "supervisor")
             stack.callback(self._supervisor.close)
             self._take_ring()
@@ -78,7 +78,7 @@ class Provider:
             for console in [row.name for row in document.consoles if row.is_wired_to(name)]:
                 page = ControlPage(system, console, write=True)
                 stack.callback(page.close)
-                self._consoles.append(page.nap())
+                self._consoles.append(page.wakeup())
             self._open = stack.pop_all()
         self._events = Events(events, monotonic_ns)
         self._untold: list[tuple[str, str, float]] = []  # what became of buttons since the last record
@@ -98,14 +98,14 @@ class Provider:
                   simulated="body/servo_cf" not in self._handlers, control_mode=1)
         self.set_state("ENABLED", homed=True)
         self._mailbox.refuse_waiting(f"{self.name} has just begun; ask again")
-        self._pulse.field("pid")[...] = os.getpid()
-        self._pulse.field("pauses")[...] = 0
-        self._pulse.show("RUNNING")
+        self._page.field("pid")[...] = os.getpid()
+        self._page.field("pauses")[...] = 0
+        self._page.show("RUNNING")
         self.now_ns = now = monotonic_ns()
         """When this cycle began, monotonic."""
         self.held_up_s = 0.0
         """How long the program was held up before the last `tick` or `write`, s; 0: not for too long, see there."""
-        self._pacing = Pacing(self._pulse, self._period_ns, 0)
+        self._pacing = Pacing(self._page, self._period_ns, 0)
         self._pacing.begin(now, simulated=False)
         self._events.status(f"{self.name} is now {program} (pid {os.getpid()})", self.name)
 
@@ -137,7 +137,7 @@ class Provider:
         if self.held_up_s:  # where the tip was before that
             self._set(reference_valid=False)
         now = monotonic_ns()
-        self._pulse.field("heartbeat_ns")[...] = now
+        self._page.field("heartbeat_ns")[...] = now
         self._ring.publish(max(now, self._ring.stamp_ns + 1))
         if self._untold:
             self._tell_buttons()
@@ -189,7 +189,7 @@ class Provider:
             self._events.emit("button", kind, code=kind, component=button, value=value)
         self._untold.clear()
         for console in self._consoles:
-            console.rouse()
+            console.wake()
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -257,7 +257,7 @@ class Provider:
             self._ring.close()
             self._take_ring()
             self._mailbox.refuse_waiting(words)
-            self._pulse.field("pauses")[...] += 1
+            self._page.field("pauses")[...] += 1
             self._events.report(codes.HELD_UP, words, self.name, value=self.held_up_s, limit=self._late_s)
             self._pauses.begin()
 
@@ -269,7 +269,7 @@ class Provider:
 
     def close(self) -> None:
         """Leave the place; tele-operations that use it stop."""
-        self._pulse.show("STOPPED")
+        self._page.show("STOPPED")
         self._open.close()
 
     def __enter__(self) -> Self:

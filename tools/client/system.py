@@ -10,7 +10,7 @@ from shm.segment import SegmentError
 from tools import arms
 from tools.client.instance import Instance
 from tools.errors import Problem
-from tools.inspect.processes import Life, lives
+from tools.inspect.processes import ProcessStatus, lives
 from tools.inspect.watch import arm_names
 from tools.systems import instances_of_kind, unknown
 
@@ -43,7 +43,7 @@ class System:
         """Disable every arm."""
         arms.power_off(self.name, (), timeout)
 
-    def status(self) -> list[Life]:
+    def status(self) -> list[ProcessStatus]:
         """Every process: state, rate, missed deadlines, restarts, trouble."""
         return lives(self.name)
 

@@ -1,4 +1,4 @@
-"""Configuration files from before dVRK 2.4 become today's: texts in, values out, and the fate of every key."""
+"""Configuration files from before dVRK 2.4 become today's: texts in, values out, and the outcome of every key."""
 
 from tools.converters.differences import differences
 from tools.converters.jsonout import to_json

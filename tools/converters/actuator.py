@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tools.converters.element import Element
-from tools.converters.format_version import Era
+from tools.converters.format_version import FormatVersion
 from tools.converters.units import PRISMATIC, REVOLUTE, Unit
 
 Json = dict[str, object]
@@ -21,9 +21,9 @@ _NO_ENCODERS = "a gripper and an io-only robot have none that is read"
 class Actuators:
     """The rows of a robot's actuators and brakes, and what they tell about its hardware."""
 
-    def __init__(self, elements: list[Element], era: Era, only_io: bool, encoders: int) -> None:
+    def __init__(self, elements: list[Element], format_version: FormatVersion, only_io: bool, encoders: int) -> None:
         """Of the actuators, the first `encoders` have an encoder that counts."""
-        self._era = era
+        self._format_version = format_version
         self._only_io = only_io
         self._encoders = encoders
         self._scales: list[float] = []
@@ -91,7 +91,7 @@ class Actuators:
 
     def _encoder(self, element: Element, joint_type: str) -> Json:
         position = element.need("BitsToPosSI")
-        unit = Unit(position, joint_type, self._era.unit(joint_type))
+        unit = Unit(position, joint_type, self._format_version.unit(joint_type))
         linear = {"scale": unit.number("Scale", per="/bit")}
         if position.has("Offset"):
             offset = unit.number("Offset")
@@ -107,7 +107,7 @@ class Actuators:
         limits = {"lower": 0.0, "upper": 0.0}
         soft = element.child("PositionLimitsSoft")
         if soft is not None:
-            unit = Unit(soft, joint_type, self._era.unit(joint_type))
+            unit = Unit(soft, joint_type, self._format_version.unit(joint_type))
             limits = {"lower": unit.number("Lower"), "upper": unit.number("Upper")}
         else:
             why = "not there: those of the PID file counted; write them in place of 0 to 0, or the arm does not home"
@@ -118,7 +118,7 @@ class Actuators:
         row: Json = {"bits_to_voltage": _linear(element.need("BitsToVolts"))}
         position = element.child("VoltsToPosSI")
         if position is not None:
-            unit = Unit(position, joint_type, self._era.unit(joint_type))
+            unit = Unit(position, joint_type, self._format_version.unit(joint_type))
             row["voltage_to_position"] = {"scale": unit.number("Scale", per="/V"), "offset": unit.number("Offset")}
         elif not self._only_io:
             element.need("VoltsToPosSI")

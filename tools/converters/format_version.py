@@ -14,7 +14,7 @@ _NEW_WORDS = {"BoardId", "AxisId", "BitId", "SerialNumber"}
 
 
 @dataclass(frozen=True, slots=True)
-class Era:
+class FormatVersion:
     """`old`: spelled BoardID, in degrees and mm where no Unit says otherwise."""
 
     version: int
@@ -25,7 +25,7 @@ class Era:
         return (OLD if self.old else SI)[joint_type]
 
 
-def era_of(root: XmlNode, top: Element) -> Era:
+def format_version_of(root: XmlNode, top: Element) -> FormatVersion:
     """The format of a file; an unknown version is an error."""
     report = top.report
     version = 1
@@ -42,7 +42,7 @@ def era_of(root: XmlNode, top: Element) -> Era:
     if old and version == _NEWEST:
         reason = "spelled as version 4: without Unit it is read in degrees and mm"
         report.converted(root.line, "Config@Version", "5", "version 4", reason)
-    return Era(version, old)
+    return FormatVersion(version, old)
 
 
 def _words(node: XmlNode) -> set[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tools.converters.actuator import Actuators
 from tools.converters.digital import dallas_chip, digital_input, digital_output
 from tools.converters.element import Element
-from tools.converters.format_version import Era, era_of
+from tools.converters.format_version import FormatVersion, format_version_of
 from tools.converters.names import plain, today
 from tools.converters.pots import potentiometers
 from tools.converters.report import ConversionReport
@@ -38,11 +38,11 @@ class IoFiles:
 def convert_io(root: XmlNode, report: ConversionReport) -> IoFiles:
     """The new files of an old one; they are of no use when the report has problems."""
     top = Element(root, "", report)
-    era = era_of(root, top)
+    format_version = format_version_of(root, top)
     robots: list[Json] = []
     grippers: list[Json] = []
     for element in top.children("Robot"):
-        robot, gripper = _robot(element, era)
+        robot, gripper = _robot(element, format_version)
         robots.append(robot)
         grippers += [gripper] if gripper else []
     main = _file(
@@ -66,7 +66,7 @@ def _file(**lists: list[Json]) -> Json:
     return head | {name: rows for name, rows in lists.items() if rows}
 
 
-def _robot(element: Element, era: Era) -> tuple[Json, Json | None]:
+def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json | None]:
     report = element.report
     name = _name(element)
     only_io = element.word(_TYPES, "Type") or False
@@ -79,13 +79,14 @@ def _robot(element: Element, era: Era) -> tuple[Json, Json | None]:
     if len(listed) < count:
         text = f"the file has {len(listed)} actuators"
         report.error(element.line, element.key("NumOfActuator"), str(count), text, str(len(listed)))
-    splits = era.old and not only_io and name.startswith("MTM") and count == _GRIPPER_AXIS + 1
+    splits = format_version.old and not only_io and name.startswith("MTM") and count == _GRIPPER_AXIS + 1
     axes = _GRIPPER_AXIS if splits else count
-    actuators = Actuators(listed[:count], era, only_io, 0 if only_io else axes)
+    actuators = Actuators(listed[:count], format_version, only_io, 0 if only_io else axes)
     serial = element.take("SerialNumber", "SN")
     if serial is None:
         report.defaulted(element.line, element.key("SerialNumber"), '""', "the file has none")
-    pots = potentiometers(element, [str(row["joint_type"]) for row in actuators.rows], axes, era, actuators.analog)
+    pots = potentiometers(element, [str(row["joint_type"]) for row in actuators.rows], axes, format_version,
+                          actuators.analog)
     robot: Json = {
         "name": name,
         "serial_number": serial[1] if serial else "",

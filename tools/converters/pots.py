@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tools.converters.element import Element
-from tools.converters.format_version import Era
+from tools.converters.format_version import FormatVersion
 from tools.converters.report import number_text
 from tools.converters.units import Unit
 
@@ -19,7 +19,7 @@ _PLACES = {"Actuators": False, "Joints": True}
 _MATRICES = ("JointToActuatorPosition", "ActuatorToJointTorque", "JointToActuatorTorque")
 
 
-def potentiometers(robot: Element, types: list[str], axes: int, era: Era, analog: bool) -> Json:
+def potentiometers(robot: Element, types: list[str], axes: int, format_version: FormatVersion, analog: bool) -> Json:
     """The part `potentiometers` of a robot, for its first `axes` actuators, whose joint types are `types`."""
     row: Json = {"potentiometers_type": "ANALOG" if analog else "NONE"}
     block = robot.child("Potentiometers")
@@ -35,7 +35,7 @@ def potentiometers(robot: Element, types: list[str], axes: int, era: Era, analog
             on_joints = _PLACES[place[1]]
             why = "a matrix JointToActuatorPosition says that they are on joints"
             block.report.dropped(block.line, block.key("Position"), place[1], why)
-        tolerances = _tolerances(block, types, axes, era)
+        tolerances = _tolerances(block, types, axes, format_version)
         if tolerances:
             row["tolerances"] = tolerances
     matrix = _own_matrix(block, len(types)) or _coupling(robot, on_joints, len(types))
@@ -44,7 +44,7 @@ def potentiometers(robot: Element, types: list[str], axes: int, era: Era, analog
     return row
 
 
-def _tolerances(block: Element, types: list[str], axes: int, era: Era) -> list[Json]:
+def _tolerances(block: Element, types: list[str], axes: int, format_version: FormatVersion) -> list[Json]:
     rows: list[Json] = []
     listed = block.children("Tolerance")
     for number, (element, joint_type) in enumerate(zip(listed, types, strict=False)):
@@ -52,7 +52,7 @@ def _tolerances(block: Element, types: list[str], axes: int, era: Era) -> list[J
         if axis != number:
             text = "tolerances must be in the order of the axes"
             element.report.error(element.line, element.key("Axis"), str(axis), text, str(number))
-        unit = Unit(element, joint_type, era.unit(joint_type))
+        unit = Unit(element, joint_type, format_version.unit(joint_type))
         distance, latency = unit.number("Distance"), element.number("Latency")
         if number < axes:
             rows.append({"axis_id": number, "distance": distance, "latency": latency})

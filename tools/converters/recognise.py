@@ -50,7 +50,7 @@ class Converted:
     @property
     def complete(self) -> bool:
         """Whether everything in the old file that means something went over."""
-        return not self.problems and all(change.fate != LOST for change in self.changes)
+        return not self.problems and all(change.outcome != LOST for change in self.changes)
 
 
 def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = None) -> Converted:

@@ -19,7 +19,7 @@ class Change:
 
     file: str
     line: int
-    fate: str
+    outcome: str
     key: str
     old: str
     new: str
@@ -30,7 +30,7 @@ class Change:
         was = f"{self.key} = {self.old}" if self.old else self.key
         now = f" → {self.new}" if self.new else ""
         why = f" ({self.reason})" if self.reason else ""
-        return f"{place}: {self.fate}: {was}{now}{why}"
+        return f"{place}: {self.outcome}: {was}{now}{why}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from shm import directory
 from shm.clock import pause
 from shm.system_time import Patience
 from tools.errors import Problem
-from tools.examples.operator_sim import OperatorSim, Seen, SimTeleop
+from tools.examples.operator_sim import OperatorSim, SeenRecord, SimTeleop
 from tools.remote import Remote
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Hand:
         row = next(console for console in document.consoles if console.name == seat.console.name)
         self._pedals = [wired.name for wired in row.operator_present]
         self._boards = Remote(system, "boards")
-        self._seen = Seen(system, self.master, "arm")
+        self._seen = SeenRecord(system, self.master, "arm")
         self.place = np.zeros(7)
 
     def begin(self) -> None:

@@ -22,7 +22,7 @@ POLL_S = 0.01
 PATIENCE_S = 30.0  # alignment of a master far off takes some seconds
 
 
-class Seen:
+class SeenRecord:
     """The newest record of an instance."""
 
     def __init__(self, system: str, name: str, kind: str) -> None:
@@ -36,7 +36,7 @@ class Seen:
         return plain(self.ring.field(field))
 
 
-class SimTeleop(Seen):
+class SimTeleop(SeenRecord):
     """A tele-operation as its record tells."""
 
     def __init__(self, system: str, name: str) -> None:
@@ -62,7 +62,7 @@ class OperatorSim:
 
     def __init__(self, system: str, console: str) -> None:
         self._stack, self._system = contextlib.ExitStack(), system
-        self.console = Seen(system, console, "console")
+        self.console = SeenRecord(system, console, "console")
         self._stack.callback(self.console.ring.close)
         self._remote = self._stack.enter_context(Remote(system, console))
         self.teleops: list[SimTeleop] = []
@@ -137,7 +137,7 @@ class Sway:
     def __init__(self, system: str, master: str, amplitude: float = 0.05, turn_s: float = 4.0) -> None:
         """rad; every joint has a phase of its own."""
         self.name = master
-        arm = Seen(system, master, "arm")
+        arm = SeenRecord(system, master, "arm")
         count = int(arm.value("count"))
         self._centre: NDArray[np.float64] = np.array(arm.value("setpoint_position")[:count])
         arm.ring.close()

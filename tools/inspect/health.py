@@ -10,7 +10,7 @@ import numpy as np
 from procs.document.system import from_json
 from shm import directory
 from shm.events import ERROR
-from tools.inspect.processes import Life, lives
+from tools.inspect.processes import ProcessStatus, lives
 from tools.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
@@ -64,7 +64,7 @@ class HealthWatch:
             **_spread("read_to_write_us", latency), "processes": processes, "problems": problems,
         }
 
-    def _process(self, life: Life) -> dict[str, Any]:
+    def _process(self, life: ProcessStatus) -> dict[str, Any]:
         begin = self._begin.get(life.name, life)
         cycles, missed = life.cycles - begin.cycles, life.missed - begin.missed
         return {"name": life.name, "cycles": cycles, "missed": missed, "overruns": life.overruns - begin.overruns,

@@ -26,7 +26,7 @@ PARTS = ("avg", "std", "min", "max", "p99")
 
 
 @dataclass(frozen=True, slots=True)
-class Life:
+class ProcessStatus:
     """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well.
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
@@ -55,22 +55,22 @@ class Life:
     simulation: str = ""
 
 
-def lives(system: str) -> list[Life]:
+def lives(system: str) -> list[ProcessStatus]:
     """Every process of a system, the supervisor first."""
     ledger, rows = _ledger(system), _rows(system)
     simulated = is_simulated(system)
     found = []
     for name in directory.instances(system):
         try:
-            pulse = ControlPage(system, name)
+            page = ControlPage(system, name)
         except SegmentError:  # the system went down while we looked
             continue
         try:
             said = _said(system, name)
-            life = _life(name, pulse, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated, rows.get(name))
+            life = _life(name, page, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated, rows.get(name))
             found.append(dataclasses.replace(life, simulation=str(said.get("simulation", ""))))
         finally:
-            pulse.close()
+            page.close()
     return found
 
 
@@ -108,54 +108,54 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
     return {str(row["instance"]): row for row in rows if row["instance"]}
 
 
-def _life(name: str, pulse: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> Life:
+def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> ProcessStatus:
     kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
-    state, lives_on = pulse.state, alive(pulse.segment.identity())
-    counts = {count: pulse.get(count) for count in COUNTS}
-    statistics = {which: {part: float(pulse.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
+    state, lives_on = page.state, alive(page.segment.identity())
+    counts = {count: page.get(count) for count in COUNTS}
+    statistics = {which: {part: float(page.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
     period, work = statistics.get("period"), statistics.get("work")
-    beat = int(pulse.get("heartbeat_ns"))
+    beat = int(page.get("heartbeat_ns"))
     shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
-    return Life(
-        name=name, kind=kind, state=shown, pid=int(pulse.get("pid")),
+    return ProcessStatus(
+        name=name, kind=kind, state=shown, pid=int(page.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
         **counts,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
-        scheduling=str(plain(pulse.get("policy"))),
+        scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
-        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, pulse, simulated), statistics=statistics,
+        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 
 
-def _trouble(row: Process, state: str, lives_on: bool, pulse: ControlPage, simulated: bool) -> str:
+def _trouble(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool) -> str:
     if state == "FAILED":
-        return f"failed: {plain(pulse.get('error'))}"
+        return f"failed: {plain(page.get('error'))}"
     if not lives_on:
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
-    if state == "RUNNING" and _stalled(row, pulse, simulated):
+    if state == "RUNNING" and _stalled(row, page, simulated):
         return "silent" if row.kind in THIRD_PARTY else "stalled"
     return ""
 
 
-def _stalled(row: Process, pulse: ControlPage, simulated: bool) -> bool:
+def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
         late_ns = (hung_s(row) if simulated else late_s(row)) * 1e9  # nobody is late there, see supervisor
     except KeyError:
         return False
-    beat = int(pulse.get("heartbeat_ns"))
+    beat = int(page.get("heartbeat_ns"))
     if not beat or monotonic_ns() - beat <= late_ns:
         return False
     for _ in range(TRIES):
         pause(LOOK_AGAIN_S)
-        if int(pulse.get("heartbeat_ns")) != beat:
+        if int(page.get("heartbeat_ns")) != beat:
             return False
     return True
 
 
-def cells(life: Life) -> tuple[str, ...]:
+def cells(life: ProcessStatus) -> tuple[str, ...]:
     """A process as a row of a table with COLUMNS; times are the 99 % ones of period and work."""
     in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
     name = f"{life.name} {life.simulation}".rstrip()
@@ -163,7 +163,7 @@ def cells(life: Life) -> tuple[str, ...]:
             life.trouble)
 
 
-def remarks(life: Life) -> str:
+def remarks(life: ProcessStatus) -> str:
     """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
     parts = [f"{life.simulation}, there is no robot"] if life.simulation else []
     parts += [life.scheduling] if life.scheduling else []

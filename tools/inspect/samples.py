@@ -10,7 +10,7 @@ import numpy as np
 from procs.fpga import blocks, registers
 from tools.bus_client import BusClient, FoundBoard
 from tools.errors import Problem
-from tools.inspect import register_names as meanings
+from tools.inspect import register_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class BoardSample:
     @property
     def words(self) -> list[str]:
         """The status in words, without the board's id."""
-        return meanings.status_words(self.status, self.board.hardware, self.board.firmware)[1:]
+        return register_names.status_words(self.status, self.board.hardware, self.board.firmware)[1:]
 
     def as_dict(self) -> dict[str, Any]:
         """For programs."""
@@ -80,7 +80,7 @@ def sample_of(board: FoundBoard, words: list[int], watchdog: int) -> BoardSample
     row[shape.columns(columns.width)] = words
     adc, position, status = row[columns.adc].tolist(), row[columns.position].tolist(), int(row[blocks.STATUS])
     timing = (columns.running, columns.period, columns.quarter_5, columns.quarter_1)
-    speeds = meanings.velocities([row[kind].tolist() for kind in timing], board.hardware)
+    speeds = register_names.velocities([row[kind].tolist() for kind in timing], board.hardware)
     motor, inputs = row[columns.motor_status].tolist(), int(row[blocks.DIGITAL_INPUT])
     digital = board.hardware == "dRA1"
     axes = []
@@ -90,11 +90,11 @@ def sample_of(board: FoundBoard, words: list[int], watchdog: int) -> BoardSample
             k + 1,
             adc[k] >> 16 & (registers.DIGITAL_POT_MASK if digital else 0xFFFF) if drives else None,
             adc[k] & 0xFFFF if drives else None,
-            meanings.counts(position[k]) if counts else None,
+            register_names.counts(position[k]) if counts else None,
             bool(position[k] & registers.ENCODER_OVERFLOW) if counts and not digital else None,
             speeds[k] if counts else None,
-            meanings.amplifier(status, motor[k], k, board.hardware, board.firmware) if drives else "",
-            meanings.limit_inputs(inputs, board.hardware, k)))
+            register_names.amplifier(status, motor[k], k, board.hardware, board.firmware) if drives else "",
+            register_names.limit_inputs(inputs, board.hardware, k)))
     since_s = (int(row[blocks.TIMESTAMP]) + 1) * registers.TICK_S
     return BoardSample(board, since_s, status, watchdog, inputs,
-                       meanings.celsius(int(row[blocks.TEMPERATURE]), board.hardware), tuple(axes))
+                       register_names.celsius(int(row[blocks.TEMPERATURE]), board.hardware), tuple(axes))

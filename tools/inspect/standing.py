@@ -11,7 +11,7 @@ from procs.codes import SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
-from tools.inspect.processes import Life
+from tools.inspect.processes import ProcessStatus
 from tools.printing import plain
 
 FAULT = "FAULT"
@@ -40,7 +40,7 @@ class Standing:
         return self.state.startswith(FAULT)
 
 
-def standings(system: str, processes: Sequence[Life]) -> list[Standing]:
+def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]:
     """All of a system, in the order of its processes."""
     readers = {"arm": _arm, "suj": _arm, "external": _external, "teleop": _teleop, "console": _console}
     found = []
@@ -65,18 +65,18 @@ def _flag(reader: RingReader, field: str) -> bool:
     return bool(reader.field(field)[()])
 
 
-def _arm(system: str, life: Life, reader: RingReader) -> Standing:
+def _arm(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
     state, inner, reason = _text(reader, "state"), _text(reader, "sub_state"), _text(reader, "reason")
     shown = state if inner == state else f"{state} {inner}"
     fault = _last_error(system, life) if state == FAULT else None
     return Standing(life.name, life.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason, fault)
 
 
-def _external(system: str, life: Life, reader: RingReader) -> Standing:
+def _external(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
     return Standing(life.name, life.kind, _text(reader, "state"), _flag(reader, "is_homed"))
 
 
-def _teleop(system: str, life: Life, reader: RingReader) -> Standing:
+def _teleop(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
     state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
     reason, fault = _text(reader, "reason"), _last_error(system, life)
     if reason and fault and str(fault["text"]).endswith(reason):
@@ -84,7 +84,7 @@ def _teleop(system: str, life: Life, reader: RingReader) -> Standing:
     return Standing(life.name, life.kind, state, None, reason)
 
 
-def _console(system: str, life: Life, reader: RingReader) -> Standing:
+def _console(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
     enabled, present = _flag(reader, "teleop_enabled"), _flag(reader, "operator_present")
     pressed = [word for word in ("clutch", "camera") if _flag(reader, word)]
     state = ", ".join(["teleoperation on" if enabled else "teleoperation off", *pressed])
@@ -97,7 +97,7 @@ def _console(system: str, life: Life, reader: RingReader) -> Standing:
     return Standing(life.name, life.kind, state, None, reason)
 
 
-def _last_error(system: str, life: Life) -> dict[str, Any] | None:
+def _last_error(system: str, life: ProcessStatus) -> dict[str, Any] | None:
     """The newest error of an instance, as data."""
     reader = directory.reader(system, life.name, "events", life.kind)
     try:
@@ -108,7 +108,7 @@ def _last_error(system: str, life: Life) -> dict[str, Any] | None:
         reader.close()
 
 
-def first_thing(processes: Sequence[Life], found: Sequence[Standing]) -> str:
+def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """What a person does first, in a line; empty: all is well."""
     for life in processes:
         if life.trouble:

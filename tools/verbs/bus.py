@@ -13,8 +13,7 @@ from procs.fpga import registers
 from shm.clock import monotonic_ns, pause
 from tools.bus_client import BusClient, FoundBoard, shared_id
 from tools.errors import Misuse, Problem
-from tools.inspect import register_names as meanings
-from tools.inspect import samples, serials
+from tools.inspect import register_names, samples, serials
 from tools.options import JsonOption
 from tools.printing import emit, made_table, note, number, table
 
@@ -75,7 +74,7 @@ def _scanned(desk: BusClient, board: FoundBoard, *, ask_proms: bool) -> dict[str
     watchdog = desk.read(board.board, registers.WATCHDOG)
     state = [f"power {_on(status & registers.STATUS_POWER)}",
              f"relay {'closed' if status & registers.STATUS_RELAY else 'open'}",
-             f"watchdog {meanings.watchdog_text(watchdog)}"
+             f"watchdog {register_names.watchdog_text(watchdog)}"
              + (", tripped" if status & registers.STATUS_WATCHDOG else "")]
     return {**row, "status": status, "watchdog_s": (watchdog & 0xFFFF) * registers.WATCHDOG_UNIT_S,
             "state": ", ".join(state)}
@@ -100,12 +99,12 @@ def read(
     Example: trocar bus read udp 0 STATUS
     """
     wanted = _board_id(board)
-    if register.upper() not in meanings.AXIS_REGISTERS:
-        meanings.addresses(register, None, count)  # what cannot be a register is told before the bus is asked
+    if register.upper() not in register_names.AXIS_REGISTERS:
+        register_names.addresses(register, None, count)  # what cannot be a register is told before the bus is asked
     with BusClient(port) as desk:
         info = desk.board(wanted)
         rows = [_valued(info, address, desk.read(wanted, address))
-                for address in meanings.addresses(register, info, count)]
+                for address in register_names.addresses(register, info, count)]
     if as_json:
         for row in rows:
             emit(row)
@@ -120,8 +119,8 @@ def read(
 
 
 def _valued(board: FoundBoard, address: int, value: int) -> dict[str, Any]:
-    return {"board": board.board, "register": meanings.address_name(address), "address": address, "value": value,
-            "hex": f"0x{value:08X}", "meaning": meanings.meaning(address, value, board)}
+    return {"board": board.board, "register": register_names.address_name(address), "address": address, "value": value,
+            "hex": f"0x{value:08X}", "meaning": register_names.meaning(address, value, board)}
 
 
 def _board_id(text: str) -> int:
@@ -177,19 +176,19 @@ def _value(text: str) -> int:
 
 def _one_address(register: str, board: FoundBoard | None) -> int:
     """The register to write: never one of every axis at once."""
-    bare = register.upper() in meanings.AXIS_REGISTERS
-    return meanings.addresses(register, None if bare else board)[0]
+    bare = register.upper() in register_names.AXIS_REGISTERS
+    return register_names.addresses(register, None if bare else board)[0]
 
 
 def _announce(address: int, new: int, targets: tuple[FoundBoard, ...], old: dict[int, int], *, everyone: bool) -> None:
     """What is going to be written, on the error stream: it never mixes with data."""
     numbers = ", ".join(str(info.board) for info in targets)
     where = f"ALL boards of the bus ({numbers})" if everyone else targets[0].title
-    note(f"{where}, register {meanings.address_name(address)} (0x{address:04X})")
+    note(f"{where}, register {register_names.address_name(address)} (0x{address:04X})")
     for info in targets:
         was = _valued(info, address, old[info.board])
         note(f"  now{f' board {info.board}' if everyone else ''} {was['hex']}  {was['meaning']}".rstrip())
-    note(f"  new 0x{new:08X}  {meanings.written_meaning(address, new, targets[0])}".rstrip())
+    note(f"  new 0x{new:08X}  {register_names.written_meaning(address, new, targets[0])}".rstrip())
 
 
 def watch(
@@ -276,9 +275,9 @@ def _page(sample: samples.BoardSample, hint: str) -> Any:
 
     degrees = [number(t) for t in sample.celsius]
     facts = [("status", f"0x{sample.status:08X}  {', '.join(sample.words)}"),
-             ("watchdog", meanings.watchdog_text(sample.watchdog)),
+             ("watchdog", register_names.watchdog_text(sample.watchdog)),
              ("inputs", f"0x{sample.digital_input:08X}  "
-                        f"{meanings.input_words(sample.digital_input, sample.board.hardware)}"),
+                        f"{register_names.input_words(sample.digital_input, sample.board.hardware)}"),
              ("temperatures", " ".join(degrees) + " °C" if degrees else "–")]
     columns = ("axis", "pot", "current", "encoder", "counts/s", "amplifier", "inputs")
     cells = [(str(axis.axis), _bits(axis.pot_bits), _bits(axis.current_bits),

@@ -52,7 +52,7 @@ def _print(result: Result) -> None:
         verdict = f"{errors} error{'s' if errors > 1 else ''} left" if errors else "fine"
         what = f"wrote {check.path}" if check.path in result.written else f"{check.path} is there already and equal"
         print(f"{result.file}: {what}: {check.kind} file, {verdict}")
-    lost = sum(change.fate == LOST for change in result.converted.changes)
+    lost = sum(change.outcome == LOST for change in result.converted.changes)
     if lost:
         print(f"{result.file}: {lost} key{'s' if lost > 1 else ''} could not be converted")
     if not result.written and not result.equal:

@@ -62,7 +62,7 @@ def demo(
     summary: dict[str, Any] = {"problems": []}
     with _robot(system, sets) as background:
         try:
-            _climb(system, begin, end)
+            _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:
             note("stopped before the drawing began")
@@ -95,7 +95,7 @@ def _robot(system: str, sets: tuple[str, ...]) -> Iterator[Background]:
             background.stop(say)
 
 
-def _climb(system: str, begin: int, end: int | None) -> None:
+def _bring_up(system: str, begin: int, end: int | None) -> None:
     with progress("power on") as say:
         power_on(system, timeout=_left_s(end), say=say)
         note(f"powered after {_since(begin):.1f} s")

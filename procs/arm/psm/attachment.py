@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 SETTLE_NS: Final = 500_000_000  # a switch that has just begun to be looked at has come to its level by then
 
 
-class Fit(IntEnum):
+class AttachmentState(IntEnum):
     """How it is with it, as published."""
 
     UNKNOWN = 0  # nobody has looked yet
@@ -32,36 +32,36 @@ class Attachment:
         `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
         """
         self._cell, self._said = cell, said
-        self._fit = Fit(min(int(cell.item()), Fit.ENGAGED))
+        self._fit = AttachmentState(min(int(cell.item()), AttachmentState.ENGAGED))
         self.has_switch, self._always = has_switch, always
         self._settled_ns = 0
-        if always and self.fit is Fit.UNKNOWN:
-            self.fit = Fit.ENGAGED
+        if always and self.fit is AttachmentState.UNKNOWN:
+            self.fit = AttachmentState.ENGAGED
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> AttachmentState:
         """How it is with it."""
         return self._fit
 
     @fit.setter
-    def fit(self, fit: Fit) -> None:
+    def fit(self, fit: AttachmentState) -> None:
         self._fit = fit
         self._cell[...] = fit
 
     @property
     def present(self) -> bool:
         """It is on."""
-        return self._fit >= Fit.FOUND
+        return self._fit >= AttachmentState.FOUND
 
     @property
     def waits(self) -> bool:
         """It is on, and not engaged."""
-        return self._fit is Fit.FOUND or self._fit is Fit.NEW
+        return self._fit is AttachmentState.FOUND or self._fit is AttachmentState.NEW
 
     @property
     def is_settled(self) -> bool:
         """It is engaged, or not there."""
-        return self._fit is Fit.ENGAGED or self._fit is Fit.ABSENT
+        return self._fit is AttachmentState.ENGAGED or self._fit is AttachmentState.ABSENT
 
     def say(self, on: bool) -> None:
         """It is on from now on whatever its switch says; or the switch counts again."""
@@ -70,12 +70,13 @@ class Attachment:
     def look(self, pressed: bool, now_ns: int) -> bool:
         """Its switch is `pressed`; True when it was put on, found or taken off."""
         before = self._fit
-        if before is Fit.UNKNOWN and self.has_switch:
+        if before is AttachmentState.UNKNOWN and self.has_switch:
             self._settled_ns = self._settled_ns or now_ns + SETTLE_NS
             if now_ns < self._settled_ns:
                 return False
         on = self._always or pressed or bool(self._said.item())
-        if on is (before >= Fit.FOUND) and before is not Fit.UNKNOWN:
+        if on is (before >= AttachmentState.FOUND) and before is not AttachmentState.UNKNOWN:
             return False
-        self.fit = (Fit.FOUND if before is Fit.UNKNOWN else Fit.NEW) if on else Fit.ABSENT
-        return on or before is not Fit.UNKNOWN
+        new = AttachmentState.FOUND if before is AttachmentState.UNKNOWN else AttachmentState.NEW
+        self.fit = new if on else AttachmentState.ABSENT
+        return on or before is not AttachmentState.UNKNOWN

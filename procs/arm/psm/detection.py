@@ -101,11 +101,11 @@ class Detection:
         if not self._asked_ns:
             self._asked_ns, self._due_ns = now, now
         if self._order:
-            answer = control.duties.outcome(self._order)
+            answer = control.io_requests.outcome(self._order)
             if answer is not None and answer.outcome == "refused":
                 self._order, self._due_ns = 0, now + RETRY_NS
         elif now >= self._due_ns:
-            self._order = control.duties.order("trigger_read", (), control.arm.instrument_reader)
+            self._order = control.io_requests.order("trigger_read", (), control.arm.instrument_reader)
         if now - self._asked_ns > LONGEST_NS:
             self._fail("io did not read its memory")
 

@@ -16,7 +16,7 @@ from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import SAID_NS, Refused
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode
-from procs.arm.psm.attachment import Attachment, Fit
+from procs.arm.psm.attachment import Attachment, AttachmentState
 from procs.arm.psm.cannula import Cannula
 from procs.arm.psm.detection import Detection
 from procs.arm.psm.jaw import JawCommands
@@ -71,9 +71,9 @@ class PsmLogic(ArmLogic):
         known = self._known(before.tool) if before is not None and self.tool.present else None
         if known is not None:
             self.detection.take(known)
-        if self.tool.fit is Fit.ENGAGED and self.detection.tool is None:
-            self.tool.fit = Fit.FOUND  # the configuration no longer knows it
-        if self.tool.fit is not Fit.ENGAGED:
+        if self.tool.fit is AttachmentState.ENGAGED and self.detection.tool is None:
+            self.tool.fit = AttachmentState.FOUND  # the configuration no longer knows it
+        if self.tool.fit is not AttachmentState.ENGAGED:
             control.use(joints(arm))
         elif self.detection.joints is not None:
             control.use(self.detection.joints)
@@ -106,7 +106,7 @@ class PsmLogic(ArmLogic):
 
     def home(self) -> Array:
         """See ArmLogic; with an instrument on it stays."""
-        if not self.control.is_played and self.tool.fit is not Fit.ABSENT:
+        if not self.control.is_played and self.tool.fit is not AttachmentState.ABSENT:
             here: Array = self.io.setpoint.copy()
             return here
         return super().home()
@@ -121,7 +121,7 @@ class PsmLogic(ArmLogic):
             return self.detection.request
         if self.tool.waits and self.detection.tool is None:
             return "the instrument's memory to be read"
-        if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
+        if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
             return "sterile adapter not seen under the instrument: look at its switch, or emulate_adapter_present 1"
         return ""
 
@@ -160,15 +160,15 @@ class PsmLogic(ArmLogic):
         """Take for engaged what need not be turned for it; what has to be is the answer."""
         played = self.control.is_played
         if self.adapter.waits:
-            if self.adapter.fit is Fit.NEW and not self.tool.present and not played:
+            if self.adapter.fit is AttachmentState.NEW and not self.tool.present and not played:
                 return ArmEvent.ADAPTER
             self._adapter_caught()
         if not self.tool.waits or self.detection.joints is None or self.detection.tool is None:
             return None
-        if self.adapter.has_switch and self.adapter.fit is not Fit.ENGAGED:
+        if self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
             self.control.report(codes.ADAPTER_MISSING, codes.ADAPTER_MISSING.cause, 30 * SAID_NS)
             return None
-        if self.tool.fit is Fit.NEW and not played:
+        if self.tool.fit is AttachmentState.NEW and not played:
             discs = self.joints.to_actuator @ self.io.setpoint
             if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
                 return ArmEvent.TOOL
@@ -177,10 +177,10 @@ class PsmLogic(ArmLogic):
         return None
 
     def _adapter_caught(self) -> None:
-        self.adapter.fit = Fit.ENGAGED
+        self.adapter.fit = AttachmentState.ENGAGED
 
     def _turns_adapter(self) -> bool:
-        return self.adapter.fit is Fit.NEW and not self.tool.present
+        return self.adapter.fit is AttachmentState.NEW and not self.tool.present
 
     def _adapter_goals(self) -> list[Array]:
         goals = [self.io.setpoint.copy() for _ in ADAPTER_TURNS]
@@ -190,7 +190,7 @@ class PsmLogic(ArmLogic):
         return goals
 
     def _turns_tool(self) -> bool:
-        return self.tool.fit is Fit.NEW and self.detection.tool is not None
+        return self.tool.fit is AttachmentState.NEW and self.detection.tool is not None
 
     def _tool_goals(self) -> list[Array]:
         """Bare discs (7,) for the positions of an instrument's joints, of which a snake's bend in pairs."""
@@ -211,7 +211,7 @@ class PsmLogic(ArmLogic):
         if space is None or tool is None:
             return
         self._change(space)
-        self.tool.fit = Fit.ENGAGED
+        self.tool.fit = AttachmentState.ENGAGED
         control.status(f"instrument {full_name(tool)}")
 
     def _drop(self) -> None:
@@ -257,7 +257,7 @@ class PsmLogic(ArmLogic):
         self.detection.named(request.text.strip())
         if freely:
             self.tool.say(True)
-            self.tool.fit = Fit.FOUND
+            self.tool.fit = AttachmentState.FOUND
         self._show_name()
         return ""
 

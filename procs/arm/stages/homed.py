@@ -25,21 +25,21 @@ class Homed(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        control, duties = self.control, self.control.duties
+        control, io_requests = self.control, self.control.io_requests
         control.homed_generation = int(control.io.bias_generation.item())
         here = control.io.setpoint if control.motion.mode in (Mode.NONE, Mode.EFFORT) else control.motion.goal
         control.motion.hold(here, Mode.NONE)
-        duties.limits.want(True)
-        duties.tracking.want(self._checks_tracking)
-        duties.pots.want(not control.arm.calibration_mode)
-        duties.velocity.want(control.arm.use_setpoint_v)
-        duties.brakes.want(True)
+        io_requests.limits.want(True)
+        io_requests.tracking.want(self._checks_tracking)
+        io_requests.pots.want(not control.arm.calibration_mode)
+        io_requests.velocity.want(control.arm.use_setpoint_v)
+        io_requests.brakes.want(True)
 
     def run(self) -> None:
         """See Stage."""
         control = self.control
-        control.duties.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # we were missed: over
-        control.duties.tracking.want(self._checks_tracking and control.motion.mode is not Mode.EFFORT)
+        control.io_requests.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # we were missed
+        control.io_requests.tracking.want(self._checks_tracking and control.motion.mode is not Mode.EFFORT)
         limited = control.io.at_limit.tobytes()
         if limited != self._limited:
             self._limited = limited
@@ -71,7 +71,7 @@ class Manual(Stage):
     def enter(self) -> None:
         """See Stage."""
         control = self.control
-        control.duties.tracking.want(False)
+        control.io_requests.tracking.want(False)
         control.push(Space.NONE, np.arange(control.joints.size) < ARM_TYPES[control.arm.type].joints).rest()
 
     def run(self) -> None:

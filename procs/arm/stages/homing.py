@@ -35,27 +35,27 @@ class Calibrating(Stage):
         """See Stage."""
         control = self.control
         control.held = False
-        control.duties.brakes.want(False)
-        control.duties.pid.want(None if control.is_played else False)
+        control.io_requests.brakes.want(False)
+        control.io_requests.pid.want(None if control.is_played else False)
         self.within(BIAS_NS)
         self._asked = False
 
     def run(self) -> None:
         """See Stage."""
-        control, duties, arm = self.control, self.control.duties, self.control.arm
+        control, io_requests, arm = self.control, self.control.io_requests, self.control.arm
         if control.is_played:
             self._done()
         elif self.is_late:
             self.fail(codes.BIAS_TIMEOUT, "failed to bias encoders (timeout)")
         elif self._asked:
-            if duties.bias_done:
+            if io_requests.bias_done:
                 self._done()
-        elif duties.pid.settled and not control.io.biasing.item():
+        elif io_requests.pid.settled and not control.io.biasing.item():
             again = arm.re_home or arm.calibration_mode
             if not control.must_bias and not again and control.io.biased.item():
                 control.machine.fire(ArmEvent.BIASED)
                 return
-            duties.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
+            io_requests.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
             self._asked = True
 
     @property
@@ -78,7 +78,7 @@ class Biased(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        self.control.duties.pots.want(not self.control.arm.calibration_mode)
+        self.control.io_requests.pots.want(not self.control.arm.calibration_mode)
 
     def run(self) -> None:
         """See Stage."""
@@ -93,11 +93,11 @@ class Driving(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        control, duties = self.control, self.control.duties
-        duties.limits.want(False)
-        duties.tracking.want(self.checks_tracking)
-        duties.velocity.want(control.arm.use_setpoint_v)
-        duties.pid.want(True)
+        control, io_requests = self.control, self.control.io_requests
+        io_requests.limits.want(False)
+        io_requests.tracking.want(self.checks_tracking)
+        io_requests.velocity.want(control.arm.use_setpoint_v)
+        io_requests.pid.want(True)
         self.within(SWITCH_NS)
         self._begun = False
 
@@ -108,7 +108,7 @@ class Driving(Stage):
         elif self._is_ready():
             self._begun = True
             control = self.control
-            control.duties.pid.want(None)  # from here on the controller going off is a fault, not a thing to repair
+            control.io_requests.pid.want(None)  # from here on the controller going off is a fault, not to be repaired
             control.motion.hold(control.io.setpoint, Mode.NONE)
             self.begin()
         elif self.is_late:
@@ -119,18 +119,18 @@ class Driving(Stage):
         """See Stage."""
         if self._begun:
             return ""
-        return "brakes to let go" if self.control.duties.pid.settled else "io to switch the joint controller on"
+        return "brakes to let go" if self.control.io_requests.pid.settled else "io to switch the joint controller on"
 
     def _is_ready(self) -> bool:
-        control, duties = self.control, self.control.duties
-        if not (duties.pid.settled and duties.limits.settled and duties.tracking.settled):
+        control, io_requests = self.control, self.control.io_requests
+        if not (io_requests.pid.settled and io_requests.limits.settled and io_requests.tracking.settled):
             return False
         if control.driving is None or int(control.io.pid_generation.item()) != control.driving.pid:
             control.driving = Generations.now(control.io)
             control.motion.hold(control.io.setpoint, Mode.NONE)
             self.within(SWITCH_NS + BRAKES_NS)
-        duties.brakes.want(True)  # only now that somebody holds the arm
-        return duties.brakes.settled
+        io_requests.brakes.want(True)  # only now that somebody holds the arm
+        return io_requests.brakes.settled
 
     def begin(self) -> None:
         """io follows, and nothing else holds the arm."""

@@ -20,20 +20,20 @@ class Disabled(Stage):
     def enter(self) -> None:
         """See Stage."""
         let_go(self.control)
-        self.control.duties.limits.want(True)
-        self.control.duties.want_no_fault(True)
+        self.control.io_requests.limits.want(True)
+        self.control.io_requests.want_no_fault(True)
         self.deadline_ns = NEVER_NS
 
     def run(self) -> None:
         """See Stage."""
-        control, duties = self.control, self.control.duties
+        control, io_requests = self.control, self.control.io_requests
         if not control.machine.goes_on:
             self.deadline_ns = NEVER_NS
             return
-        duties.want_no_fault(True)
-        duties.pid.want(False)
-        duties.power.want(False)
-        settled = duties.pid.settled and duties.power.settled and duties.no_fault.settled
+        io_requests.want_no_fault(True)
+        io_requests.pid.want(False)
+        io_requests.power.want(False)
+        settled = io_requests.pid.settled and io_requests.power.settled and io_requests.no_fault.settled
         if control.io.fresh and settled and not control.io.amps_on.item():
             control.machine.fire(ArmEvent.ONWARD)
         elif self.deadline_ns == NEVER_NS:
@@ -53,25 +53,25 @@ class Powering(Stage):
     def enter(self) -> None:
         """See Stage."""
         self._tries = 0
-        self.control.duties.pid.want(None if self.control.is_played else False)  # a played robot's is on with the power
+        self.control.io_requests.pid.want(None if self.control.is_played else False)  # a played robot has it
         self._ask()
 
     def run(self) -> None:
         """See Stage."""
-        control, duties, io = self.control, self.control.duties, self.control.io
-        if not duties.power.wanted:  # between two tries
-            if duties.power.settled and duties.no_fault.settled:
+        control, io_requests, io = self.control, self.control.io_requests, self.control.io
+        if not io_requests.power.wanted:  # between two tries
+            if io_requests.power.settled and io_requests.no_fault.settled:
                 self._ask()
             elif self.is_late:
                 self.fail(codes.POWER_TIMEOUT, "failed to enable power")
-        elif duties.power.settled and io.has_power:
+        elif io_requests.power.settled and io.has_power:
             control.machine.fire(ArmEvent.POWERED)
-        elif duties.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
+        elif io_requests.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
             self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
             if self._tries < TRIES:
-                duties.power.want(False)
-                duties.want_no_fault(True)
+                io_requests.power.want(False)
+                io_requests.want_no_fault(True)
                 self.within(SWITCH_NS)
             elif io.problem:
                 control.machine.fault(control.fault_report(io.problem))
@@ -80,8 +80,8 @@ class Powering(Stage):
 
     def _ask(self) -> None:
         self._tries += 1
-        self.control.duties.power.want(True)
-        self.control.duties.want_no_fault(False)
+        self.control.io_requests.power.want(True)
+        self.control.io_requests.want_no_fault(False)
         self.within(POWER_NS)
 
     @property
@@ -95,12 +95,12 @@ class Enabled(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        control, duties = self.control, self.control.duties
+        control, io_requests = self.control, self.control.io_requests
         control.driving = None
-        duties.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
+        io_requests.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
         if not control.held:
-            duties.brakes.want(False)
-            duties.pid.want(None if control.is_played else False)
+            io_requests.brakes.want(False)
+            io_requests.pid.want(None if control.is_played else False)
 
     def run(self) -> None:
         """See Stage."""
@@ -117,7 +117,7 @@ class Paused(Stage):
 
     def enter(self) -> None:
         """See Stage."""
-        self.control.duties.tracking.want(self._checks_tracking)
+        self.control.io_requests.tracking.want(self._checks_tracking)
 
 
 class Fault(Stage):

@@ -84,12 +84,12 @@ class SettingRoll(Stage):
 
     def _ask(self) -> None:
         control = self.control
-        answer = control.duties.outcome(self._order) if self._order else None
+        answer = control.io_requests.outcome(self._order) if self._order else None
         if answer is not None and answer.outcome != "done":
             self._refusal, self._order = answer.text, 0
         if not self._order and control.now_ns >= self._next_ns:
             self._next_ns = control.now_ns + RETRY_NS
-            self._order = control.duties.order("set_encoder", (float(ROLL), LOWER_STOP))
+            self._order = control.io_requests.order("set_encoder", (float(ROLL), LOWER_STOP))
 
     def _check(self) -> None:
         control = self.control

@@ -41,7 +41,7 @@ class Stage:
 
     def fail(self, code: Code, text: str) -> None:
         """FAULT, with what io said to the requests that failed."""
-        why = self.control.duties.refusals
+        why = self.control.io_requests.refusals
         self.control.machine.fault(FaultReport(code, f"{text} (io says: {why})" if why else text))
 
 
@@ -50,8 +50,8 @@ def let_go(control: Control) -> None:
     control.driving = None
     control.held = False
     control.homed_generation = 0
-    duties = control.duties
-    duties.brakes.want(None)  # they engage with the power going
-    duties.pid.want(False)
-    duties.power.want(False)
-    duties.pots.want(False)
+    io_requests = control.io_requests
+    io_requests.brakes.want(None)  # they engage with the power going
+    io_requests.pid.want(False)
+    io_requests.power.want(False)
+    io_requests.pots.want(False)

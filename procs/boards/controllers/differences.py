@@ -63,7 +63,7 @@ class Differences:
         """Everything about joints comes from the ESPM in the arm."""
         samples = self._samples
         samples.inputs[rows] = self._lines.inputs[rows]
-        samples.motor_status[rows] = self._power.motor_flags[rows] | self._motors.duties()[rows]
+        samples.motor_status[rows] = self._power.motor_flags[rows] | self._motors.io_requests()[rows]
         pots = samples.adc[rows] & (_POT_BITS << 16 | 0xFFFF)
         pots[:, self._potless] = pots[:, self._potless] & 0xFFFF | _NO_POT
         samples.adc[rows] = pots

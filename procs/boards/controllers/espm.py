@@ -79,7 +79,7 @@ class Espm:
         if offset == _MODE:
             return int(self._power.mode[axis])
         if offset == _DUTY:
-            duty = int(self._motors.duties()[axis]) >> 5
+            duty = int(self._motors.io_requests()[axis]) >> 5
             return (duty - (duty >> 10 << 11)) & 0xFFFF_FFFF
         if offset == _FAULT:
             return int(self._power.digital.faults[axis]) if self._power.digital is not None else 0

@@ -158,7 +158,7 @@ class Motors:
         self._settled = -1
         self._drive(None)
 
-    def duties(self) -> Quads:
+    def io_requests(self) -> Quads:
         """Bits 15:0 of the motor status of a dRA1 (boards, width): the duty cycle, 1023 full, in eleven bits."""
         amperes = (self._lines.dac.astype(np.float64) - reg.CURRENT_ZERO) / self._bits_per_a
         duty = np.where(self._mode == reg.MODE_VOLTAGE, self._duty,

@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
 from procs.config.build import convert
-from procs.config.build.arm_io_names import gripper_of, inputs_of, reader_of
 from procs.config.build.buses import BusFiles, find_bus
 from procs.config.build.chains import load_chain
 from procs.config.build.context import Context, Opened
 from procs.config.build.instruments import psm_tools
+from procs.config.build.io_names import gripper_of, inputs_of, reader_of
 from procs.config.build.kinematic_arms import KINEMATIC, KINEMATIC_IO, kinematic_robot
 from procs.config.build.weights import measured_weight, weighing_links
 from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile

@@ -18,7 +18,7 @@ def controllers(firmware: int, *ids: int, fpga: str = "V3") -> tuple[Controller,
     return tuple(Controller(board, firmware=firmware, fpga=fpga) for board in ids)
 
 
-class Line:
+class RevisionLine:
     """A host on a clock that moves only when told."""
 
     def __init__(self, bus: EmulatedBus) -> None:
@@ -56,7 +56,7 @@ class Line:
 
 @pytest.mark.parametrize("firmware", [7, 8])
 def test_bridges_up_to_rev_8_know_their_nodes_whatever_the_flags(firmware: int) -> None:
-    line = Line(EmulatedBus(controllers(firmware, 5, 2, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(firmware, 5, 2, fpga="V2")))
     assert line.read(0, reg.FIRMWARE) == line.read(0, reg.FIRMWARE, STAY) == (0, firmware)
     assert line.read(1, reg.FIRMWARE) == (1, firmware)
     assert line.read(1, reg.FIRMWARE, STAY) is None
@@ -65,7 +65,7 @@ def test_bridges_up_to_rev_8_know_their_nodes_whatever_the_flags(firmware: int) 
 
 
 def test_a_rev_9_bridge_goes_by_board_id_when_told_not_to_forward() -> None:
-    line = Line(EmulatedBus(controllers(9, 5, 2)))
+    line = RevisionLine(EmulatedBus(controllers(9, 5, 2)))
     assert line.read(0, reg.FIRMWARE) == (0, 9)
     assert line.read(0, reg.FIRMWARE, STAY) is None, "no board has id 0"
     assert line.read(5, reg.FIRMWARE, STAY) == (5, 9)
@@ -78,14 +78,14 @@ def test_a_rev_9_bridge_goes_by_board_id_when_told_not_to_forward() -> None:
 
 def test_trailers_of_rev_9_echo_that_a_request_was_not_to_be_forwarded() -> None:
     for firmware, echo in ((8, 0), (9, 0x10)):
-        response = Line(EmulatedBus(controllers(firmware, 0))).ask(
+        response = RevisionLine(EmulatedBus(controllers(firmware, 0))).ask(
             wire.quadlet_read(0, reg.FIRMWARE, 1, 1, STAY))
         assert isinstance(response, wire.WireResponse)
         assert response.trailer.flags == echo
 
 
 def test_ethernet_only_boards_answer_at_their_own_address_only() -> None:
-    line = Line(EmulatedBus(controllers(9, 1, 5), network="ethernet"))
+    line = RevisionLine(EmulatedBus(controllers(9, 1, 5), network="ethernet"))
     assert line.read(5, reg.FIRMWARE, STAY, to=5) == (5, 9)
     assert line.read(5, reg.FIRMWARE, STAY, to=1) is None
     assert line.read(5, reg.FIRMWARE, STAY, to=7) is None
@@ -98,12 +98,12 @@ def test_ethernet_only_boards_answer_at_their_own_address_only() -> None:
 
 def test_ethernet_only_boards_have_their_id_added_to_their_ip_address() -> None:
     bus = EmulatedBus(controllers(9, 1, 5), network="ethernet")
-    Line(bus).write(wire.BROADCAST, reg.IP_ADDRESS, reg.ip_quadlet("127.0.0.1"), STAY)
+    RevisionLine(bus).write(wire.BROADCAST, reg.IP_ADDRESS, reg.ip_quadlet("127.0.0.1"), STAY)
     assert [bus.board_at(bytes((127, 0, 0, last))) for last in (1, 2, 6)] == [None, 1, 5]
 
 
 def test_an_ethernet_only_hub_answers_a_query_by_itself_with_its_own_block_first() -> None:
-    line = Line(EmulatedBus(controllers(9, 5, 0, 3), network="ethernet"))
+    line = RevisionLine(EmulatedBus(controllers(9, 5, 0, 3), network="ethernet"))
     response = line.query(0x1234, 0x29, STAY)
     assert isinstance(response, wire.WireResponse)
     assert (response.tl, response.node, response.trailer.flags) == (33, 5, 0x10)
@@ -117,7 +117,7 @@ def test_an_ethernet_only_hub_answers_a_query_by_itself_with_its_own_block_first
 
 
 def test_an_ethernet_only_query_that_not_all_answer_brings_nothing_by_itself() -> None:
-    line = Line(EmulatedBus(controllers(9, 0, 3), network="ethernet"))
+    line = RevisionLine(EmulatedBus(controllers(9, 0, 3), network="ethernet"))
     assert line.query(1, 0x29, STAY) is None
     quads = line.hub(100, 0, STAY, to=0)
     assert [reg.board_of(quads[at + 2]) for at in (0, 33)] == [0, 3]
@@ -126,9 +126,9 @@ def test_an_ethernet_only_query_that_not_all_answer_brings_nothing_by_itself() -
 
 
 def test_mixed_boards_on_one_bridge_answer_each_in_its_own_way() -> None:
-    line = Line(EmulatedBus((Controller(3, firmware=9, fpga="V3"), Controller(0, firmware=7),
-                             Controller(4, "DQLA", 9, "V3"),
-                             Controller(6, "dRA1", 9, "V3"))))
+    line = RevisionLine(EmulatedBus((Controller(3, firmware=9, fpga="V3"), Controller(0, firmware=7),
+                                     Controller(4, "DQLA", 9, "V3"),
+                                     Controller(6, "dRA1", 9, "V3"))))
     assert [line.read(node, reg.FIRMWARE) for node in range(4)] == [(0, 9), (1, 7), (2, 9), (3, 9)]
     identities = [line.read(node, reg.HARDWARE_ID) for node in range(4)]
     assert identities == [(0, reg.QLA1), (1, reg.QLA1), (2, reg.DQLA), (3, reg.DRA1)]
@@ -147,7 +147,7 @@ def test_mixed_boards_on_one_bridge_answer_each_in_its_own_way() -> None:
 
 
 def test_a_missing_board_keeps_those_after_it_from_reporting() -> None:
-    line = Line(EmulatedBus(controllers(8, 0, 2, 4, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(8, 0, 2, 4, fpga="V2")))
     line.query(1, 0b10111)
     quads = line.hub(4 * 33 + 1)
     assert quads[0]
@@ -155,7 +155,7 @@ def test_a_missing_board_keeps_those_after_it_from_reporting() -> None:
 
 
 def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
-    line = Line(EmulatedBus(controllers(7, 0, 2, 4, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(7, 0, 2, 4, fpga="V2")))
     line.query(1, 0b10101)
     line.bus.withhold(1, 1)
     line.query(2, 0b10111)
@@ -165,7 +165,7 @@ def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
 
 
 def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
-    line = Line(EmulatedBus(controllers(8, 0, 1, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(8, 0, 1, fpga="V2")))
     line.bus.withhold(1, 1)
     line.query(1, 3)
     assert [bool(quad) for quad in line.hub(67)[::33]] == [True, False, False], "no timing while a board is missing"
@@ -175,7 +175,7 @@ def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
 
 @pytest.mark.parametrize(("firmware", "wrong"), [(7, 0x0002), (8, 0x2101 << 1 | 1)])
 def test_a_spoilt_sequence_number_shows_in_the_header(firmware: int, wrong: int) -> None:
-    line = Line(EmulatedBus(controllers(firmware, 0, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(firmware, 0, fpga="V2")))
     line.bus.spoil_sequence(0, 1)
     line.query(1, 1)
     head = line.hub(blocks.layout_of(firmware).hub_quads + 1)[0]
@@ -185,7 +185,7 @@ def test_a_spoilt_sequence_number_shows_in_the_header(firmware: int, wrong: int)
 
 
 def test_a_board_without_power_is_gone_and_the_others_are_numbered_anew() -> None:
-    line = Line(EmulatedBus(controllers(8, 4, 7, 9, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(8, 4, 7, 9, fpga="V2")))
     before = line.bus.generation
     line.bus.take_away(1, True)
     assert line.bus.generation == before + 1
@@ -199,7 +199,7 @@ def test_a_board_without_power_is_gone_and_the_others_are_numbered_anew() -> Non
 
 
 def test_a_host_that_asks_for_a_bus_reset_gets_one() -> None:
-    line = Line(EmulatedBus(controllers(8, 4, fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(8, 4, fpga="V2")))
     before = line.bus.generation
     line.write(wire.BROADCAST, reg.PHY_REQUEST, reg.PHY_WRITE | 1 << reg.PHY_REGISTER_SHIFT | 0x40 | 63)
     assert line.bus.generation == before + 1
@@ -232,23 +232,23 @@ def test_no_bus_has_more_boards_than_hub_memory_has_room_for(hardware: str, firm
 
 
 def test_sixteen_boards_of_rev_7_have_room_in_hub_memory() -> None:
-    line = Line(EmulatedBus(controllers(7, *range(16), fpga="V2")))
+    line = RevisionLine(EmulatedBus(controllers(7, *range(16), fpga="V2")))
     line.query(1, 0xFFFF)
     assert len(line.hub(29 * 16 + 1)) == 465
 
 
 def test_hub_registers_tell_how_the_memory_was_filled() -> None:
-    line = Line(EmulatedBus(controllers(8, 1, 2, 5)))
+    line = RevisionLine(EmulatedBus(controllers(8, 1, 2, 5)))
     line.query(0x123, 0x26)
     found = [line.read(2, reg.QUERY + k) for k in range(4)]
     assert found == [(2, 0x123_0026), (2, 32 << 16 | 66), (2, 99), (2, 5 << 16 | 6)]
-    old = Line(EmulatedBus(controllers(7, 0, 5, 7, fpga="V2")))
+    old = RevisionLine(EmulatedBus(controllers(7, 0, 5, 7, fpga="V2")))
     old.query(1, 0xA1)
     assert [old.read(0, reg.QUERY + k) for k in (1, 2)] == [(0, 0x0570_5705), (0, 0x7057_0570)]
 
 
 def test_boards_on_the_network_tell_of_their_own_errors_only() -> None:
-    line = Line(EmulatedBus(controllers(9, 2, 5), network="ethernet"))
+    line = RevisionLine(EmulatedBus(controllers(9, 2, 5), network="ethernet"))
     astray = bytearray(wire.quadlet_read(5, reg.FIRMWARE, 9, line.bus.generation, STAY))
     astray[2] ^= 0x80  # another destination bus
     assert line.ask(bytes(astray), 5) is None

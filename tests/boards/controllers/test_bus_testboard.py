@@ -16,7 +16,7 @@ US = 49.152
 MS = 49152
 
 
-class Bench:
+class BenchOfTestboard:
     """A host of one board, one microsecond or more between two requests."""
 
     def __init__(self, firmware: int, lag: bool = True) -> None:
@@ -43,7 +43,7 @@ class Bench:
 
 @pytest.mark.parametrize("firmware", [7, 8, 9])
 def test_outputs_come_back_as_encoders_index_and_switches(firmware: int) -> None:
-    bench = Bench(firmware)
+    bench = BenchOfTestboard(firmware)
     for pins in (0b0000, 0b0101, 0b1010, 0b1111):
         bench.pins(pins)
         inputs = bench.read(reg.DIGITAL_INPUT)
@@ -55,7 +55,7 @@ def test_outputs_come_back_as_encoders_index_and_switches(firmware: int) -> None
 
 
 def test_a_hand_moved_encoder_counts_what_the_outputs_do() -> None:
-    bench = Bench(8)
+    bench = BenchOfTestboard(8)
     bench.pins(0)
     for axis in range(4):
         bench.write(reg.axis_register(axis, reg.ENCODER_PRELOAD), 0x1000 * (axis + 1))
@@ -69,7 +69,7 @@ def test_a_hand_moved_encoder_counts_what_the_outputs_do() -> None:
 
 @pytest.mark.parametrize(("lag", "counts"), [(True, 78), (False, 80)])
 def test_a_played_table_turns_the_encoders_between_two_requests(lag: bool, counts: int) -> None:
-    bench = Bench(8, lag)
+    bench = BenchOfTestboard(8, lag)
     bench.pins(0)
     bench.write(reg.axis_register(0, reg.ENCODER_PRELOAD), reg.ENCODER_ZERO)
     ticks = 4915  # about 0.1 ms an entry
@@ -89,7 +89,7 @@ def test_a_played_table_turns_the_encoders_between_two_requests(lag: bool, count
 
 
 def test_commanded_current_flows_and_analog_inputs_have_the_test_voltage() -> None:
-    bench = Bench(8)
+    bench = BenchOfTestboard(8)
     bench.write(reg.WATCHDOG, 0)
     bench.write(reg.STATUS, reg.CONTROL_POWER_ON)
     bench.wait(100_000)
@@ -101,7 +101,7 @@ def test_commanded_current_flows_and_analog_inputs_have_the_test_voltage() -> No
 
 
 def test_fast_pwm_on_the_test_board_costs_the_boards_little() -> None:
-    bench = Bench(8)
+    bench = BenchOfTestboard(8)
     for high_low in (0x0001_0002, 0x000A_0005, 0x0064_0064):
         bench.write(reg.axis_register(0, reg.PWM), high_low)
         bench.pins(1)

@@ -14,7 +14,7 @@ STEP = 49152  # ticks of a millisecond
 PER_TICK = 1.0 / reg.CLOCK_HZ
 
 
-class Bench:
+class EncoderBench:
     """Four axes; axis 0 moves as asked, sample by sample, over any number of steps."""
 
     def __init__(self, x: float = 0.25) -> None:
@@ -65,15 +65,15 @@ def _edge_times(x0: float, v: float, a: float, end_s: float) -> list[int]:
 
 
 def test_power_up_words_are_the_documented_ones() -> None:
-    position, period, quarter_1, quarter_5, running = Bench().words(0)
+    position, period, quarter_1, quarter_5, running = EncoderBench().words(0)
     assert position & 0x1FFFFFF == 0x800000
     assert (period, quarter_1, quarter_5) == (0xCBFFFFFF, 0x43FFFFFF, 0x43FFFFFF)
-    assert Bench().words(0)[4] == 0x83FFFFFF == running
+    assert EncoderBench().words(0)[4] == 0x83FFFFFF == running
 
 
 @pytest.mark.parametrize("speed", [3000.0, -3000.0, 120000.0, -777.0, 5.5e6])
 def test_constant_speed_gives_the_exact_period(speed: float) -> None:
-    bench = Bench()
+    bench = EncoderBench()
     for _ in range(60):
         bench.step(speed)
     tick = bench.tick - 1234
@@ -93,7 +93,7 @@ def test_constant_speed_gives_the_exact_period(speed: float) -> None:
 @pytest.mark.parametrize(("v", "a"), [(2000.0, 9e4), (-2000.0, 4e5), (9000.0, -6e5), (0.0, 3e5), (-150.0, 2e4)])
 @pytest.mark.parametrize("every", [STEP, 13_337])
 def test_edges_of_accelerated_motion_are_right_to_a_tick(v: float, a: float, every: int) -> None:
-    bench, sample = Bench(), 0
+    bench, sample = EncoderBench(), 0
     for k in range(30):
         start_s = k * 1e-3
         while sample <= bench.tick:
@@ -111,7 +111,7 @@ def test_edges_of_accelerated_motion_are_right_to_a_tick(v: float, a: float, eve
 
 
 def test_reversal_within_a_step_counts_every_edge_and_says_so() -> None:
-    bench = Bench(x=0.5)
+    bench = EncoderBench(x=0.5)
     bench.step(4000.0, -8e6)  # up one count and back down within half a millisecond
     bench.encoders.observe(STEP)
     edges = _edge_times(0.5, 4000.0, -8e6, 1e-3)
@@ -124,7 +124,7 @@ def test_reversal_within_a_step_counts_every_edge_and_says_so() -> None:
 
 
 def test_edge_back_over_the_same_line_is_its_opposite() -> None:
-    bench = Bench(x=0.9)
+    bench = EncoderBench(x=0.9)
     bench.step(200.0)  # crosses 1 upwards: A rises
     up = bench.words(bench.tick)[2]
     bench.step(-200.0)
@@ -135,7 +135,7 @@ def test_edge_back_over_the_same_line_is_its_opposite() -> None:
 
 
 def test_direction_error_never_arises_and_edges_follow_in_order() -> None:
-    bench, seen = Bench(), []
+    bench, seen = EncoderBench(), []
     for _ in range(8):
         bench.step(1000.0)
         seen.append(bench.words(bench.tick)[2] >> 26 & 0xF)
@@ -143,7 +143,7 @@ def test_direction_error_never_arises_and_edges_follow_in_order() -> None:
 
 
 def test_standstill_saturates_the_running_counter() -> None:
-    bench = Bench()
+    bench = EncoderBench()
     for _ in range(10):
         bench.step(5000.0)
     for _ in range(1400):
@@ -154,7 +154,7 @@ def test_standstill_saturates_the_running_counter() -> None:
 
 
 def test_edge_after_a_long_rest_overflows_the_period() -> None:
-    bench = Bench()
+    bench = EncoderBench()
     for _ in range(10):
         bench.step(5000.0)
     for _ in range(1400):
@@ -167,7 +167,7 @@ def test_edge_after_a_long_rest_overflows_the_period() -> None:
 
 
 def test_preload_moves_the_counter_and_leaves_the_edges() -> None:
-    bench = Bench()
+    bench = EncoderBench()
     for _ in range(5):
         bench.step(7000.0)
     before = bench.words(bench.tick)
@@ -180,7 +180,7 @@ def test_preload_moves_the_counter_and_leaves_the_edges() -> None:
 
 
 def test_overflow_bit_stays_once_the_counter_went_over() -> None:
-    bench = Bench()
+    bench = EncoderBench()
     bench.encoders.load(np.array([0]), np.array([0xFFFFFE]))
     bench.step(7000.0)
     position = bench.words(bench.tick)[0]
@@ -191,14 +191,14 @@ def test_overflow_bit_stays_once_the_counter_went_over() -> None:
 
 
 def test_pins_show_the_phase_in_the_digital_inputs() -> None:
-    bench = Bench(x=2.5)  # A and B high
+    bench = EncoderBench(x=2.5)  # A and B high
     position = bench.words(0)[0]
     assert position & reg.ENCODER_PIN_A and position & reg.ENCODER_PIN_B
     assert int(bench.encoders.pins[0]) & 0x11 << 20 == 0x11 << 20
 
 
 def test_at_rest_only_the_running_counter_goes_on() -> None:
-    bench = Bench()
+    bench = EncoderBench()
     for _ in range(3):
         bench.step(7000.0)
     bench.step(0.0)

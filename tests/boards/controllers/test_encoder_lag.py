@@ -17,7 +17,7 @@ STEP = 49152  # ticks of a millisecond
 FAITHFUL = Quirks()
 
 
-class Counter:
+class EncoderCounter:
     """What the real firmware does at each transition and preload."""
 
     def __init__(self, quirks: Quirks) -> None:
@@ -43,14 +43,14 @@ class Counter:
         return self.overflow * reg.ENCODER_OVERFLOW | self.counter & reg.ENCODER_MASK
 
 
-class Pair:
-    """Two boards of the same quirks and one `Counter` for axis 1 of the second; the other axes stay away from ends."""
+class EncoderPair:
+    """Two boards of the same quirks and one `EncoderCounter` for axis 1 of the second; others stay away from ends."""
 
     def __init__(self, quirks: Quirks = FAITHFUL) -> None:
         self.encoders = Encoders(2, 4, (Quirks(), quirks))
         self.x: Floats = np.full(8, 0.5)
         self.encoders.place(self.x)
-        self.counter = Counter(quirks)
+        self.counter = EncoderCounter(quirks)
         self.tick = 0
 
     def step(self, ends: tuple[float, float], samples: tuple[int, ...] = ()) -> None:
@@ -106,7 +106,7 @@ _deeds = st.lists(st.one_of(_steps, _steps, _loads, st.tuples(st.just("power up"
 @given(lag=st.booleans(), sticky=st.booleans(), first=_loads, deeds=_deeds)
 def test_counters_follow_the_law_of_transitions(
         lag: bool, sticky: bool, first: tuple[object, ...], deeds: list[tuple[object, ...]]) -> None:
-    pair = Pair(Quirks(direction_lag=lag, sticky_overflow=sticky))
+    pair = EncoderPair(Quirks(direction_lag=lag, sticky_overflow=sticky))
     for deed in (first, *deeds):
         match deed:
             case ("step", (float(middle), float(end)), list(samples)):
@@ -122,7 +122,7 @@ def test_counters_follow_the_law_of_transitions(
 
 
 def test_first_edge_after_a_reversal_counts_the_old_way() -> None:
-    pair = Pair()
+    pair = EncoderPair()
     pair.step((2.5, 4.5))
     pair.load(0x1000)
     pair.step((4.0004, 3.5))  # one edge down
@@ -142,7 +142,7 @@ def test_first_edge_after_a_reversal_counts_the_old_way() -> None:
     ((2.5, 4.5), (2.5, 0.5), 0xFE), ((-1.5, -3.5), (-5.5, -7.5), 0xFC)])
 def test_four_edges_after_a_preload_give_four_or_two(first: tuple[float, float], then: tuple[float, float],
                                                      seen: int) -> None:
-    pair = Pair()
+    pair = EncoderPair()
     pair.step(first)
     pair.load(0x100)
     pair.step(then)
@@ -150,14 +150,14 @@ def test_four_edges_after_a_preload_give_four_or_two(first: tuple[float, float],
 
 
 def test_first_edge_of_all_counts_down() -> None:
-    pair = Pair()
+    pair = EncoderPair()
     pair.step((0.9, 1.5))
     assert pair.word(pair.tick) == 0x7FFFFF
 
 
 @pytest.mark.parametrize("steps", [((3.5, 0.5),), ((1.5, 3.5), (1.5, 0.5))])
 def test_overflow_undone_between_two_looks_is_kept(steps: tuple[tuple[float, float], ...]) -> None:
-    pair = Pair(Quirks(direction_lag=False))
+    pair = EncoderPair(Quirks(direction_lag=False))
     pair.load(0xFFFFFE)
     for step in steps:  # up over the end and back
         pair.step(step)
@@ -165,14 +165,14 @@ def test_overflow_undone_between_two_looks_is_kept(steps: tuple[tuple[float, flo
 
 
 def test_overflow_after_a_turn_within_a_step_shows_at_once() -> None:
-    pair = Pair(Quirks(direction_lag=False))
+    pair = EncoderPair(Quirks(direction_lag=False))
     pair.load(2)
     pair.step((0.0004, -6.9996))  # one up, then eight down
     assert pair.counter.word == pair.word(pair.tick) == reg.ENCODER_OVERFLOW | 0xFFFFFB
 
 
 def test_overflow_at_the_highest_speed_shows_at_once() -> None:
-    pair = Pair()
+    pair = EncoderPair()
     pair.load(5000)
     pair.step((-4999.75, -10000.0004), samples=(24_000, 25_500))  # nearly as fast as the filter lets edges through
     assert pair.counter.overflow
@@ -180,7 +180,7 @@ def test_overflow_at_the_highest_speed_shows_at_once() -> None:
 
 @pytest.mark.parametrize("sticky", [True, False])
 def test_preload_clears_overflow_where_the_quirk_is_off(sticky: bool) -> None:
-    pair = Pair(Quirks(sticky_overflow=sticky))
+    pair = EncoderPair(Quirks(sticky_overflow=sticky))
     pair.load(0)
     pair.step((-2.5, -4.5))
     assert pair.word(pair.tick) & reg.ENCODER_OVERFLOW
@@ -191,7 +191,7 @@ def test_preload_clears_overflow_where_the_quirk_is_off(sticky: bool) -> None:
 
 
 def test_power_up_leaves_no_trace_of_edges_and_other_boards_alone() -> None:
-    pair = Pair()
+    pair = EncoderPair()
     for _ in range(4):
         pair.step((3.5, 6.5))
         pair.step((3.5, 0.5))

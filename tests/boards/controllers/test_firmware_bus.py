@@ -17,7 +17,7 @@ from procs.fpga import wire
 MS = 49152
 
 
-class Host:
+class FirmwareHost:
     """Speaks to a bus on a clock that moves only when told."""
 
     def __init__(self, *ids: int, serial: str = "1234-56") -> None:
@@ -51,7 +51,7 @@ class Host:
 
 
 def test_reads_go_to_their_node_and_to_the_hub() -> None:
-    host = Host(9, 3)
+    host = FirmwareHost(9, 3)
     assert [reg.board_of(host.read(node, reg.STATUS) or 0) for node in (0, 1, wire.BROADCAST)] == [9, 3, 9]
     assert host.read(2, reg.STATUS) is None
     response = host.ask(wire.quadlet_read(1, reg.HARDWARE_ID, 33, host.bus.generation))
@@ -60,7 +60,7 @@ def test_reads_go_to_their_node_and_to_the_hub() -> None:
 
 
 def test_requests_not_to_be_relayed_reach_the_hub_only() -> None:
-    host = Host(9, 3)
+    host = FirmwareHost(9, 3)
     assert host.read(1, reg.HARDWARE_ID, wire.NO_FORWARD) is None
     assert host.read(0, reg.HARDWARE_ID, wire.NO_FORWARD) == reg.QLA1
     host.write(wire.BROADCAST, reg.WATCHDOG, 77, wire.NO_FORWARD)
@@ -70,7 +70,7 @@ def test_requests_not_to_be_relayed_reach_the_hub_only() -> None:
 
 
 def test_another_bus_generation_drops_reads_with_a_trailer() -> None:
-    host = Host(0)
+    host = FirmwareHost(0)
     other = host.bus.generation + 2
     reply = host.bus.answer(wire.quadlet_read(0, reg.STATUS, 1, other), 0)
     dropped = wire.decode_response(reply or b"")
@@ -83,21 +83,21 @@ def test_another_bus_generation_drops_reads_with_a_trailer() -> None:
 
 
 def test_another_destination_bus_is_not_answered() -> None:
-    host = Host(0)
+    host = FirmwareHost(0)
     request = wire.encode_request(wire.WireRequest(wire.QUADLET_READ, 0, 0, 1, host.bus.generation, bus=0x3FE))
     assert host.bus.answer(request, 0) is None
 
 
 @pytest.mark.parametrize("cut", [0, 1, 9, 17])
 def test_mutilated_datagrams_are_swallowed(cut: int) -> None:
-    host = Host(0)
+    host = FirmwareHost(0)
     assert host.bus.answer(wire.quadlet_read(0, 0, 1, 1)[:cut], 0) is None
     assert host.bus.answer(wire.block_write(0, 0, bytes(24), 1, 1)[: 20 + cut], 0) is None
     assert host.read(0, reg.HARDWARE_ID) == reg.QLA1
 
 
 def test_discovery_registers_are_those_of_a_rev_8_board() -> None:
-    host = Host(4)
+    host = FirmwareHost(4)
     host.write(wire.BROADCAST, reg.IP_ADDRESS, 0x0100007F, wire.NO_FORWARD)
     assert host.read(0, reg.IP_ADDRESS) == 0x0100007F
     assert host.read(0, reg.FIRMWARE) == 8
@@ -111,7 +111,7 @@ def test_discovery_registers_are_those_of_a_rev_8_board() -> None:
 
 
 def test_unknown_addresses_read_zero_and_swallow_writes() -> None:
-    host = Host(4)
+    host = FirmwareHost(4)
     for address in (0x12, 0x1E, 0x2F, 0x55, 0x8F, 0x9000, 0xA000, 0x4000):
         host.write(0, address, 0xFFFFFFFF)
         assert host.read(0, address) == 0
@@ -120,7 +120,7 @@ def test_unknown_addresses_read_zero_and_swallow_writes() -> None:
 
 
 def test_serial_numbers_lie_in_both_proms() -> None:
-    host = Host(4, serial="4711-08")
+    host = FirmwareHost(4, serial="4711-08")
     host.write(0, reg.PROM_COMMAND, 0x031FFF00)
     assert host.read(0, reg.PROM_COMMAND)
     host.tick += MS
@@ -136,7 +136,7 @@ def test_serial_numbers_lie_in_both_proms() -> None:
 
 
 def test_axis_registers_power_up_as_documented() -> None:
-    host = Host(4)
+    host = FirmwareHost(4)
     values = {reg.DAC: 0x8000, reg.ENCODER_PRELOAD: 0x800000, reg.MOTOR_CONFIG: 0x01780418,
               reg.MOTOR_STATUS: 0x00108000, reg.PERIOD: 0xCBFFFFFF, reg.QUARTER_1: 0x43FFFFFF,
               reg.QUARTER_5: 0x43FFFFFF, reg.RUNNING: 0x83FFFFFF}
@@ -146,7 +146,7 @@ def test_axis_registers_power_up_as_documented() -> None:
 
 
 def test_preload_example_sets_axis_1_of_node_0() -> None:
-    host = Host(4)
+    host = FirmwareHost(4)
     request = bytes.fromhex("0001" + "ffc08c00ffd000000000001400801000" + "47f33fd7")  # F.7, our generation
     host.bus.answer(request, 0)
     assert (host.read(0, 0x15) or 0) & 0xFFFFFF == 0x801000
@@ -154,7 +154,7 @@ def test_preload_example_sets_axis_1_of_node_0() -> None:
 
 
 def test_real_time_block_has_32_quads_and_restarts_the_time_stamp() -> None:
-    host = Host(4, 6)
+    host = FirmwareHost(4, 6)
     host.tick = 1000
     host.block(0, reg.REAL_TIME, 128)
     host.tick = 5000
@@ -170,7 +170,7 @@ def test_real_time_block_has_32_quads_and_restarts_the_time_stamp() -> None:
 
 @pytest.mark.parametrize("ids", [(0,), (0, 1), (9, 3, 12), tuple(range(10)), tuple(range(15, 0, -1))])
 def test_hub_read_has_every_board_in_ascending_order(ids: tuple[int, ...]) -> None:
-    host = Host(*ids)
+    host = FirmwareHost(*ids)
     mask = sum(1 << board for board in ids)
     for sequence in (1, 0x1FF):
         host.tick += 33_000
@@ -186,7 +186,7 @@ def test_hub_read_has_every_board_in_ascending_order(ids: tuple[int, ...]) -> No
 
 
 def test_hub_read_of_some_boards_leaves_the_others_out() -> None:
-    host = Host(2, 5, 7)
+    host = FirmwareHost(2, 5, 7)
     host.tick = 100
     host.write(wire.BROADCAST, reg.QUERY, 6 << 16 | 1 << 7 | 1 << 2)
     quads = host.block(0, reg.HUB, 67 * 4)
@@ -199,7 +199,7 @@ def test_hub_read_of_some_boards_leaves_the_others_out() -> None:
 
 
 def test_parts_of_hub_memory_can_be_read() -> None:
-    host = Host(2, 5)
+    host = FirmwareHost(2, 5)
     host.write(wire.BROADCAST, reg.QUERY, 6 << 16 | 0x24)
     whole = host.block(0, reg.HUB, 67 * 4)
     assert (host.block(0, reg.HUB + 33, 33 * 4) == whole[33:66]).all()
@@ -208,7 +208,7 @@ def test_parts_of_hub_memory_can_be_read() -> None:
 
 
 def test_broadcast_write_reaches_each_board_by_its_id() -> None:
-    host = Host(5, 0)
+    host = FirmwareHost(5, 0)
     host.write_block(wire.BROADCAST, 0x006, 0x80008100, 0x80008200, 0x80008300, 0x80008400, 0,
                      0x506, 0x80008101, 0x80008201, 0x80008301, 0x00008401, 0)
     assert [host.read(1, reg.axis_register(k, reg.DAC)) for k in range(4)] == [0x8100, 0x8200, 0x8300, 0x8400]
@@ -217,7 +217,7 @@ def test_broadcast_write_reaches_each_board_by_its_id() -> None:
 
 
 def test_groups_of_absent_boards_are_stepped_over() -> None:
-    host = Host(1)
+    host = FirmwareHost(1)
     host.write_block(wire.BROADCAST, 0x706, 0x80009000, 0, 0, 0, 0, 0x106, 0x80008101, 0, 0, 0, 0)
     assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8101
     host.write_block(0, 0x206, 0x80009000, 0, 0, 0, 0)  # addressed to the node, meant for another id
@@ -225,13 +225,13 @@ def test_groups_of_absent_boards_are_stepped_over() -> None:
 
 
 def test_voltage_mode_needs_an_expander_and_is_ignored() -> None:
-    host = Host(1)
+    host = FirmwareHost(1)
     host.write(0, reg.axis_register(0, reg.DAC), 0x81009000)
     assert host.read(0, reg.axis_register(0, reg.DAC)) == 0x8000
 
 
 def test_motor_configuration_keeps_what_has_no_set_bit() -> None:
-    host = Host(1)
+    host = FirmwareHost(1)
     address = reg.axis_register(1, reg.MOTOR_CONFIG)
     host.write(0, address, 0x80FF9FFF)
     assert host.read(0, address) == 0x81780418
@@ -240,7 +240,7 @@ def test_motor_configuration_keeps_what_has_no_set_bit() -> None:
 
 
 def test_outputs_show_in_the_digital_inputs() -> None:
-    host = Host(1)
+    host = FirmwareHost(1)
     host.write(0, reg.DIGITAL_OUTPUT, 0x0F05)
     assert host.read(0, reg.DIGITAL_OUTPUT) == 5
     assert (host.read(0, reg.DIGITAL_INPUT) or 0) >> 12 & 0xF == 5
@@ -249,7 +249,7 @@ def test_outputs_show_in_the_digital_inputs() -> None:
 
 
 def test_reboot_gives_the_bus_a_new_generation() -> None:
-    host = Host(1, 2)
+    host = FirmwareHost(1, 2)
     host.write(0, reg.axis_register(0, reg.DAC), 0x80009000)
     before = host.bus.generation
     host.write(0, reg.STATUS, reg.CONTROL_REBOOT)
@@ -265,7 +265,7 @@ def test_reboot_gives_the_bus_a_new_generation() -> None:
 @pytest.mark.parametrize("ids", [(), (3, 3), (16,)])
 def test_impossible_sets_of_boards_are_refused(ids: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="allowed"):
-        Host(*ids)
+        FirmwareHost(*ids)
 
 
 def test_captured_rev_8_requests_are_answered_in_kind(data: Callable[[str], Path]) -> None:

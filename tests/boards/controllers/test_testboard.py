@@ -24,7 +24,7 @@ ALL = 0xF
 FAITHFUL = Quirks()
 
 
-class Rig:
+class HarnessOfTestboard:
     """A board with its test board, handled as the boards do it, pins as the original library writes them."""
 
     def __init__(self, quirks: Quirks = FAITHFUL, first: int = 0) -> None:
@@ -67,27 +67,27 @@ class Rig:
 
 @pytest.mark.parametrize("first", [0, 4])
 def test_output_4_drives_all_switches(first: int) -> None:
-    rig = Rig(first=first)
+    harness = HarnessOfTestboard(first=first)
     for pins, seen in ((0, 0), (SWITCHES, 0xFFF), (0, 0)):
-        rig.write(SWITCHES, pins)
-        rig.wait(1e-3)
-        assert rig.read() & 0xFFF == seen
+        harness.write(SWITCHES, pins)
+        harness.wait(1e-3)
+        assert harness.read() & 0xFFF == seen
 
 
 @pytest.mark.parametrize(("lag", "ups", "downs"), [(True, 2, 0xFE), (False, 4, 0xFC)])
 def test_encoders_count_64_cycles_up_and_down(lag: bool, ups: int, downs: int) -> None:
-    rig = Rig(Quirks(direction_lag=lag))
-    rig.write(ALL, A | B)
-    rig.preload(0)
-    assert rig.counts() == [0] * 4
+    harness = HarnessOfTestboard(Quirks(direction_lag=lag))
+    harness.write(ALL, A | B)
+    harness.preload(0)
+    assert harness.counts() == [0] * 4
     for k in range(64):
-        rig.cycle(up=True)
-        assert rig.counts() == [ups + 4 * k] * 4  # the programs let the first one differ, and go on from there
-    rig.preload(0x100)
-    assert rig.counts() == [0x100] * 4
+        harness.cycle(up=True)
+        assert harness.counts() == [ups + 4 * k] * 4  # the programs let the first one differ, and go on from there
+    harness.preload(0x100)
+    assert harness.counts() == [0x100] * 4
     for k in range(64):
-        rig.cycle(up=False)
-        assert rig.counts() == [downs - 4 * k] * 4
+        harness.cycle(up=False)
+        assert harness.counts() == [downs - 4 * k] * 4
 
 
 @pytest.mark.parametrize("first", [0, 4])
@@ -95,19 +95,19 @@ def test_encoders_count_64_cycles_up_and_down(lag: bool, ups: int, downs: int) -
     (A, reg.INPUT_ENCODER_A_SHIFT, reg.ENCODER_PIN_A), (B, reg.INPUT_ENCODER_B_SHIFT, reg.ENCODER_PIN_B),
     (INDEX, reg.INPUT_ENCODER_INDEX_SHIFT, reg.ENCODER_PIN_INDEX)])
 def test_lines_show_in_inputs_and_position_words(pin: int, shift: int, word: int, first: int) -> None:
-    rig = Rig(first=first)
+    harness = HarnessOfTestboard(first=first)
     for pins in (0, pin, 0):
-        rig.write(A | B | INDEX, pins)
-        rig.wait(1e-4)
-        assert rig.read() == (0xF << shift | 0xFFF if pins else 0xFFF)
-        assert [int(position) & 7 << 28 for position in rig.positions] == [word if pins else 0] * 4
+        harness.write(A | B | INDEX, pins)
+        harness.wait(1e-4)
+        assert harness.read() == (0xF << shift | 0xFFF if pins else 0xFFF)
+        assert [int(position) & 7 << 28 for position in harness.positions] == [word if pins else 0] * 4
 
 
 def test_axes_are_preloaded_one_by_one() -> None:
-    rig = Rig()
-    rig.loop.preload(2, 0x1234, 100)
-    rig.tick = 200
-    assert rig.counts() == [0, 0, 0x1234 - ZERO, 0]
+    harness = HarnessOfTestboard()
+    harness.loop.preload(2, 0x1234, 100)
+    harness.tick = 200
+    assert harness.counts() == [0, 0, 0x1234 - ZERO, 0]
 
 
 @pytest.mark.parametrize("volts", [2.25, 0.0, 4.5, 1.0])
@@ -127,15 +127,15 @@ def test_commanded_current_flows_where_amplifiers_are_on() -> None:
 
 
 def test_new_outputs_begin_with_pins_high_and_counters_at_zero() -> None:
-    rig = Rig()
-    rig.write(ALL, 0)
-    rig.preload(77)
-    assert rig.read() == 0
-    rig.tick += 1000
-    rig.loop.power_up(BoardOutputs(), rig.tick)
-    rig.tick += 1000
-    assert rig.read() == 0xFFF0FFF | 0xF << 16
-    assert rig.counts() == [0] * 4
+    harness = HarnessOfTestboard()
+    harness.write(ALL, 0)
+    harness.preload(77)
+    assert harness.read() == 0
+    harness.tick += 1000
+    harness.loop.power_up(BoardOutputs(), harness.tick)
+    harness.tick += 1000
+    assert harness.read() == 0xFFF0FFF | 0xF << 16
+    assert harness.counts() == [0] * 4
 
 
 # -- the encoder test --------------------------------------------------------------------------------------------------
@@ -197,29 +197,29 @@ def predicted(period: int, quarter_1: int, quarter_5: int, running: int) -> floa
 
 
 def test_played_trajectory_gives_the_reference_velocities() -> None:
-    reference, rig = Reference(), Rig()
+    reference, harness = Reference(), HarnessOfTestboard()
     table = reference.table()
     assert len(table) == 355
     for pins in (B, 0, A, A | B):  # slow edges, so that periods overflow
-        rig.write(A | B, pins)
-        rig.wait(1.4)
-    rig.preload(0)
-    assert rig.counts() == [0] * 4
-    rig.loop.until(rig.tick)
-    rig.outputs.write_table(0, table, rig.tick)
-    rig.write(A | B, A | B, PLAY)
-    begin, off, number = rig.tick, [], 0
-    while rig.outputs.playing(rig.tick):
-        rig.wait(0.0005)
-        t = (rig.tick - begin - DELAY) / CLOCK
-        counts = rig.counts()
+        harness.write(A | B, pins)
+        harness.wait(1.4)
+    harness.preload(0)
+    assert harness.counts() == [0] * 4
+    harness.loop.until(harness.tick)
+    harness.outputs.write_table(0, table, harness.tick)
+    harness.write(A | B, A | B, PLAY)
+    begin, off, number = harness.tick, [], 0
+    while harness.outputs.playing(harness.tick):
+        harness.wait(0.0005)
+        t = (harness.tick - begin - DELAY) / CLOCK
+        counts = harness.counts()
         number = sum(edge <= t - number / CLOCK for edge, _ in reference.edges)  # an entry lasts a tick longer
-        if rig.outputs.playing(rig.tick):
+        if harness.outputs.playing(harness.tick):
             up = number < 2 or reference.edges[number - 1][1] > reference.edges[number - 2][1]
             true = reference.edges[number - 1][1] if number else 0
             assert counts == [true if up else true + 2] * 4
         if 0.06 < t < 0.88:
-            words = [int(word) for word in rig.velocities[:, 3]]
+            words = [int(word) for word in harness.velocities[:, 3]]
             off.append(abs(predicted(*words) - reference.velocity(t)))
     assert len(off) > 1600
     assert median(off) < 0.01  # counts/s; the programs' own tolerance is 0.05
@@ -239,22 +239,22 @@ _plays = st.tuples(st.just("play"), st.integers(1, ALL), st.lists(st.integers(0,
 @given(deeds=st.lists(st.tuples(st.integers(0, 3000), _writes | _pwm | _plays), max_size=8), every=st.integers(1, 300))
 def test_words_do_not_depend_on_how_often_they_are_read(
         deeds: list[tuple[int, tuple[object, ...]]], every: int) -> None:
-    rare, often = Rig(), Rig()
+    rare, often = HarnessOfTestboard(), HarnessOfTestboard()
     for span, deed in [*deeds, (2000, ("write", 1, 1))]:
-        for rig, gap in ((rare, span + 1), (often, every)):
-            for tick in range(rig.tick, rig.tick + span, gap):
-                rig.loop.until(tick)
-            rig.tick += span
+        for harness, gap in ((rare, span + 1), (often, every)):
+            for tick in range(harness.tick, harness.tick + span, gap):
+                harness.loop.until(tick)
+            harness.tick += span
             match deed:
                 case ("write", int(mask), int(pins)):
-                    rig.write(mask, pins)
+                    harness.write(mask, pins)
                 case ("pwm", int(output), int(control)):
-                    rig.loop.until(rig.tick)
-                    rig.outputs.configure(output, control, rig.tick)
+                    harness.loop.until(harness.tick)
+                    harness.outputs.configure(output, control, harness.tick)
                 case ("play", int(mask), tuple(entries)):
-                    rig.loop.until(rig.tick)
-                    rig.outputs.write_table(0, [VALID | int(entry) for entry in entries] + [0], rig.tick)
-                    rig.write(mask, 0, PLAY)
+                    harness.loop.until(harness.tick)
+                    harness.outputs.write_table(0, [VALID | int(entry) for entry in entries] + [0], harness.tick)
+                    harness.write(mask, 0, PLAY)
     inputs = rare.read(), often.read()
     assert inputs[0] == inputs[1]
     assert (rare.positions == often.positions).all() and (rare.velocities == often.velocities).all()

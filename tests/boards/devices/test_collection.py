@@ -22,7 +22,7 @@ def command(ticks: int, value: int) -> int:
 
 
 @dataclass
-class Slow:
+class SlowCollection:
     """The buffer one tick after the other."""
 
     free_running: bool
@@ -153,7 +153,7 @@ EVENTS = st.lists(st.tuples(st.integers(0, 3000), st.one_of(
 @given(EVENTS, st.sampled_from((8, 9)))
 def test_stepping_in_one_go_equals_tick_by_tick(
         events: list[tuple[int, tuple[int, bool, int] | int | str]], firmware: int) -> None:
-    collection, slow = Collection(firmware), Slow(firmware == 9)
+    collection, slow = Collection(firmware), SlowCollection(firmware == 9)
     for wait, event in [*events, (500, "look")]:
         for _ in range(wait):
             slow.step()

@@ -16,7 +16,7 @@ MS = 49152
 
 
 @dataclass
-class Slow:
+class SlowOutputs:
     """The outputs one tick after the other, as counters and comparisons."""
 
     tick: int = 0
@@ -228,7 +228,7 @@ WRITES = st.one_of(
     st.tuples(st.just("table"), st.integers(0, 4), ENTRIES))
 
 
-def carry_out(outputs: BoardOutputs, slow: Slow, order: tuple[object, ...]) -> None:
+def carry_out(outputs: BoardOutputs, slow: SlowOutputs, order: tuple[object, ...]) -> None:
     """Make a write on both."""
     match order:
         case ("write", int(value), bool(play)):
@@ -247,7 +247,7 @@ def carry_out(outputs: BoardOutputs, slow: Slow, order: tuple[object, ...]) -> N
 @settings(max_examples=120, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 40), WRITES), max_size=12), st.integers(0, 80))
 def test_stepping_in_one_go_equals_tick_by_tick(orders: list[tuple[int, tuple[object, ...]]], rest: int) -> None:
-    outputs, asked, slow = BoardOutputs(), BoardOutputs(), Slow()
+    outputs, asked, slow = BoardOutputs(), BoardOutputs(), SlowOutputs()
     for wait, order in [*orders, (rest, ("table", 9, [0]))]:
         start, seen = slow.tick, [(slow.tick, slow.levels())]
         for _ in range(wait):

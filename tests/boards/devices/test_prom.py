@@ -11,7 +11,7 @@ from tests.boards.devices.prom_host import MS, PromHost
 SERIAL = 0x031F_FF00
 
 
-class Host(PromHost):
+class FlashHost(PromHost):
     """A host of an FPGA's PROM."""
 
     def read(self, address: int, size: int = 256) -> bytes:
@@ -35,12 +35,13 @@ class Host(PromHost):
 
 
 def test_identity_is_that_of_an_m25p16() -> None:
-    assert Host(FpgaProm("")).ask(0x9F00_0000) == 0x0020_2015
+    assert FlashHost(FpgaProm("")).ask(0x9F00_0000) == 0x0020_2015
 
 
 def test_fpga_serial_number_ends_with_ones() -> None:
-    assert Host(FpgaProm("1234-56")).read(0x1FFF00, 16) == b"FPGA 1234-56\xff\xff\xff\xff"
-    assert Host(FpgaProm("")).read(0xFFFF00, 16) == b"FPGA 0000-00\xff\xff\xff\xff"  # upper address bits do not count
+    assert FlashHost(FpgaProm("1234-56")).read(0x1FFF00, 16) == b"FPGA 1234-56\xff\xff\xff\xff"
+    assert FlashHost(FpgaProm("")).read(0xFFFF00,
+                                        16) == b"FPGA 0000-00\xff\xff\xff\xff"  # upper address bits do not count
 
 
 def test_read_takes_83_microseconds_and_shows_its_states() -> None:
@@ -75,7 +76,7 @@ def test_command_closer_than_a_frame_waits_for_its_turn() -> None:
 
 
 def test_page_is_programmed_only_after_write_enable() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     words = [0x0200_1200, 0x11223344]
     host.prom.write(0, words, host.tick)
     host.tick += 10 * MS
@@ -85,7 +86,7 @@ def test_page_is_programmed_only_after_write_enable() -> None:
 
 
 def test_latch_is_set_taken_back_and_used_up() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     assert host.chip_status() == 0
     host.ask(flash.WRITE_ENABLE << 24)
     assert host.chip_status() == flash.ENABLED
@@ -118,7 +119,7 @@ def test_chip_is_deaf_while_it_programs() -> None:
 
 
 def test_flash_turns_ones_into_zeros_until_erased() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     host.program(0x1F_0000, b"\xf0\x0f\xff\x00")
     host.tick += MS
     host.program(0x1F_0000, b"\x3c\x3c\x3c\x3c")
@@ -133,7 +134,7 @@ def test_flash_turns_ones_into_zeros_until_erased() -> None:
 
 
 def test_sector_erase_needs_the_latch_and_takes_its_time() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     host.ask(flash.ERASE_SECTOR << 24 | 0x1F_0000)
     assert host.chip_status() == 0
     assert host.read(0x1FFF00, 4) == b"FPGA"
@@ -146,7 +147,7 @@ def test_sector_erase_needs_the_latch_and_takes_its_time() -> None:
 
 
 def test_bytes_beyond_the_page_go_on_at_its_beginning() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     host.program(0x12FC, b"abcdefgh")
     host.tick += MS
     assert host.read(0x12FC, 8) == b"abcd" + b"\xff" * 4
@@ -154,7 +155,7 @@ def test_bytes_beyond_the_page_go_on_at_its_beginning() -> None:
 
 
 def test_reads_run_over_pages_and_around_the_end() -> None:
-    host = Host(FpgaProm("77"))
+    host = FlashHost(FpgaProm("77"))
     host.program(0, b"zero")
     host.tick += MS
     assert host.read(0x1FFF80)[-128:][:4] == b"zero"
@@ -162,7 +163,7 @@ def test_reads_run_over_pages_and_around_the_end() -> None:
 
 
 def test_protected_sectors_can_not_be_written() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     for written, status in ((0xFF, 0x9C), (0x08, 0x08)):  # at last the upper two sectors
         host.ask(flash.WRITE_ENABLE << 24)
         host.ask(flash.WRITE_STATUS << 24 | written << 16)
@@ -181,7 +182,7 @@ def test_protected_sectors_can_not_be_written() -> None:
 
 
 def test_bulk_erase_empties_all() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     for command, wait in ((flash.WRITE_ENABLE, 0), (flash.ERASE_ALL, 12_000)):
         host.ask(command << 24)
         host.tick += wait * MS
@@ -191,7 +192,7 @@ def test_bulk_erase_empties_all() -> None:
 
 
 def test_sleeping_chip_only_hears_the_wake_up() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     host.ask(flash.SLEEP << 24)
     assert host.ask(0x9F00_0000) == 0xFF_FFFF
     assert host.chip_status() == 0xFF
@@ -200,7 +201,7 @@ def test_sleeping_chip_only_hears_the_wake_up() -> None:
 
 
 def test_unknown_commands_leave_the_result_alone() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     host.ask(0x9F00_0000)
     for word in (0, 0x0200_0000, 0x7700_0000, 0xFF00_0010):
         assert host.ask(word) == 0x20_2015
@@ -213,7 +214,7 @@ def test_unknown_commands_leave_the_result_alone() -> None:
 
 
 def test_whole_page_with_its_command_is_65_quadlets() -> None:
-    host = Host(FpgaProm(""))
+    host = FlashHost(FpgaProm(""))
     data = bytes(range(256))
     host.program(0x4000, data)
     host.tick += MS

@@ -9,7 +9,7 @@ from procs.boards.devices.prom import QlaProm
 from tests.boards.devices.prom_host import MS, PromHost
 
 
-class Host(PromHost):
+class QlaPromHost(PromHost):
     """A host of a QLA's PROM."""
 
     def byte(self, address: int) -> int:
@@ -22,7 +22,7 @@ class Host(PromHost):
 
 
 def test_qla_serial_number_is_read_as_bytes_and_as_a_block() -> None:
-    host = Host(QlaProm("4711-08"))
+    host = QlaPromHost(QlaProm("4711-08"))
     assert bytes(host.byte(at) for at in range(13)) == b"QLA 4711-08\0\xff"
     host.ask(0xFE00_0002)
     assert host.page(3) == b"QLA 4711-08\0"
@@ -52,7 +52,7 @@ def test_eeprom_knows_no_commands_of_the_flash(sent: str) -> None:
 
 @pytest.mark.parametrize("enable", [True, False])
 def test_byte_is_written_only_after_write_enable(enable: bool) -> None:
-    host = Host(QlaProm(""))
+    host = QlaPromHost(QlaProm(""))
     if enable:
         host.ask(flash.WRITE_ENABLE << 24)
     host.ask(0x0201_2355)
@@ -62,7 +62,7 @@ def test_byte_is_written_only_after_write_enable(enable: bool) -> None:
 
 
 def test_eeprom_overwrites_without_erasing() -> None:
-    host = Host(QlaProm(""))
+    host = QlaPromHost(QlaProm(""))
     host.put(9, 0x00)
     host.put(0x8009, 0xA5)  # the upper two address bits do not count
     assert host.byte(9) == 0xA5
@@ -70,7 +70,7 @@ def test_eeprom_overwrites_without_erasing() -> None:
 
 
 def test_block_is_written_from_the_buffer() -> None:
-    host = Host(QlaProm(""))
+    host = QlaPromHost(QlaProm(""))
     host.prom.write(0, [0x01020304, 0x05060708, 0x090A0B0C], host.tick)
     host.prom.command(flash.WRITE_ENABLE << 24, host.tick)  # without a wait, as the library does it
     host.prom.command(0xFF00_4001, host.tick)
@@ -82,7 +82,7 @@ def test_block_is_written_from_the_buffer() -> None:
 
 
 def test_block_beyond_the_page_goes_on_at_its_beginning() -> None:
-    host = Host(QlaProm(""))
+    host = QlaPromHost(QlaProm(""))
     host.prom.write(0, [0x01020304, 0x05060708], host.tick)
     host.ask(flash.WRITE_ENABLE << 24)
     host.ask(0xFF00_7C01)
@@ -91,7 +91,7 @@ def test_block_beyond_the_page_goes_on_at_its_beginning() -> None:
 
 
 def test_upper_quarter_of_the_eeprom_can_be_protected() -> None:
-    host = Host(QlaProm(""))
+    host = QlaPromHost(QlaProm(""))
     host.ask(flash.WRITE_ENABLE << 24)
     host.ask(flash.WRITE_STATUS << 24 | 0xFF_0000 & 0x04_0000)
     host.tick += 5 * MS

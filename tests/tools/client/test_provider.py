@@ -53,10 +53,10 @@ class Place:
         return rows
 
     def beat(self) -> None:
-        pulse = ControlPage(self.name, "supervisor", write=True)
-        pulse.field("heartbeat_ns")[...] = monotonic_ns()
-        pulse.show("RUNNING")
-        pulse.close()
+        control_page = ControlPage(self.name, "supervisor", write=True)
+        control_page.field("heartbeat_ns")[...] = monotonic_ns()
+        control_page.show("RUNNING")
+        control_page.close()
 
 
 @pytest.fixture
@@ -174,13 +174,13 @@ def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None
     console = ControlPage(place.name, "console", write=True)
     with trocar.provide("MTMR", place.name) as master:
         for change in (lambda: master.press("operator_present"), lambda: master.click("clutch")):
-            console.field("nap")[...] = 1  # it sleeps
+            console.field("wakeup")[...] = 1  # it sleeps
             master.write(np.eye(4))
-            assert console.get("nap") == 1, "nothing was pressed"
+            assert console.get("wakeup") == 1, "nothing was pressed"
             change()
-            assert console.get("nap") == 1, "it would see the old record"
+            assert console.get("wakeup") == 1, "it would see the old record"
             master.write(np.eye(4))
-            assert console.get("nap") == 0
+            assert console.get("wakeup") == 0
     console.close()
 
 
@@ -218,13 +218,13 @@ def test_status_tells_whether_it_is_attached(place: Place) -> None:
 def test_it_learns_that_the_system_ends(place: Place) -> None:
     with trocar.provide("MTMR", place.name) as master:
         assert master.tick()
-        pulse = ControlPage(place.name, "supervisor", write=True)
-        pulse.show("STOPPING")
+        control_page = ControlPage(place.name, "supervisor", write=True)
+        control_page.show("STOPPING")
         assert not master.tick()
-        pulse.show("RUNNING")
-        pulse.field("heartbeat_ns")[...] = monotonic_ns() - 2_000_000_000
+        control_page.show("RUNNING")
+        control_page.field("heartbeat_ns")[...] = monotonic_ns() - 2_000_000_000
         assert not master.tick()
-        pulse.close()
+        control_page.close()
 
 
 def test_states_are_those_of_arms(place: Place) -> None:
@@ -260,7 +260,7 @@ def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
     assert got == list(range(30))
 
 
-class Clock:
+class ProviderClock:
     """CLOCK_BOOTTIME as the test wants it."""
 
     now_ns = 5_000_000_000
@@ -270,13 +270,13 @@ class Clock:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    made = Clock()
+def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
+    made = ProviderClock()
     monkeypatch.setattr(provider, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
     return made
 
 
-def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], clock: Clock) -> None:
+def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], clock: ProviderClock) -> None:
     place = made()
     with trocar.provide("MTMR", place.name) as master:
         clock.now_ns += 3_000_000_000  # before the first record nothing is late
@@ -297,7 +297,7 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         assert place.value("measured_cp")[0] == 0.1
 
 
-def test_a_pause_between_two_ticks_is_told_to_the_program(made: Callable[..., Place], clock: Clock) -> None:
+def test_a_pause_between_two_ticks_is_told_to_the_program(made: Callable[..., Place], clock: ProviderClock) -> None:
     place = made()
     with trocar.provide("MTMR", place.name, rate=1000) as master:
         assert master.tick()

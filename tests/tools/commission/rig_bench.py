@@ -9,7 +9,7 @@ import numpy as np
 
 from procs.boards.board_faults import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
-from tests.io.boards_harness import Rig
+from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand
 from tools.commission.bench import CommandOutcome
 from tools.commission.played import Played
@@ -20,8 +20,8 @@ from tools.commission.window import FIELDS, Window
 class Hands(Played):
     """The played person; `confirmed` notes what was confirmed, `answers` are given instead of yes."""
 
-    def __init__(self, rig: Rig, faults: BoardFaults) -> None:
-        self._rig, self._faults = rig, faults
+    def __init__(self, harness: BoardsHarness, faults: BoardFaults) -> None:
+        self._rig, self._faults = harness, faults
         self.confirmed: list[str] = []
         self.says = True
         super().__init__(self._do, self._where)
@@ -53,19 +53,19 @@ class RigBench:
                              sets=[f"io.period_s={period_s}", *sets])
         assert loaded.system is not None, loaded.errors
         self.document = loaded.system
-        self.rig = Rig(loaded.system, driven=True)
-        self.faults = BoardFaults(self.rig.world, self.rig.plant)
+        self.harness = BoardsHarness(loaded.system, driven=True)
+        self.faults = BoardFaults(self.harness.world, self.harness.plant)
         self.subjects = subjects_of(loaded.system)
-        self.person = Hands(self.rig, self.faults)
-        self.rig.run(0.1)
+        self.person = Hands(self.harness, self.faults)
+        self.harness.run(0.1)
 
     def sample(self, io: str, seconds: float) -> Window:
-        return self._noted(round(seconds * 1e9 / self.rig.period_ns))
+        return self._noted(round(seconds * 1e9 / self.harness.period_ns))
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
             tuple[CommandOutcome, Window]:
         asked, rows = FakeCommand(command, text, *values), []
-        left = round(timeout * 1e9 / self.rig.period_ns)
+        left = round(timeout * 1e9 / self.harness.period_ns)
         rows.append(self._noted(1, asked))
         while asked.outcome == "accepted" and left:
             rows.append(self._noted(1))
@@ -74,20 +74,20 @@ class RigBench:
         return CommandOutcome(*asked.answers[-1]), Window.joined(rows)
 
     def _noted(self, count: int, *commands: FakeCommand) -> Window:
-        record, notes, stamps = self.rig.record, {name: [] for name in FIELDS}, []
+        record, notes, stamps = self.harness.record, {name: [] for name in FIELDS}, []
         for k in range(count):
-            self.rig.cycle(commands if k == 0 else ())
-            stamps.append(self.rig.clock.ns * 1e-9)
+            self.harness.cycle(commands if k == 0 else ())
+            stamps.append(self.harness.clock.ns * 1e-9)
             for name in FIELDS:
                 notes[name].append(np.array(getattr(record, name)))
         return Window(np.array(stamps), {name: np.array(rows) for name, rows in notes.items()})
 
     def enable(self, subject: Subject) -> None:
-        assert self.rig.do("power_on", subject.name).outcome == "done", self.rig.errors()
+        assert self.harness.do("power_on", subject.name).outcome == "done", self.harness.errors()
 
     def disable(self, subject: Subject) -> None:
-        self.rig.do("power_off", subject.name)
-        self.rig.run(0.1)
+        self.harness.do("power_off", subject.name)
+        self.harness.run(0.1)
 
 
 __all__ = ["RigBench", "dataclasses"]

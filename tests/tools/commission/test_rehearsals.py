@@ -26,16 +26,16 @@ def _problem(outcome) -> str:
 ])
 def test_a_good_robot_passes_and_is_off_afterwards(file: str, stages) -> None:
     bench = RigBench(file)
-    bench.rig.run(2.0)
-    pressed = bench.rig.record.input.copy()
+    bench.harness.run(2.0)
+    pressed = bench.harness.record.input.copy()
     for stage in stages:
         outcome = stage.run(bench)
         assert [str(problem) for problem in outcome.problems] == [], stage.__name__
         assert outcome.figures
-        assert not bench.rig.record.amp_on.any()
-        assert not bench.rig.record.powered.any()
-    bench.rig.run(2.0)
-    assert (bench.rig.record.input == pressed).all()  # hands have left all buttons as they were
+        assert not bench.harness.record.amp_on.any()
+        assert not bench.harness.record.powered.any()
+    bench.harness.run(2.0)
+    assert (bench.harness.record.input == pressed).all()  # hands have left all buttons as they were
     arms = [subject.name for subject in bench.subjects if subject.arm]
     assert bench.person.confirmed == [*arms, *arms]  # before power, and before motion, of each
 
@@ -53,11 +53,11 @@ def test_a_good_robot_passes_and_is_off_afterwards(file: str, stages) -> None:
 def test_what_is_read_stops_at_sensors_that_are_wrong(breaks: Break, where: str, says: str) -> None:
     bench = RigBench("demo.yaml")
     breaks(bench)
-    bench.rig.run(0.1)
+    bench.harness.run(0.1)
     problem = _problem(read.run(bench))
     assert where in problem
     assert says in problem
-    assert not bench.rig.record.powered.any()
+    assert not bench.harness.record.powered.any()
 
 
 def test_a_potentiometer_far_outside_the_limits_is_that_of_other_files() -> None:
@@ -85,7 +85,7 @@ def test_relays_without_a_supply_stop(breaks: Break, where: str, says: str) -> N
     problem = _problem(power.run(bench))
     assert where in problem
     assert says in problem
-    assert not bench.rig.record.amp_on.any()
+    assert not bench.harness.record.amp_on.any()
 
 
 @pytest.mark.parametrize(("file", "breaks", "where", "says"), [
@@ -113,7 +113,7 @@ def test_one_motor_at_a_time_stops_at_what_moves_wrongly(file: str, breaks: Brea
     problem = _problem(axis.run(bench))
     assert where in problem
     assert says in problem
-    assert not bench.rig.record.amp_on.any()
+    assert not bench.harness.record.amp_on.any()
 
 
 @pytest.mark.parametrize("stage", [power, axis])
@@ -126,5 +126,5 @@ def test_nothing_is_switched_on_unless_the_word_is_typed(stage, monkeypatch: pyt
     monkeypatch.setattr(bench.person, "confirm", refuses)
     with pytest.raises(Declined):
         stage.run(bench)
-    assert not bench.rig.record.powered.any()
-    assert not bench.rig.record.power_wanted.any()
+    assert not bench.harness.record.powered.any()
+    assert not bench.harness.record.power_wanted.any()
