@@ -1,4 +1,4 @@
-"""THE TABLE of gains that can be changed while the robot runs: key in PID files, place in `PidAxis`, what may be."""
+"""THE TABLE of gains, which can be changed while the robot runs: key in PID files, place in `PidAxis`, what may be."""
 
 from __future__ import annotations
 
@@ -8,9 +8,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.document.system import PidAxis
-
 LARGEST_STEP: Final = 10.0  # of what may grow while the joint controller is on: more is a slip of the decimal point
+
+
+@dataclass(frozen=True, slots=True)
+class PidAxis:
+    """Gains of one actuator; meaning and traps: docs of `procs/io/pid.py`."""
+
+    name: str
+    joint_type: str
+    p_gain: float
+    d_gain: float
+    i_gain: float
+    p_deadband: float = 0.0
+    p_deadband_outer: float = 0.0
+    i_forget_rate: float = 1.0
+    i_limit: float = 0.0
+    offset: float = 0.0
+    pid_max_output: float = 0.0
+    tolerance: float = 0.0
+    v_low_pass_cutoff: float = 1.0
+    use_disturbance_observer: bool = False
+    nominal_mass: float = 0.0
+    disturbance_cutoff: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

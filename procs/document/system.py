@@ -33,6 +33,7 @@ from procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
 from procs.document.emulated import Likeness as Likeness
 from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
+from procs.document.gains import PidAxis as PidAxis
 from procs.document.tasks import TaskRow as TaskRow
 from procs.document.third_party import External as External
 
@@ -159,28 +160,6 @@ class InstrumentReader:
 
     name: str
     board_id: int
-
-
-@dataclass(frozen=True, slots=True)
-class PidAxis:
-    """Gains of one actuator; meaning and traps: docs of `procs/io/pid.py`."""
-
-    name: str
-    joint_type: str
-    p_gain: float
-    d_gain: float
-    i_gain: float
-    p_deadband: float = 0.0
-    p_deadband_outer: float = 0.0
-    i_forget_rate: float = 1.0
-    i_limit: float = 0.0
-    offset: float = 0.0
-    pid_max_output: float = 0.0
-    tolerance: float = 0.0
-    v_low_pass_cutoff: float = 1.0
-    use_disturbance_observer: bool = False
-    nominal_mass: float = 0.0
-    disturbance_cutoff: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

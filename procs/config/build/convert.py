@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from procs.config.models.io_file import (
@@ -18,6 +20,7 @@ from procs.config.models.pid_file import PidFile, PidKeys
 from procs.config.models.setup_file import SetupArmKeys
 from procs.document import emulated
 from procs.document import system as document
+from procs.document.gains import GAINS
 
 
 def robot(keys: RobotKeys, source: str, lookup: str = "") -> document.Robot:
@@ -120,24 +123,8 @@ def pid(keys: PidFile, robot_name: str, arm_name: str, source: str) -> document.
 
 
 def _pid_axis(keys: PidKeys) -> document.PidAxis:
-    return document.PidAxis(
-        name=keys.name,
-        joint_type=keys.type,
-        p_gain=keys.p_gain,
-        d_gain=keys.d_gain,
-        i_gain=keys.i_gain,
-        p_deadband=keys.p_deadband,
-        p_deadband_outer=keys.p_deadband_outer,
-        i_forget_rate=keys.i_forget_rate,
-        i_limit=keys.i_limit,
-        offset=keys.offset,
-        pid_max_output=keys.pid_max_output,
-        tolerance=keys.p_measured_setpoint_tolerance,
-        v_low_pass_cutoff=keys.v_low_pass_cutoff,
-        use_disturbance_observer=keys.use_disturbance_observer,
-        nominal_mass=keys.nominal_mass,
-        disturbance_cutoff=keys.disturbance_cutoff,
-    )
+    gains: dict[str, Any] = {gain.field: getattr(keys, gain.key) for gain in GAINS}
+    return document.PidAxis(keys.name, keys.type, **gains)
 
 
 def links(keys: DhKeys) -> tuple[document.DhLink, ...]:
