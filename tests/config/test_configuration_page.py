@@ -1,9 +1,10 @@
-"""docs/configuration.md names every key of the emulation section, and its examples are good."""
+"""docs/configuration.md names every key of the `trocar:` section, and its examples are good."""
 
 from __future__ import annotations
 
 import re
 
+from procs.config.build import convert
 from procs.config.models.emulation_section import (
     ControllerKeys,
     EmulatedBusKeys,
@@ -11,7 +12,9 @@ from procs.config.models.emulation_section import (
     LikenessKeys,
     QuirkKeys,
 )
+from procs.config.models.trocar_section import ArmOptions, IoOptions, ProcessKeys, TrocarSection
 from procs.config.read.yamltext import parse_yaml
+from procs.document.system import ArmConfig, IoConfig
 from tests.config.conftest import SYSTEM, Home
 from tests.conftest import ROOT
 
@@ -20,9 +23,16 @@ PAGE = (ROOT / "docs/configuration.md").read_text()
 
 def test_every_key_is_on_the_page() -> None:
     words = {word for code in re.findall(r"`([^`\n]+)`", PAGE) for word in re.findall(r"\w+", code)}
-    for model in (EmulationOptions, EmulatedBusKeys, ControllerKeys, LikenessKeys, QuirkKeys):
+    for model in (TrocarSection, IoOptions, ArmOptions, ProcessKeys, EmulationOptions, EmulatedBusKeys, ControllerKeys,
+                  LikenessKeys, QuirkKeys):
         assert set(model.model_fields) - words - {"buses"} == set(), model.__name__
     assert "    buses:" in PAGE
+
+
+def test_every_option_of_io_and_arms_reaches_its_process() -> None:
+    of_any = {"priority", "cpu", *convert.SETTLED_ELSEWHERE}
+    for section, made in ((IoOptions(), IoConfig), (ArmOptions(), ArmConfig)):
+        assert set(type(section).model_fields) - of_any == set(convert.options(section, made))
 
 
 def test_examples_of_the_page_are_accepted(home: Home) -> None:

@@ -269,14 +269,9 @@ def _loaded(
         skip_gravity_compensation=content.skip_gravity_compensation,
         base_frame=base_frame,
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
-        use_setpoint_v=options.arm.use_setpoint_v,
-        jerk_time_s=options.arm.jerk_time_s,
-        client_timeout_s=options.arm.client_timeout_s,
-        effort_timeout_s=options.arm.effort_timeout_s,
-        effort_speed_ratio=options.arm.effort_speed_ratio,
-        effort_zone_ratio=options.arm.effort_zone_ratio,
         calibration_mode=options.calibration_mode,
         source=str(source.path),
+        **convert.options(options.arm, document.ArmConfig),
         **own,
     )
     return LoadedArm(arm, robot, pid, starts, keys.PID_period)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,9 +19,18 @@ from procs.config.models.io_file import (
 from procs.config.models.kinematic_file import DhKeys, LinkKeys, ToolFile
 from procs.config.models.pid_file import PidFile, PidKeys
 from procs.config.models.setup_file import SetupArmKeys
+from procs.config.read.validate import Section
 from procs.document import emulated
 from procs.document import system as document
 from procs.document.gains import GAINS
+
+SETTLED_ELSEWHERE: Final = ("period_s", "tasks")  # by other files as well
+
+
+def options(section: Section, made: type[document.ArmConfig | document.IoConfig]) -> dict[str, Any]:
+    """What a part of the `trocar:` section says of the fields of the document that are called the same."""
+    names = {field.name for field in dataclasses.fields(made)}.difference(SETTLED_ELSEWHERE)
+    return {name: getattr(section, name) for name in type(section).model_fields if name in names}
 
 
 def robot(keys: RobotKeys, source: str, lookup: str = "") -> document.Robot:

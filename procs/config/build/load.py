@@ -298,14 +298,9 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
         robots=tuple(robots.values()),
         pids=tuple(loaded.pid for loaded in mine),
         digital_inputs=tuple(convert.digital_input(row) for file in files for row in file.digital_inputs),
-        setpoint_timeout_s=io_options.setpoint_timeout_s,
-        arm_lost_s=io_options.arm_lost_s,
-        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
-        current_error_a=io_options.current_error_a,
-        current_error_s=io_options.current_error_s,
-        spin_us=io_options.spin_us,
         instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
         digital_outputs=tuple(convert.digital_output(row) for file in files for row in file.digital_outputs),
+        **convert.options(io_options, document.IoConfig),
     )
 
 
@@ -325,8 +320,5 @@ def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.IoC
         robots=tuple(loaded.robot for loaded in arms),
         pids=tuple(loaded.pid for loaded in arms if loaded.starts),
         digital_inputs=(),
-        setpoint_timeout_s=io_options.setpoint_timeout_s,
-        arm_lost_s=io_options.arm_lost_s,
-        arm_lost_power_off_s=io_options.arm_lost_power_off_s,
-        spin_us=io_options.spin_us,
+        **convert.options(io_options, document.IoConfig),
     ),)
