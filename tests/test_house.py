@@ -14,7 +14,10 @@ from pathlib import Path
 
 import pytest
 
+from procs.document.gains import GAINS
 from procs.manifest import PROCS
+from procs.wishes import WISHES
+from shm.commands import COMMANDS
 from shm.topics import TOPICS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -46,6 +49,11 @@ def tree_of(path: Path) -> ast.Module:
 @functools.cache
 def nodes_of(path: Path) -> list[ast.AST]:
     return list(ast.walk(tree_of(path)))
+
+
+def texts_of(path: Path) -> set[str]:
+    """Every text constant of a module."""
+    return {node.value for node in nodes_of(path) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
 
 def words_of(path: Path) -> set[str]:
@@ -86,6 +94,16 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
     assert {topic.writer for topic in TOPICS} - {"*"} <= kinds
     written = {(topic.writer, topic.name) for topic in TOPICS}
     assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
+
+
+@pytest.mark.parametrize("kind", [row.kind for row in PROCS if row.module])
+def test_a_kind_fills_its_fields_and_knows_its_commands(kind: str) -> None:
+    named = {text for path in (ROOT / "procs" / kind).rglob("*.py") for text in texts_of(path)}
+    named |= {gain.key for gain in GAINS} | {wish.field for wish in WISHES}
+    fields = {field.name for topic in TOPICS if topic.writer == kind and (kind, topic.name) != ("suj", "setpoint")
+              for field in topic.fields}  # that of a cart has the layout of an arm's
+    assert not fields - named, "nobody fills these"
+    assert not {row.name for row in COMMANDS.get(kind, ())} - named, "nobody carries these out"
 
 
 def test_the_architecture_names_files_that_are_there() -> None:
@@ -135,7 +153,7 @@ def test_folders_hide_no_library_module() -> None:
 def test_layouts_are_spelled_in_shm_only() -> None:
     def wrong(path: Path) -> str:
         nodes = nodes_of(path)
-        texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        texts = texts_of(path)
         if {t for t in texts if NATIVE_DTYPE.match(t)}:
             return "a layout of shared memory belongs to shm/topics.py"
         if not relative(path).startswith(WIRE) and {t for t in texts if BIG_ENDIAN.match(t)}:
