@@ -100,13 +100,15 @@ LAYOUTS: Final = {
     8: Layout(8, 16, 0xFF, True, 1 << 15, 0x3FFF),
     9: Layout(9, 16, 0xFF, True, 1 << 15, 0x7FFF),
 }
+REVISIONS: Final = f"Rev {', '.join(map(str, LAYOUTS))}"
+"""Those of the firmware that are known, to read."""
 
 
 def layout_of(firmware: int, motors: int = registers.AXES, encoders: int = registers.AXES) -> Layout:
     """Layout of a controller with so many motors and encoders; WireError for a firmware nobody knows."""
     layout = LAYOUTS.get(firmware)
     if layout is None:
-        raise WireError(f"firmware Rev {firmware}; allowed: 7, 8, 9", "real-time block")
+        raise WireError(f"firmware Rev {firmware}; allowed: {REVISIONS}", "real-time block")
     return replace(layout, motors=motors, encoders=encoders)
 
 

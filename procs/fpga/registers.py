@@ -82,7 +82,6 @@ QLA1: Final = 0x514C4131
 DQLA: Final = 0x44514C41
 DRA1: Final = 0x64524131
 HARDWARE_IDS: Final = {QLA1: "QLA1", DQLA: "DQLA", DRA1: "dRA1", 0x42434647: "BCFG", 0x54455354: "TEST"}
-FIRMWARE_REVISIONS: Final = (7, 8, 9)
 
 # -- status register, read ---------------------------------------------------------------------------------------------
 STATUS_AXES_SHIFT: Final = 28

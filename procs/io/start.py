@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from procs.fpga import conversion, registers
+from procs.fpga import blocks, conversion, registers
 from procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
 from procs.io.record import Flags
 from procs.io.robots import Robots
@@ -42,9 +42,9 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
         if board not in found:
             raise PortError(f"board {board} does not answer", f"port {robots.io.port}",
                             f"there are: {', '.join(str(b) for b in sorted(found)) or 'none'}")
-        if found[board].firmware not in registers.FIRMWARE_REVISIONS:
+        if found[board].firmware not in blocks.LAYOUTS:
             raise PortError(f"board {board} has firmware Rev {found[board].firmware}", f"port {robots.io.port}",
-                            f"allowed: {', '.join(str(f) for f in registers.FIRMWARE_REVISIONS)}")
+                            f"allowed: {blocks.REVISIONS}")
     for robot in robots.io.robots:
         for board in sorted({a.board_id for a in robot.actuators}):
             if robot.hardware not in (found[board].hardware, "HARDWARE_UNDEFINED"):

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
 import json
+from typing import get_args
 
+from procs.boards.devices.board import GIT_DESCRIPTIONS
+from procs.config.models.emulation_section import BoardKeys
+from procs.document.emulated import MADE_FOR
 from procs.fpga import blocks, registers, wire
 from tests.lib import board_side
 
@@ -44,6 +48,12 @@ def test_every_recorded_block_has_the_layout_of_its_revision(data):
 def test_worked_example_of_a_hub_header():
     assert blocks.LAYOUTS[8].header(0x0106) == 0x21060000
     assert blocks.LAYOUTS[7].header(0x0106) == 0x01060000
+
+
+def test_every_revision_is_in_all_tables_of_revisions():
+    (files, _), made = get_args(BoardKeys.model_fields["firmware"].annotation), MADE_FOR.values()
+    assert set(blocks.LAYOUTS) == set(get_args(files)) == {revision for row in made for revision in row}
+    assert set(GIT_DESCRIPTIONS) == set(blocks.LAYOUTS) - {7}  # which has none
 
 
 def test_block_sizes_follow_motors_and_encoders():

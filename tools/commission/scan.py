@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 from procs.document.system import IoConfig, Robot, SystemConfig
-from procs.fpga import registers
+from procs.fpga import blocks
 from tools.bus_client import BusClient, FoundBoard
 from tools.commission.finding import Finding, Outcome
 from tools.inspect import serials
@@ -77,7 +77,6 @@ def judge(io: IoConfig, boards: Sequence[FoundBoard]) -> list[Finding]:
         board, wanted = alike[0], hardware.get(number, UNKNOWN)
         if wanted not in (UNKNOWN, board.hardware):
             found.append(Finding(where, f"it is a {board.hardware}", wanted, "are these the files of this controller?"))
-        if board.firmware not in registers.FIRMWARE_REVISIONS:
-            found.append(Finding(where, f"firmware Rev {board.firmware}",
-                                 f"Rev {', '.join(map(str, registers.FIRMWARE_REVISIONS))}", "update its firmware"))
+        if board.firmware not in blocks.LAYOUTS:
+            found.append(Finding(where, f"firmware Rev {board.firmware}", blocks.REVISIONS, "update its firmware"))
     return found

@@ -60,8 +60,9 @@ class BoardSample:
 
 def layout(board: FoundBoard) -> blocks.Layout:
     """How a board's real-time block is made up; Problem for controllers nobody knows."""
-    if board.hardware not in blocks.AXES_OF or board.firmware not in registers.FIRMWARE_REVISIONS:
-        raise Problem(f"{board.title} cannot be watched; allowed: {', '.join(blocks.AXES_OF)}, firmware Rev 7, 8, 9")
+    if board.hardware not in blocks.AXES_OF or board.firmware not in blocks.LAYOUTS:
+        allowed = f"{', '.join(blocks.AXES_OF)}, firmware {blocks.REVISIONS}"
+        raise Problem(f"{board.title} cannot be watched; allowed: {allowed}")
     return blocks.layout_of(board.firmware, *blocks.AXES_OF[board.hardware])
 
 

@@ -76,8 +76,8 @@ def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
                             "check the cable")
         values.append(value)
     board, firmware, fpga = registers.board_of(values[0]), values[1], registers.fpga_of(values[2])
-    if firmware not in registers.FIRMWARE_REVISIONS:
-        raise PortError(f"firmware Rev {firmware} on hub board {board}", link.where, "allowed: Rev 7, 8, 9")
+    if firmware not in blocks.LAYOUTS:
+        raise PortError(f"firmware Rev {firmware} on hub board {board}", link.where, f"allowed: {blocks.REVISIONS}")
     node = board if _does_without_firewire(firmware, fpga, bridge) else wire.BROADCAST
     return HubBoard(board, firmware, fpga, registers.hardware_name(hardware), node)
 
@@ -156,8 +156,8 @@ def check_boards(link: Link, boards: Sequence[BoardInfo], wanted: Sequence[int])
         if info.hardware not in blocks.AXES_OF:
             raise PortError(f"hardware {info.hardware}", f"{where} board {board}",
                             f"allowed: {', '.join(blocks.AXES_OF)}")
-        if info.firmware not in registers.FIRMWARE_REVISIONS:
-            raise PortError(f"firmware Rev {info.firmware}", f"{where} board {board}", "allowed: Rev 7, 8, 9")
+        if info.firmware not in blocks.LAYOUTS:
+            raise PortError(f"firmware Rev {info.firmware}", f"{where} board {board}", f"allowed: {blocks.REVISIONS}")
         if link.by_board and not _does_without_firewire(info.firmware, info.fpga, bridge=False):
             raise PortError(f"firmware Rev {info.firmware} on FPGA V{info.fpga} needs FireWire",
                             f"{where} board {board}", "allowed: Rev 9 on FPGA V3 for all boards, or udpfw and ethfw")
