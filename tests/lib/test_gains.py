@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from typing import Any
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from procs.config.models.pid_file import PidKeys
 from procs.document.gains import GAINS, changed, value_of
 from procs.document.system import PidAxis
+from procs.io import pid as controller
 from procs.io.pid import Pid
 from shm.topics import IO_GAINS
 
@@ -46,6 +48,11 @@ def test_the_table_agrees_with_pid_files_and_the_topic() -> None:
         assert gain.switch or ((low or [-math.inf]) == [gain.low] and (high or [math.inf]) == [gain.high]), gain
         assert gain.above == any(isinstance(m, Gt) for m in limits)
         assert gain.switch == (fields[gain.key].annotation is bool)
+
+
+def test_the_controller_uses_every_gain() -> None:
+    text = inspect.getsource(controller)
+    assert not {gain.field for gain in GAINS if f'"{gain.field}"' not in text}
 
 
 def test_values_that_make_no_sense_are_refused_with_what_is_allowed() -> None:
