@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
+from procs.arm.arm import ArmLogic
+from procs.arm_types import ARM_TYPES, class_of, found
+from procs.config.models.arm_file import ArmFile
 from shm.commands import COMMANDS
 from tests.arm.fake_io import ArmHarness
 from tests.tools.robot import Played, robot
 from tools import cli
+from tools.client.arm import Arm
 
 APP = cli.build()
 
@@ -46,3 +51,16 @@ def test_the_types_of_commands_are_those_that_carry_them_out() -> None:
     for command in COMMANDS["arm"]:
         if command.types:
             assert (command.name in psm._rows) is ("PSM" in command.types), command.name
+
+
+@pytest.mark.parametrize("name", ARM_TYPES)
+def test_what_a_type_names_is_there_and_of_its_size(name: str) -> None:
+    row = ARM_TYPES[name]
+    class_of(row.arm_file, ArmFile)
+    class_of(row.process, ArmLogic)
+    class_of(row.client, Arm)
+    assert not row.inverse or callable(found(row.inverse))
+    sizes = {len(part) for pair in (row.moves, row.efforts) for part in dataclasses.astuple(pair)}
+    assert sizes == {len(row.kinematic_home)} == {row.actuators}
+    assert all(len(plant.initial) == row.actuators and len(plant.joints) in (row.joints, row.actuators)
+               for plant in row.plant.values())
