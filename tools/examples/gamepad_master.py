@@ -13,8 +13,9 @@ from typing import Annotated, Any
 
 import typer
 
-import trocar
 from tools.cli import guarded
+from tools.client.provider import Provider
+from tools.client.scripting import provide
 from tools.errors import Problem
 from tools.examples.gamepad import BUTTONS, Device, Gamepad, GamepadTip, is_gamepad
 from tools.options import SystemOption
@@ -57,7 +58,7 @@ def chosen(package: Any, path: str) -> Device:
     raise Problem(f"no gamepad is there that may be read (member of the group input?); there are: {known or 'none'}")
 
 
-def drive(master: trocar.Provider, pad: Gamepad, hand: GamepadTip, tell: Callable[[str], None]) -> None:
+def drive(master: Provider, pad: Gamepad, hand: GamepadTip, tell: Callable[[str], None]) -> None:
     """Show the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
     before = master.now_ns
     wired = [button for button in BUTTONS if button in master.buttons]
@@ -96,7 +97,7 @@ def gamepad_master(
             print(f"{each.path} {each.name}{' (gamepad)' if is_gamepad(each) else ''}")
         return 0
     found = chosen(package, device)
-    with trocar.provide(arm, system, rate=rate, program="gamepad_master") as master:
+    with provide(arm, system, rate=rate, program="gamepad_master") as master:
         note(f"{arm} is {found.name}: {HELD}")
         with contextlib.suppress(KeyboardInterrupt):
             drive(master, Gamepad(found), GamepadTip(speed, turn), note)

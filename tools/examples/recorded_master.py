@@ -10,8 +10,9 @@ from typing import Annotated
 
 import typer
 
-import trocar
 from tools.cli import guarded
+from tools.client.provider import Provider
+from tools.client.scripting import provide
 from tools.examples.recordings import Recording, read_recording
 from tools.options import SystemOption
 from tools.printing import note
@@ -25,7 +26,7 @@ def place_in(recording: Recording, passed_s: float, pace: float) -> tuple[float,
     return (within, pace) if part % 2 == 0 else (recording.seconds - within, -pace)
 
 
-def play(master: trocar.Provider, recording: Recording, pace: float, times: int, held: list[str]) -> bool:
+def play(master: Provider, recording: Recording, pace: float, times: int, held: list[str]) -> bool:
     """Show the recording at the master's rate; False: the system ended before it did."""
     begin_ns, end_s = master.now_ns, recording.seconds / pace * times
     while master.tick():
@@ -57,7 +58,7 @@ def recorded_master(
     Example: python -m tools.examples.recorded_master configs/recordings/circle.csv --press operator_present --times 4
     """
     recording = read_recording(file)
-    with trocar.provide(arm, system, rate=rate, program="recorded_master") as master:
+    with provide(arm, system, rate=rate, program="recorded_master") as master:
         note(f"{arm} is {file.name}: {recording.seconds:g} s, {times} times; Ctrl-C ends it")
         try:
             ended = play(master, recording, pace, times, press or [])
