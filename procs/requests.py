@@ -1,38 +1,31 @@
-"""What a process that follows commands is handed: commands to answer, a way to ask others, events to tell."""
+"""What a process that follows commands is handed: commands to answer, a way to ask others, events to tell.
+
+A command is carried out by a function of its own, which raises CommandRefused where it will not be done.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.codes import Code
-
-
-class CommandOrigin(Protocol):
-    """The person's command that another comes from; see shm/origins.py."""
-
-    @property
-    def id(self) -> int:
-        """Its number, 0: of nobody."""
-
-    @property
-    def generation(self) -> int:
-        """The fault generation it was given in."""
-
-    @property
-    def program(self) -> str:
-        """The program it was given with."""
+from procs.kinematics.poses import PoseError
+from shm.origins import Origin
 
 
 class Request(Protocol):
     """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
 
     @property
-    def origin(self) -> CommandOrigin:
+    def origin(self) -> Origin:
         """The person's command that it comes from."""
+
+    @property
+    def needs_person(self) -> bool:
+        """Whether there has to be one."""
 
     @property
     def name(self) -> str:
@@ -57,6 +50,36 @@ class Request(Protocol):
 
     def fail(self, reason: str) -> None:
         """It was accepted and has failed."""
+
+
+class CommandRefused(Exception):
+    """A command that will not be carried out; the text says why, without its name."""
+
+
+Handler = Callable[[Request], str | None]
+"""Carries a command out; returns what to answer, `ANSWERED` when that was done already."""
+
+ANSWERED: Final = "answered"
+
+
+def carry_out(request: Request, handler: Handler) -> str:
+    """Do what is asked, and answer; returns why it was refused, "" when it was not."""
+    try:
+        text = handler(request)
+    except (CommandRefused, PoseError) as error:
+        reason = f"{request.name}: {error}"
+        request.refuse(reason)
+        return reason
+    if text is not ANSWERED:
+        request.done(text or "")
+    return ""
+
+
+def switch(request: Request) -> bool:
+    """On or off; CommandRefused when it is neither."""
+    if len(request.values) != 1 or request.values[0] not in (0.0, 1.0):
+        raise CommandRefused("takes 1 (on) or 0 (off)")
+    return bool(request.values[0])
 
 
 class Reports(Protocol):
@@ -98,7 +121,7 @@ class Answer(Protocol):
 class Sender(Protocol):
     """The way to somebody's mailbox; see shm/client.py."""
 
-    def on_behalf(self, origin: CommandOrigin) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on comes from this command of a person."""
 
     def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:

@@ -22,7 +22,7 @@ from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.faults import Faults
 from shm.header import SegmentError
-from shm.origins import NOBODY, Origin, Whose, new_id, program_name
+from shm.origins import NOBODY, Origin, new_id, program_name
 from shm.place import STOP_TRIES, MailboxFull, Place, Reply, StopPlace
 from shm.segment import path_of, segment_name
 
@@ -67,7 +67,7 @@ class MailboxShare:
                 self._faults = Faults(self._address[0])
         return self._faults.generation() if self._faults is not None else 0
 
-    def send(self, handle: Client, name: str, values: Any, text: str, origin: Whose) -> int:
+    def send(self, handle: Client, name: str, values: Any, text: str, origin: Origin) -> int:
         """Through our own place; MailboxFull or SegmentError when there is no room."""
         if not self.has_place:
             self.take_place()
@@ -190,9 +190,9 @@ class Client:
     def __init__(self, system: str, instance: str, called: str = "") -> None:
         """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's."""
         self.instance = instance
-        self.origin: Whose = NOBODY
+        self.origin: Origin = NOBODY
         """Of what was sent last."""
-        self._whole: Whose | None = None
+        self._whole: Origin | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
         """Replies that another handle has fetched for this one."""
@@ -209,7 +209,7 @@ class Client:
         """Replies to any of our handles that were overwritten before they were read."""
         return self._desk.place.lost
 
-    def on_behalf(self, origin: Whose) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on are steps of this one command of a person, see `begin`."""
         self.origin = self._whole = origin
 
@@ -235,7 +235,7 @@ class Client:
                 return number
             raise
 
-    def _own_origin(self, streams: bool) -> Whose:
+    def _own_origin(self, streams: bool) -> Origin:
         """A stream is one command of a person: begun before a fault, it must not go on after it."""
         if self._whole is not None:
             return self._whole

@@ -11,26 +11,10 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 PROGRAM_BYTES: Final = 16
 COUNT = itertools.count(1)
-
-
-class Whose(Protocol):
-    """What a process needs to know of an origin to pass it on."""
-
-    @property
-    def id(self) -> int:
-        """Its number, 0: of nobody."""
-
-    @property
-    def generation(self) -> int:
-        """The fault generation it was given in."""
-
-    @property
-    def program(self) -> str:
-        """The program it was given with."""
 
 
 @dataclass(frozen=True, slots=True)

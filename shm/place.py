@@ -32,7 +32,7 @@ from shm.mailbox_map import (
     RESERVED,
     MailboxMap,
 )
-from shm.origins import NOBODY, Whose
+from shm.origins import NOBODY, Origin
 from shm.received import OUTCOMES
 
 SEQUENCES = (tuple, list)
@@ -121,7 +121,7 @@ class Place:
         listed = self._map.segment.header.info.get("commands")
         return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
-    def send(self, name: str, values: Any = (), text: str = "", origin: Whose = NOBODY) -> int:
+    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY) -> int:
         """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
 
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8; `origin`: of the
@@ -211,7 +211,7 @@ class StopPlace(Place):
         self._look_at(RESERVED)
         self._waiting: set[int] = set()
 
-    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Whose = NOBODY
+    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NOBODY
              ) -> int:
         """Queue a stop, returns its number; SegmentError names who is in the place and does not leave it.
 

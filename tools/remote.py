@@ -7,7 +7,7 @@ from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns, pause
-from shm.origins import Whose
+from shm.origins import Origin
 from shm.segment import SegmentError
 from tools.errors import Problem, Refused
 
@@ -30,7 +30,7 @@ class Remote:
         """The component's command table."""
         return self._client.commands
 
-    def on_behalf(self, origin: Whose) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on are steps of one command of a person, see shm.client.begin."""
         self._client.on_behalf(origin)
 

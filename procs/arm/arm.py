@@ -38,7 +38,7 @@ from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
 from procs.arm_types import ARM_TYPES
 from procs.document import system as document
 from procs.faults import FaultReport
-from procs.requests import Reports, Request, Sender
+from procs.requests import ANSWERED, Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
 
 Array = NDArray[np.float64]
@@ -328,7 +328,7 @@ class ArmLogic:
     def _io_refused(self, text: str) -> None:
         self.control.report(codes.IO_REFUSED, text)
 
-    def _state_command(self, request: Request) -> None:
+    def _state_command(self, request: Request) -> str:
         if request.text.strip() == ArmEvent.UNHOME:
             self.control.homed_generation = 0
             self.control.must_bias = True
@@ -336,3 +336,4 @@ class ArmLogic:
         self._switched_off_by = request.origin.id
         if self.machine.command(request, "" if self.io.fresh else "io does not answer") and request.origin.id:
             self.control.io_requests.on_behalf(request.origin)
+        return ANSWERED

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.control import SAID_NS, Control
 from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
@@ -18,7 +18,7 @@ from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
 from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import matrix_from_pose, unit_quaternion
-from procs.requests import Request
+from procs.requests import CommandRefused, Request, switch
 
 Array = NDArray[np.float64]
 
@@ -55,23 +55,22 @@ class CartesianCommands:
         }
 
     def enter(self, name: str) -> None:
-        """Refused unless Cartesian control may begin, or has begun already."""
+        """CommandRefused unless Cartesian control may begin, or has begun already."""
         control = self._control
         if control.motion.space is Space.CARTESIAN:
             return
         why = self._safe(control.here)
         if why:
-            control.report(codes.NOT_INSERTED, f"{name}: {why}", SAID_NS)
-            raise Refused(f"{name}: {why}")
+            raise control.refusal(codes.NOT_INSERTED, name, why, SAID_NS)
 
     # poses
 
-    def _pose(self, name: str, values: Array) -> Array:
+    def _pose(self, values: Array) -> Array:
         """The pose (4, 4) of a command, in the arm's base."""
         if not self._control.cartesian.base_known:
-            raise Refused(f"{name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         if not self._control.trusts_poses:
-            raise Refused(f"{name}: the arm's tip or base has just become another one; look where it is")
+            raise CommandRefused("the arm's tip or base has just become another one; look where it is")
         pose = values[:POSE].copy()
         pose[3:] = unit_quaternion(values[3:POSE], QUATERNION_SLACK)
         return self._control.cartesian.to_local(matrix_from_pose(pose))
@@ -81,9 +80,9 @@ class CartesianCommands:
         control = self._control
         kinematics, cartesian = control.joints.kinematics, control.cartesian
         if kinematics is None:
-            raise Refused(f"{request.name}: there is no instrument, so no tip")
+            raise CommandRefused("there is no instrument, so no tip")
         if not cartesian.base_known:
-            raise Refused(f"{request.name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         step = request.values.copy()
         step[3:] = unit_quaternion(request.values[3:], QUATERNION_SLACK)
         change = matrix_from_pose(step)
@@ -92,25 +91,24 @@ class CartesianCommands:
         pose[:3, :3] = change[:3, :3] @ pose[:3, :3]
         return cartesian.to_local(pose)
 
-    def _inverse(self, name: str) -> InverseSolver:
+    def _inverse(self) -> InverseSolver:
         inverse = self._control.joints.inverse
         if inverse is None:
-            raise Refused(f"{name}: {self._control.joints.lacks_inverse}")
+            raise CommandRefused(self._control.joints.lacks_inverse)
         return inverse
 
     def _solve(self, name: str, goal: Array, seed: Array) -> Array:
-        """Joints (count,) for a goal in the arm's base, close to the seed; Refused where there are none."""
-        control, inverse = self._control, self._inverse(name)
+        """Joints (count,) for a goal in the arm's base, close to the seed; CommandRefused where there are none."""
+        control, inverse = self._control, self._inverse()
         if not inverse.solve(goal, seed):
             reason = f"unable to solve inverse kinematics ({inverse.reason})"
-            control.report(codes.INVERSE_KINEMATICS, f"{name}: {reason}", ERROR_EVERY_NS)
-            raise Refused(f"{name}: {reason}")
+            raise control.refusal(codes.INVERSE_KINEMATICS, name, reason, ERROR_EVERY_NS)
         if self._guard is not None:
             self._guard(inverse.q, seed)
         return inverse.q
 
     def _follow(self, name: str, goal: Array, velocity: Array | None = None) -> str:
-        control, inverse = self._control, self._inverse(name)
+        control, inverse = self._control, self._inverse()
         joints, control.posed_ns = control.take_goal(), control.now_ns
         own = joints[: control.joints.count]
         found, why = self._reach.find(inverse, goal, own)
@@ -123,7 +121,7 @@ class CartesianCommands:
 
     def _servo_cp(self, request: Request) -> str:
         self.enter(request.name)
-        goal = self._pose(request.name, request.values)
+        goal = self._pose(request.values)
         velocity = self._control.cartesian.rates(request.values[POSE:]) if len(request.values) > POSE else None
         return self._follow(request.name, goal, velocity)
 
@@ -141,47 +139,47 @@ class CartesianCommands:
         pose, twist, wrench = (bool(flag) for flag in values[POSE + 2 * TWIST :])
         self.enter(request.name)
         if twist and not pose:
-            raise Refused(f"{request.name}: a twist needs a pose to go with")
+            raise CommandRefused("a twist needs a pose to go with")
         force = values[POSE + TWIST : POSE + 2 * TWIST] if wrench else np.zeros(TWIST)
         if not pose:
-            return self._push_body(request.name, force, absolute=wrench)
+            return self._push_body(force, absolute=wrench)
         velocity = self._control.cartesian.rates(values[POSE : POSE + TWIST]) if twist else None
-        text = self._follow(request.name, self._pose(request.name, values), velocity)
+        text = self._follow(request.name, self._pose(values), velocity)
         if wrench:
-            _check_wrench(request.name, force)
+            _check_wrench(force)
             text = self._control.feed(force) or text
         return text
 
-    def _move_cp(self, request: Request) -> None:
+    def _move_cp(self, request: Request) -> str:
         self.enter(request.name)
-        self._move(request, self._pose(request.name, request.values))
+        return self._move(request, self._pose(request.values))
 
-    def _move_cr(self, request: Request) -> None:
+    def _move_cr(self, request: Request) -> str:
         self.enter(request.name)
         control = self._control
-        self._move(request, self._relative(request, control.target[: control.joints.count]))
+        return self._move(request, self._relative(request, control.target[: control.joints.count]))
 
-    def _move(self, request: Request, goal: Array) -> None:
+    def _move(self, request: Request, goal: Array) -> str:
         control = self._control
         n = control.joints.count
         seed = control.here[:n].copy()
         try:
             joints = self._solve(request.name, goal, seed)
-        except Refused:
+        except CommandRefused:
             if control.motion.moving:
                 control.stop(control.here, Mode.POSITION, "replaced by a move that cannot be done")
             raise
         control.take_target()[:n] = joints
-        control.move(request, Space.CARTESIAN)
+        return control.move(request, Space.CARTESIAN)
 
     # wrenches
 
-    def _push_body(self, name: str, wrench: Array, *, absolute: bool, lasts_ns: int = FOR_EVER) -> str:
+    def _push_body(self, wrench: Array, *, absolute: bool, lasts_ns: int = FOR_EVER) -> str:
         """`absolute`: the wrench is in axes of the reference frame."""
         control = self._control
-        _check_wrench(name, wrench)
+        _check_wrench(wrench)
         if absolute and not control.cartesian.base_known:
-            raise Refused(f"{name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         control.push(Space.CARTESIAN).body(wrench, control.now_ns, absolute=absolute, lasts_ns=lasts_ns)
         return control.pushed()
 
@@ -191,13 +189,13 @@ class CartesianCommands:
         values, lasts_ns, absolute = request.values, FOR_EVER, self._control.cartesian.absolute
         if len(values) > TWIST:
             if not 0.0 < values[TWIST] <= LONGEST_S:
-                raise Refused(f"{request.name}: it may last up to {LONGEST_S:g} s, not {values[TWIST]:g}")
+                raise CommandRefused(f"it may last up to {LONGEST_S:g} s, not {values[TWIST]:g}")
             lasts_ns = round(values[TWIST] * 1e9)
-        return self._push_body(request.name, values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
+        return self._push_body(values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
 
     def _spatial_servo_cf(self, request: Request) -> str:
         self.enter(request.name)
-        _check_wrench(request.name, request.values)
+        _check_wrench(request.values)
         control = self._control
         control.push(Space.CARTESIAN).spatial(request.values, control.now_ns)
         return control.pushed()
@@ -206,26 +204,18 @@ class CartesianCommands:
         self.enter(request.name)
         control = self._control
         if not control.cartesian.base_known:
-            raise Refused(f"{request.name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         impedance = impedance_of(request.values)
         control.cartesian.absolute = True
         control.push(Space.CARTESIAN).impede(impedance, control.now_ns)
         return control.pushed()
 
-    def _set_absolute(self, request: Request) -> str:
+    def _set_absolute(self, request: Request) -> None:
         self._control.cartesian.absolute = switch(request)
-        return ""
 
 
-def _check_wrench(name: str, wrench: Array) -> None:
-    """Refused where no arm can give anything like it: somebody has mistaken a unit, or an index."""
+def _check_wrench(wrench: Array) -> None:
+    """CommandRefused where no arm can give anything like it: somebody has mistaken a unit, or an index."""
     force, torque = float(np.abs(wrench[:3]).max()), float(np.abs(wrench[3:]).max())
     if force > MOST_FORCE or torque > MOST_TORQUE:
-        raise Refused(f"{name}: {force:g} N and {torque:g} N·m; allowed: {MOST_FORCE:g} N and {MOST_TORQUE:g} N·m")
-
-
-def switch(request: Request) -> bool:
-    """On or off; Refused when it is neither."""
-    if len(request.values) != 1 or request.values[0] not in (0.0, 1.0):
-        raise Refused(f"{request.name} takes 1 (on) or 0 (off)")
-    return bool(request.values[0])
+        raise CommandRefused(f"{force:g} N and {torque:g} N·m; allowed: {MOST_FORCE:g} N and {MOST_TORQUE:g} N·m")

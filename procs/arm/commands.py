@@ -8,17 +8,16 @@ nobody waits for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from procs import codes
-from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.control import SAID_NS, Control
 from procs.arm.motion import Mode
 from procs.arm.states import ArmState
-from procs.kinematics.poses import PoseError
-from procs.requests import Request
+from procs.requests import CommandRefused, Handler, Request, carry_out
 
 
 class Ready(Enum):
@@ -29,9 +28,6 @@ class Ready(Enum):
     CARTESIAN = "homed, with a tip"
     JAW = "homed, with a jaw"
 
-
-Handler = Callable[[Request], str | None]
-"""Carries a command out; returns what to answer, None when that was done already. Refused where it cannot."""
 
 N: Final = -1
 """As many values as the arm has joints; 2 * N: twice as many."""
@@ -71,41 +67,38 @@ class ArmCommands:
 
     def _one(self, request: Request) -> None:
         row = self._rows.get(request.name)
-        try:
-            if row is None:
-                raise Refused(f"{request.name}: {self._control.arm.name} has no such command")
-            if not math.isfinite(request.values.dot(request.values)):  # what overflows is out of the question, too
-                raise Refused("values must be finite numbers")
-            self._need(request, row)
-            text = row.do(request)
-        except (Refused, PoseError) as error:
-            request.refuse(str(error))
+        if carry_out(request, self._do):
             if row is not None and row.moves:
                 self._control.machine.publish_refused_move()
-            return
-        if row.ready is not Ready.ALWAYS:
+        elif row is not None and row.ready is not Ready.ALWAYS:
             self._streamed_ns = self._control.now_ns if row.streams and self._timeout_ns else 0
-        if text is not None:
-            request.done(text)
+
+    def _do(self, request: Request) -> str | None:
+        row = self._rows.get(request.name)
+        if row is None:
+            raise CommandRefused(f"{self._control.arm.name} has no such command")
+        if not math.isfinite(request.values.dot(request.values)):  # what overflows is out of the question, too
+            raise CommandRefused("values must be finite numbers")
+        self._need(request, row)
+        return row.do(request)
 
     def _need(self, request: Request, row: ArmCommandRow) -> None:
-        """Refused unless the arm is ready for it and the number of values is right."""
+        """CommandRefused unless the arm is ready for it and the number of values is right."""
         control, state = self._control, self._control.machine.state
         if row.ready is not Ready.ALWAYS:
             if state is not ArmState.HOMED:
-                reason = f"{request.name}: arm not ready, it is in {state} and must be in {ArmState.HOMED}"
-                control.report(codes.NOT_READY, reason, SAID_NS)
-                raise Refused(reason)
+                reason = f"arm not ready, it is in {state} and must be in {ArmState.HOMED}"
+                raise control.refusal(codes.NOT_READY, request.name, reason, SAID_NS)
             if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
-                raise Refused(f"{request.name}: there is no instrument, so no tip")
+                raise CommandRefused("there is no instrument, so no tip")
             if row.ready is Ready.JAW and not control.joints.has_jaw:
-                raise Refused(f"{request.name}: there is no instrument, so no jaw")
+                raise CommandRefused("there is no instrument, so no jaw")
         if not row.sizes or len(request.values) in row.sizes:
             return
         allowed = [size if size >= 0 else -size * control.joints.count for size in row.sizes]
         if len(request.values) not in allowed:
             wanted = f"{' or '.join(map(str, allowed))} value{'s' if allowed != [1] else ''}"
-            raise Refused(f"{request.name} takes {wanted}, {len(request.values)} were given")
+            raise CommandRefused(f"takes {wanted}, {len(request.values)} were given")
 
     def _watch(self) -> None:
         """A stream that stopped although its client may not: hold."""

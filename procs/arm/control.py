@@ -25,7 +25,7 @@ from procs.arm.supervision import Generations
 from procs.codes import Code
 from procs.document.system import ArmConfig
 from procs.faults import FaultReport
-from procs.requests import Reports, Request
+from procs.requests import ANSWERED, CommandRefused, Reports, Request
 
 Array = NDArray[np.float64]
 
@@ -35,10 +35,6 @@ STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
 SEEN_NS: Final = 20_000_000  # who streams goals has seen by then that the tip or the base is another one
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
-
-
-class Refused(Exception):
-    """A command that will not be carried out; the text says why."""
 
 
 class Clipping:
@@ -130,6 +126,11 @@ class Control:
             self._said_ns[code] = self.now_ns
             self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name)
 
+    def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0) -> CommandRefused:
+        """What to raise where the command `name` is refused and that is reported as well."""
+        self.report(code, f"{name}: {reason}", every_ns)
+        return CommandRefused(reason)
+
     def report_episode(self, code: Code, text: str) -> None:
         """Something that comes again and again is told once, until it has stayed away for a while."""
         last_ns = self._episodes_ns.get(code, -NEVER_NS)
@@ -175,12 +176,11 @@ class Control:
         return f"clipped: {names}"
 
     def _judge(self, stream: Stream, name: str, *, jaw: bool = False) -> None:
-        """Refused where the stream of commands `name` may not go to `goal` at once."""
+        """CommandRefused where the stream of commands `name` may not go to `goal` at once."""
         is_streamed = self.motion.is_streamed(self.now_ns, jaw=jaw)
         why = stream.objection(self.joints, self.goal, self.here, self.now_ns, is_streamed=is_streamed)
         if why:
-            self.report(codes.STREAM_JUMP, f"{name}: {why}", SAID_NS)
-            raise Refused(f"{name}: {why}")
+            raise self.refusal(codes.STREAM_JUMP, name, why, SAID_NS)
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""
@@ -265,14 +265,14 @@ class Control:
             self.report(codes.EFFORT_CLIPPED, f"efforts clipped to what motors and joints bear: {names}")
         return f"clipped: {names}"
 
-    def move(self, request: Request, space: Space, what: str = MOVE) -> None:
-        """Move to `goal`; answers the request, now and at the end. Refused when it cannot be planned."""
+    def move(self, request: Request, space: Space, what: str = MOVE) -> str:
+        """Move to `goal`; answers the request, now and at the end. CommandRefused when it cannot be planned."""
         asked = self.goal.copy()
         outside = self._clip()
         text = self._say_clipped(outside, asked)
         reason = self.motion.move(self.goal, self.io.velocity, self.now_ns)
         if reason:
-            raise Refused(f"{request.name}: {reason}")
+            raise CommandRefused(reason)
         self.motion.space = space
         replaced, _ = self._moves.pop(what, (None, ""))
         if replaced is not None:
@@ -281,6 +281,7 @@ class Control:
         request.accept(text)
         self.machine.moving = True
         self.machine.publish()
+        return ANSWERED
 
     def move_ended(self, reached: bool, reason: str = "") -> None:
         """The move that ran has ended, at its goal or before it, for `reason`."""

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.arm.arm import ArmLogic
 from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import Refused
 from procs.arm.gravity import Weight
 from procs.arm.joints import joints
 from procs.arm.motion import Mode
 from procs.arm.recovery import PreviousState
 from procs.arm.states import ArmState
 from procs.kinematics.endoscopes import NAMES
-from procs.requests import Request
+from procs.requests import CommandRefused, Request
 
 Array = NDArray[np.float64]
 
@@ -50,19 +49,17 @@ class EcmLogic(ArmLogic):
         """See ArmLogic."""
         found[INSERTION] = max(found[INSERTION], LEAST_INSERTION)
 
-    def _set_endoscope_type(self, request: Request) -> str:
+    def _set_endoscope_type(self, request: Request) -> None:
         control, name = self.control, request.text.strip()
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
-            raise Refused("set_endoscope_type: the arm is moving or in effort mode")
+            raise CommandRefused("the arm is moving or in effort mode")
         if name not in NAMES:
             control.reports.emit("endoscope_type", "ERROR")
-            reason = f"set_endoscope_type: no endoscope {name or '(empty)'}; allowed: {', '.join(NAMES)}"[:199]
-            control.report(codes.ENDOSCOPE_TYPE, reason)
-            raise Refused(reason)
+            reason = f"no endoscope {name or '(empty)'}; allowed: {', '.join(NAMES)}"[:199]
+            raise control.refusal(codes.ENDOSCOPE_TYPE, request.name, reason)
         self._carry(name)
         control.cartesian.update()
         control.reports.emit("endoscope_type", name)
-        return ""
 
     def _carry(self, name: str) -> None:
         """Another tip and another mass; the joints stay where they are."""

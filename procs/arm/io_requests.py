@@ -12,8 +12,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from procs.arm.readings import ArmReadings, Fields
-from procs.requests import Answer, CommandOrigin, Sender
+from procs.requests import Answer, Sender
 from procs.wishes import NONE, OFF, ON, WISHES
+from shm.origins import Origin
 
 REFUSED_NS = 1_000_000_000
 MEMORY = 64
@@ -77,7 +78,7 @@ class IoRequests:
         self._bias_before = 0
         self.bias_refusal = ""
 
-    def on_behalf(self, origin: CommandOrigin) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What io is asked for from now on comes from this command of a person: all wishes count anew."""
         self._sender.on_behalf(origin)
         for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):

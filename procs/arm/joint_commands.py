@@ -47,22 +47,20 @@ class JointCommands:
         control.push(Space.JOINT).joint(request.values, control.now_ns)
         return control.pushed()
 
-    def _move_jp(self, request: Request) -> None:
+    def _move_jp(self, request: Request) -> str:
         control = self._control
         control.take_target()[: control.joints.count] = request.values
-        control.move(request, Space.JOINT)
+        return control.move(request, Space.JOINT)
 
-    def _move_jr(self, request: Request) -> None:
+    def _move_jr(self, request: Request) -> str:
         control = self._control
         control.take_target()[: control.joints.count] += request.values
-        control.move(request, Space.JOINT)
+        return control.move(request, Space.JOINT)
 
-    def _hold(self, _: Request) -> str:
+    def _hold(self, _: Request) -> None:
         control = self._control
         control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
         control.motion.space = Space.JOINT
-        return ""
 
-    def _free(self, _: Request) -> str:
+    def _free(self, _: Request) -> None:
         self._control.push(Space.JOINT).rest()
-        return ""

@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.control import Control, Refused
+from procs.arm.control import Control
 from procs.kinematics.inverse.solver import InverseSolver
+from procs.requests import CommandRefused
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ class Reach:
         wanted = found.copy()
         try:
             self._guard(found, at)
-        except Refused as reason:
+        except CommandRefused as reason:
             found[...] = at
             return str(reason)
         return "" if found.tobytes() == wanted.tobytes() else "it would bend in the cannula"

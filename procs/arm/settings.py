@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 
 from procs import codes
-from procs.arm.cartesian_commands import switch
 from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import Control, Refused
+from procs.arm.control import Control
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
-from procs.requests import Request
+from procs.requests import CommandRefused, Request, switch
 
 CRTK_VERSION: Final = "1.1.0"
 QUATERNION_SLACK: Final = 0.1
@@ -42,31 +41,28 @@ class Settings:
     def _ratio(self, request: Request) -> float:
         values = request.values
         if len(values) != 1 or not 0.0 < values[0] <= 1.0:
-            reason = f"{request.name}: ratio must be within ]0;1]"
-            self._control.report(codes.COMMAND_REFUSED, reason)
-            raise Refused(reason)
+            raise self._control.refusal(codes.COMMAND_REFUSED, request.name, "ratio must be within ]0;1]")
         return float(values[0])
 
-    def _set_ratio(self, request: Request) -> str:
+    def _set_ratio(self, request: Request) -> None:
         ratio = self._ratio(request)
-        return self._set_ratios(ratio, ratio)
+        self._set_ratios(ratio, ratio)
 
-    def _set_ratio_v(self, request: Request) -> str:
-        return self._set_ratios(self._ratio(request), self._control.motion.ratio_a)
+    def _set_ratio_v(self, request: Request) -> None:
+        self._set_ratios(self._ratio(request), self._control.motion.ratio_a)
 
-    def _set_ratio_a(self, request: Request) -> str:
-        return self._set_ratios(self._control.motion.ratio_v, self._ratio(request))
+    def _set_ratio_a(self, request: Request) -> None:
+        self._set_ratios(self._control.motion.ratio_v, self._ratio(request))
 
-    def _set_ratios(self, v: float, a: float) -> str:
+    def _set_ratios(self, v: float, a: float) -> None:
         control = self._control
         control.motion.set_ratio(v, a, control.now_ns)
         control.record.show_ratios(control.motion)
-        return ""
 
     def _set_base_frame(self, request: Request) -> str:
         control, values = self._control, request.values
         if self._base_from:
-            raise Refused(f"set_base_frame: {self._base_from} gives the base frame of this arm")
+            raise CommandRefused(f"{self._base_from} gives the base frame of this arm")
         if request.text:
             control.record.show_frame(request.text)
         control.mistrust_poses()
@@ -78,21 +74,18 @@ class Settings:
         control.cartesian.set_base(matrix_from_pose(pose))
         return ""
 
-    def _use_gravity_compensation(self, request: Request) -> str:
+    def _use_gravity_compensation(self, request: Request) -> None:
         gravity, wanted = self._control.gravity, switch(request)
         if wanted and not gravity.known:
-            reason = f"{request.name}: this arm has no gravity model"
-            self._control.report(codes.COMMAND_REFUSED, reason)
-            raise Refused(reason)
+            raise self._control.refusal(codes.COMMAND_REFUSED, request.name, "this arm has no gravity model")
         gravity.used = wanted
-        return ""
 
     # questions; the answer is a JSON list of numbers
 
     def _forward(self, request: Request) -> str:
         pose = self._pose_of(request)
         if not self._control.cartesian.base_known:
-            raise Refused(f"{request.name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         return _answer(pose_from_matrix(self._control.cartesian.to_reference(pose)).tolist())
 
     def _local_forward(self, request: Request) -> str:
@@ -102,9 +95,9 @@ class Settings:
         """The pose (4, 4) after so many joints as there are values; of the tip when they are all given."""
         kinematics, values = self._control.joints.kinematics, request.values
         if kinematics is None:
-            raise Refused(f"{request.name}: there is no instrument, so no tip")
+            raise CommandRefused("there is no instrument, so no tip")
         if not 0 < len(values) <= kinematics.n:
-            raise Refused(f"{request.name}: too many or no values; allowed: 1 to {kinematics.n}")
+            raise CommandRefused(f"too many or no values; allowed: 1 to {kinematics.n}")
         joints = np.zeros(kinematics.n)
         joints[: len(values)] = values
         if len(values) == kinematics.n:
@@ -115,19 +108,19 @@ class Settings:
         """Seed (count,), then the pose of the tip in the arm's base; moves nothing."""
         joints, values = self._control.joints, request.values
         if joints.inverse is None:
-            raise Refused(f"{request.name}: {joints.lacks_inverse}")
+            raise CommandRefused(joints.lacks_inverse)
         if len(values) != joints.count + POSE:
-            raise Refused(f"{request.name}: incorrect number of joints; {joints.count} and a pose are needed")
+            raise CommandRefused(f"incorrect number of joints; {joints.count} and a pose are needed")
         pose = values[joints.count :].copy()
         pose[3:] = unit_quaternion(pose[3:], QUATERNION_SLACK)
         if not joints.inverse.solve(matrix_from_pose(pose), values[: joints.count].copy()):
-            raise Refused(f"{request.name}: inverse kinematics failed: {joints.inverse.reason}")
+            raise CommandRefused(f"inverse kinematics failed: {joints.inverse.reason}")
         return _answer(joints.inverse.q.tolist())
 
     def _actuator_to_joint(self, request: Request) -> str:
         joints = self._control.joints
         if len(request.values) != joints.axes:
-            raise Refused(f"{request.name} takes {joints.axes} values, {len(request.values)} were given")
+            raise CommandRefused(f"takes {joints.axes} values, {len(request.values)} were given")
         return _answer((joints.to_joint @ request.values).tolist())
 
 

@@ -7,14 +7,10 @@ from typing import Final
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.requests import Request
+from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, switch
 
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}
 LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in the way
-
-
-class Refused(Exception):
-    """A command that cannot be done; the text says why."""
 
 
 class ConsoleCommands:
@@ -25,8 +21,9 @@ class ConsoleCommands:
         self._logic = logic
         self._now_ns = 0
         self._waiting: tuple[Request, str, int] | None = None
-        self._table: dict[str, Callable[[Request], None]] = {
-            "teleop_enable": self._enable, "unselect_teleop": self._unselect, "set_scale": self._scale,
+        self._table: dict[str, Handler] = {
+            "teleop_enable": self._enable, "set_scale": self._scale,
+            "select_teleop": self._select, "unselect_teleop": self._unselect,
             "emulate_operator_present": lambda request: self._emulate(request, OPERATOR),
             "emulate_clutch": lambda request: self._emulate(request, CLUTCH),
             "emulate_camera": lambda request: self._emulate(request, CAMERA),
@@ -36,15 +33,7 @@ class ConsoleCommands:
         """Carry out what came in, and answer who has waited for another console."""
         self._now_ns = now_ns
         for request in requests:
-            try:
-                if request.name == "select_teleop":
-                    self._select(request)
-                    continue
-                self._table[request.name](request)
-            except Refused as reason:
-                request.refuse(f"{request.name}: {reason}")
-            else:
-                request.done()
+            carry_out(request, self._table[request.name])
         self._settle()
 
     def _settle(self) -> None:
@@ -63,29 +52,29 @@ class ConsoleCommands:
         values = request.values
         if len(values) != 1 or not fits(float(values[0])):
             given = " ".join(f"{value:g}" for value in values) or "nothing"
-            raise Refused(f"takes {allowed}, not {given}")
+            raise CommandRefused(f"takes {allowed}, not {given}")
         return float(values[0])
 
     def _teleop(self, request: Request) -> str:
         name = request.text.strip()
         if not self._logic.knows(name):
             known = ", ".join(member.name for member in self._logic.mine) or "none"
-            raise Refused(f"no teleop {name or 'without a name'} in {self._logic.name}; it has {known}")
+            raise CommandRefused(f"no teleop {name or 'without a name'} in {self._logic.name}; it has {known}")
         return name
 
     def _enable(self, request: Request) -> None:
-        self._logic.enable(bool(self._one(request, "0 or 1", lambda value: value in (0.0, 1.0))), request.origin)
+        self._logic.enable(switch(request), request.origin)
 
-    def _select(self, request: Request) -> None:
+    def _select(self, request: Request) -> str | None:
         teleop = self._teleop(request)
         if self._waiting is not None:
             self._waiting[0].fail(f"{request.name} {teleop} came after it")
             self._waiting = None
         if self._logic.select(teleop):
-            request.done()
-        else:
-            request.accept("another console is asked to free its arms")
-            self._waiting = request, teleop, self._now_ns + LET_GO_NS
+            return None
+        request.accept("another console is asked to free its arms")
+        self._waiting = request, teleop, self._now_ns + LET_GO_NS
+        return ANSWERED
 
     def _unselect(self, request: Request) -> None:
         self._logic.unselect(self._teleop(request))

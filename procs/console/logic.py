@@ -15,8 +15,7 @@ from procs import codes
 from procs.codes import Code
 from procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.requests import CommandOrigin
-from shm.origins import NOBODY
+from shm.origins import NOBODY, Origin
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
 DISABLED: Final = "DISABLED"
@@ -34,7 +33,7 @@ class ConsoleOutbox(Protocol):
     """Whom the console talks to."""
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: CommandOrigin = NOBODY) -> bool:
+            origin: Origin = NOBODY) -> bool:
         """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
 
     def free(self, teleop: str) -> None:
@@ -71,7 +70,7 @@ class Logic:
         self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
         self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
-        self.origin: CommandOrigin = NOBODY
+        self.origin: Origin = NOBODY
         """The person's command by which tele-operation is wanted."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
         self._untold: dict[str, float] = {}  # what has become of the clutch, for who could not be told
@@ -116,7 +115,7 @@ class Logic:
             self._desk.report(codes.TELEOP_DISABLED, f"{self.name}: {codes.TELEOP_DISABLED.cause}")
             self.enable(False)
 
-    def enable(self, on: bool, origin: CommandOrigin = NOBODY) -> None:
+    def enable(self, on: bool, origin: Origin = NOBODY) -> None:
         """Tele-operation is wanted, by whom, or not; being asked for is a sign of presence, too."""
         self.wanted, self.origin = on, origin
         if on:

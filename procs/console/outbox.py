@@ -10,10 +10,9 @@ from procs.codes import Code
 from procs.console.logic import Logic
 from procs.console.selection import Selectable
 from procs.debounce import NAMES
-from procs.requests import CommandOrigin
 from procs.runtime import Node
 from shm.client import LoopClient
-from shm.origins import NOBODY
+from shm.origins import NOBODY, Origin
 from shm.ring import RingReader
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
@@ -42,7 +41,7 @@ class Mailboxes:
     # -- what the logic asks for ---------------------------------------------------------------------------------------
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: CommandOrigin = NOBODY) -> bool:
+            origin: Origin = NOBODY) -> bool:
         """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
         client = self._teleops.get(teleop)
         if client is not None:

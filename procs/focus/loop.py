@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from procs import runtime
 from procs.document.system import Focus, WiredInput
 from procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
-from procs.requests import Request
+from procs.requests import CommandRefused, Request, carry_out, switch
 
 STALE_NS: Final = 30_000_000
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
@@ -55,17 +55,13 @@ class Wires:
         return ring.newest() and self._node.now_ns - ring.stamp_ns + int(self._ages[io]) <= STALE_NS
 
 
-def carry_out(request: Request, lens: Lens, now_ns: int) -> None:
-    """One command; refused with the reason."""
-    if len(request.values) != 1 or request.values[0] not in (0.0, 1.0):
-        request.refuse(f"{request.name} takes 1 (on) or 0 (off)")
-        return
-    on, reason = bool(request.values[0]), ""
+def execute(request: Request, lens: Lens, now_ns: int) -> None:
+    """Carry out one command."""
+    on = switch(request)
     if request.name == "lock":
         lens.lock(on)
-    else:
-        reason = lens.ask(WAYS[request.name], on, now_ns + COMMANDED_NS)
-    request.refuse(f"{request.name}: {reason}") if reason else request.done()
+    elif reason := lens.ask(WAYS[request.name], on, now_ns + COMMANDED_NS):
+        raise CommandRefused(reason)
 
 
 class FocusLoop(runtime.Loop):
@@ -82,7 +78,7 @@ class FocusLoop(runtime.Loop):
         """See runtime.Loop."""
         lens, wires = self._lens, self._wires
         for request in self._mailbox.drain(wall_ns):
-            carry_out(request, lens, now_ns)
+            carry_out(request, lambda each: execute(each, lens, now_ns))
         pins = wires.pins()
         lens.step(now_ns, wires.pedals(), pins)
         self._valid[...], self._locked[...], self._focusing[...] = pins is not None, lens.locked, lens.focusing

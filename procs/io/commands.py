@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procs import codes
 from procs.faults import fault_of
@@ -26,7 +25,7 @@ from procs.io.pid import Pid
 from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointTracker
-from procs.requests import CommandOrigin
+from procs.requests import CommandRefused, Request, switch
 from procs.wishes import SWITCHING
 from shm.faults import OwnCell
 
@@ -36,46 +35,6 @@ WHO: Final = "@"
 MOST_SAMPLES: Final = 100_000
 LONGEST_SUPPLY_S: Final = 60.0
 MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
-
-
-class IoCommand(Protocol):
-    """A command from the mailbox."""
-
-    @property
-    def name(self) -> str:
-        """Its name in the command table."""
-
-    @property
-    def text(self) -> str:
-        """The robot it is about."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Its numbers."""
-
-    @property
-    def origin(self) -> CommandOrigin:
-        """The person's command that it comes from."""
-
-    @property
-    def needs_person(self) -> bool:
-        """Whether there has to be one."""
-
-    def accept(self, text: str = "") -> None:
-        """It is under way."""
-
-    def refuse(self, reason: str) -> None:
-        """It will not be done."""
-
-    def done(self, text: str = "") -> None:
-        """It has been carried out."""
-
-    def fail(self, reason: str) -> None:
-        """It was accepted and has failed."""
-
-
-class Refused(Exception):
-    """A command that cannot be done now; the text says why."""
 
 
 class IoCommands:
@@ -92,10 +51,10 @@ class IoCommands:
         self._axis_drive = axis_drive
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._faults, self._wishes = faults, wishes
-        self._powering: list[tuple[int, IoCommand]] = []
-        self._biasing: list[tuple[int, Flags, IoCommand]] = []  # robot, what shows that it has been done
+        self._powering: list[tuple[int, Request]] = []
+        self._biasing: list[tuple[int, Flags, Request]] = []  # robot, what shows that it has been done
         self._now_ns = 0
-        self._table: dict[str, Callable[[int, IoCommand], None]] = {
+        self._table: dict[str, Callable[[int, Request], None]] = {
             "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
             "set_encoder": self._set_encoder,
             "pid_enable": self._pid_enable, "servo_zero": self._servo_zero, "enforce_limits": self._enforce_limits,
@@ -107,7 +66,7 @@ class IoCommands:
             "supply_on": self._supply_on, "drive_axis": self._drive_axis,
         }
 
-    def execute(self, commands: Iterable[IoCommand], now_ns: int) -> None:
+    def execute(self, commands: Iterable[Request], now_ns: int) -> None:
         """Carry out what came in, then what arms want; who commands a robot itself voids the wishes of its arm."""
         self._now_ns = now_ns
         for command in commands:
@@ -119,27 +78,27 @@ class IoCommands:
         for wish in self._wishes.due():
             self._carry_out(wish)
 
-    def _carry_out(self, command: IoCommand) -> int:
+    def _carry_out(self, command: Request) -> int:
         """Returns what it is about, -1 when it was refused."""
         try:
             action = self._table.get(command.name)
             if action is None:
-                raise Refused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
+                raise CommandRefused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
             place = self._place(command)
             if command.name not in ABOUT:
                 self._need_person(place, command)
             action(place, command)
-        except Refused as reason:
+        except CommandRefused as reason:
             command.refuse(str(reason))
             return -1
         return place
 
-    def _need_person(self, robot: int, command: IoCommand) -> None:
+    def _need_person(self, robot: int, command: Request) -> None:
         origin, cell = command.origin, self._faults[robot]
         counts = origin.id and (origin.generation >= cell.void or origin.id == cell.spared)
         if command.needs_person and not counts:
             asked = f"{origin.program or 'somebody'} asked before its last fault or power-off"
-            raise Refused(f"{asked if origin.id else 'nobody asked'}; a person has to ask for it again")
+            raise CommandRefused(f"{asked if origin.id else 'nobody asked'}; a person has to ask for it again")
 
     def answer(self) -> None:
         """Answer what has finished."""
@@ -167,73 +126,73 @@ class IoCommands:
         fault = fault_of(int(self._record.fault[robot]))
         return f"{fault.cause}; {fault.remedy}" if fault else otherwise
 
-    def _place(self, command: IoCommand) -> int:
+    def _place(self, command: Request) -> int:
         """What it is about: a robot, an output, a reader of instruments."""
         name = command.text if command.name not in WITH_MORE else command.text.partition(" ")[0]
         kind = ABOUT.get(command.name, "robot")
         names = self._names[kind]
         if name not in names:
-            raise Refused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
+            raise CommandRefused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
 
-    def _set_output(self, output: int, command: IoCommand) -> None:
-        self._outputs.set(output, _switch(command))
+    def _set_output(self, output: int, command: Request) -> None:
+        self._outputs.set(output, switch(command))
         command.done()
 
-    def _set_pwm(self, output: int, command: IoCommand) -> None:
+    def _set_pwm(self, output: int, command: Request) -> None:
         reason = self._outputs.set_pwm(output, float(command.values[0]) if len(command.values) else math.nan)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         command.done()
 
-    def _power_on(self, robot: int, command: IoCommand) -> None:
+    def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:
-            raise Refused("power-on is under way and asked for often enough")
+            raise CommandRefused("power-on is under way and asked for often enough")
         if not self._record.power_wanted[robot]:
             self._record.fault[robot] = 0
         self._power.on(robot, self._now_ns)
         command.accept()
         self._powering.append((robot, command))
 
-    def _supply_on(self, robot: int, command: IoCommand) -> None:
+    def _supply_on(self, robot: int, command: Request) -> None:
         for_s = float(command.values[0]) if len(command.values) == 1 else math.nan
         if not 0.0 < for_s <= LONGEST_SUPPLY_S:
-            raise Refused(f"one value is needed: for how long, above 0 up to {LONGEST_SUPPLY_S:g} s")
+            raise CommandRefused(f"one value is needed: for how long, above 0 up to {LONGEST_SUPPLY_S:g} s")
         reason = self._power.supply(robot, self._now_ns, for_s)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         command.done()
 
-    def _power_off(self, robot: int, command: IoCommand) -> None:
+    def _power_off(self, robot: int, command: Request) -> None:
         self._axis_drive.stop(robot, "power was switched off")
         self._follow.enable(robot, False, self._now_ns)
         self._power.off(robot, bool(len(command.values) and command.values[0]))
         command.done()
 
-    def _bias_encoders(self, robot: int, command: IoCommand) -> None:
+    def _bias_encoders(self, robot: int, command: Request) -> None:
         samples = command.values[0] if len(command.values) else 0.0
         if not 1.0 <= abs(samples) <= MOST_SAMPLES:
-            raise Refused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
+            raise CommandRefused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
         axes = self._robots.slices[robot]
         left_out = np.zeros(axes.stop - axes.start, dtype=bool)
         for value in command.values[1:]:
             left_out[self._axis(robot, float(value))] = True
         reason = self._bias.objection(robot, int(samples), left_out)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         self._need_off(robot)
         self._need_rest(robot)
         self._bias.begin(robot, int(samples), left_out)
         command.accept()
         self._biasing.append((robot, self._record.biased[robot : robot + 1], command))
 
-    def _set_encoder(self, robot: int, command: IoCommand) -> None:
+    def _set_encoder(self, robot: int, command: Request) -> None:
         if len(command.values) != 2 or not np.isfinite(command.values).all():
-            raise Refused("two values are needed: axis, and position in rad or m")
+            raise CommandRefused("two values are needed: axis, and position in rad or m")
         axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
         reason = self._bias.set_objection(robot, axis, position)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         place = self._robots.slices[robot].start + axis
         if not self._record.effort_mode[place]:  # nobody acts on its position then, and the others go on holding
             self._need_off(robot)
@@ -246,51 +205,51 @@ class IoCommands:
         axes = self._robots.slices[robot]
         count = axes.stop - axes.start
         if not (0.0 <= value < count and value.is_integer()):
-            raise Refused(f"axis {value:g}; allowed: 0 to {count - 1}")
+            raise CommandRefused(f"axis {value:g}; allowed: 0 to {count - 1}")
         return int(value)
 
     def _need_off(self, robot: int) -> None:
         """Encoders are only set where nobody acts on them."""
         if self._record.pid_enabled[robot]:
-            raise Refused("the joint controller is on; switch it off first")
+            raise CommandRefused("the joint controller is on; switch it off first")
 
     def _need_rest(self, robot: int) -> None:
         """And where they are seen."""
         record = self._record
         if record.biasing[robot]:
-            raise Refused("a bias is under way")
+            raise CommandRefused("a bias is under way")
         if not record.robot_valid[robot]:
-            raise Refused("there is no good sample of its controllers")
+            raise CommandRefused("there is no good sample of its controllers")
 
-    def _drive_axis(self, robot: int, command: IoCommand) -> None:
+    def _drive_axis(self, robot: int, command: Request) -> None:
         record = self._record
         if len(command.values) != 5 or not np.isfinite(command.values).all() or command.values[4] not in (0.0, 1.0):
-            raise Refused("five values are needed: axis, A, s, travel in rad or m, 1 to release its brake, else 0")
+            raise CommandRefused("takes five values: axis, A, s, travel in rad or m, 1 to release its brake, else 0")
         axis = self._axis(robot, float(command.values[0]))
         current_a, rise_s, travel, release = (float(value) for value in command.values[1:])
         reason = self._axis_drive.objection(robot, axis, current_a, rise_s, travel)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         self._need_off(robot)
         self._need_rest(robot)
         if not (record.powered[robot] and record.amps_on[robot]):
-            raise Refused("its amplifiers are not on")
+            raise CommandRefused("its amplifiers are not on")
         if release:
             self._need_brakes(robot)
         command.accept()
         self._axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
 
-    def _brake_release(self, robot: int, command: IoCommand) -> None:
+    def _brake_release(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
         if not self._record.amps_on[robot]:
-            raise Refused("its amplifiers are not on")
+            raise CommandRefused("its amplifiers are not on")
         held = self._record.pid_enabled[robot] or not self._follow.controlled(robot)
         if not (held or self._robots.io.calibration_mode):
-            raise Refused("its joint controller is off, and nothing else would hold it; switch that on first")
+            raise CommandRefused("its joint controller is off, and nothing else would hold it; switch that on first")
         self._brakes.release(robot)
         command.done()
 
-    def _brake_engage(self, robot: int, command: IoCommand) -> None:
+    def _brake_engage(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
         self._axis_drive.stop(robot, "the brakes were engaged")
         self._brakes.engage(robot)
@@ -298,32 +257,32 @@ class IoCommands:
 
     def _need_brakes(self, robot: int) -> None:
         if not self._brakes.has(robot):
-            raise Refused("it has no brakes")
+            raise CommandRefused("it has no brakes")
 
-    def _pid_enable(self, robot: int, command: IoCommand) -> None:
-        record, on = self._record, _switch(command)
+    def _pid_enable(self, robot: int, command: Request) -> None:
+        record, on = self._record, switch(command)
         if on and not record.pid_enabled[robot]:
             if not self._follow.controlled(robot):
-                raise Refused("it has no joint controller")
+                raise CommandRefused("it has no joint controller")
             if self._robots.motors_off[robot]:
-                raise Refused(codes.CALIBRATION_MOTORS.cause)
+                raise CommandRefused(codes.CALIBRATION_MOTORS.cause)
             biased = record.biased | ~self._robots.with_encoders  # without any, nothing is to be biased
             for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
                                (biased, "its encoders are not biased")):
                 if not flag[robot]:
-                    raise Refused(what)
+                    raise CommandRefused(what)
             if record.biasing[robot]:
-                raise Refused("a bias is under way")
+                raise CommandRefused("a bias is under way")
             if record.fault[robot]:
-                raise Refused(self._why(robot, "a fault is latched"))
+                raise CommandRefused(self._why(robot, "a fault is latched"))
             if not record.robot_valid[robot]:
-                raise Refused("there is no good sample of its controllers")
+                raise CommandRefused("there is no good sample of its controllers")
             self._follow.enable(robot, True, self._now_ns)
         elif not on and record.pid_enabled[robot]:
             self._let_off(robot)
         command.done()
 
-    def _servo_zero(self, robot: int, command: IoCommand) -> None:
+    def _servo_zero(self, robot: int, command: Request) -> None:
         self._axis_drive.stop(robot, "servo_zero")
         self._let_off(robot)
         command.done()
@@ -333,52 +292,46 @@ class IoCommands:
         self._follow.enable(robot, False, self._now_ns)
         self._brakes.engage(robot)
 
-    def _enforce_limits(self, robot: int, command: IoCommand) -> None:
-        reason = self._follow.enforce_limits(robot, _switch(command))
+    def _enforce_limits(self, robot: int, command: Request) -> None:
+        reason = self._follow.enforce_limits(robot, switch(command))
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         command.done()
 
-    def _tracking_check(self, robot: int, command: IoCommand) -> None:
-        self._record.tracking_check[robot] = _switch(command)
-        self._pid.check_tracking(self._robots.slices[robot], _switch(command))
+    def _tracking_check(self, robot: int, command: Request) -> None:
+        self._record.tracking_check[robot] = switch(command)
+        self._pid.check_tracking(self._robots.slices[robot], switch(command))
         command.done()
 
-    def _pot_check(self, robot: int, command: IoCommand) -> None:
-        on = _switch(command)
+    def _pot_check(self, robot: int, command: Request) -> None:
+        on = switch(command)
         calibrating = on and self._robots.io.calibration_mode
         self._record.pot_check[robot] = on and not calibrating
         self._safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
-    def _use_velocity(self, robot: int, command: IoCommand) -> None:
-        self._follow.use_velocity(robot, _switch(command))
+    def _use_velocity(self, robot: int, command: Request) -> None:
+        self._follow.use_velocity(robot, switch(command))
         command.done()
 
-    def _set_gains(self, robot: int, command: IoCommand) -> None:
+    def _set_gains(self, robot: int, command: Request) -> None:
         words = command.text.split()[1:]
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
         values = [float(value) for value in command.values]
         if not values or not values[0].is_integer():
-            raise Refused("the first value is the axis, -1 for all; then a value for each gain")
+            raise CommandRefused("the first value is the axis, -1 for all; then a value for each gain")
         reason = self._gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody")
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
         command.done()
 
-    def _trigger_read(self, reader: int, command: IoCommand) -> None:
+    def _trigger_read(self, reader: int, command: Request) -> None:
         reason = self._instruments.begin(reader, command, self._now_ns)
         if reason:
-            raise Refused(reason)
+            raise CommandRefused(reason)
 
-    def _clear_fault(self, robot: int, command: IoCommand) -> None:
+    def _clear_fault(self, robot: int, command: Request) -> None:
         self._record.fault[robot] = 0
         command.done()
-
-
-def _switch(command: IoCommand) -> bool:
-    if len(command.values) != 1 or command.values[0] not in (0.0, 1.0):
-        raise Refused("one value is needed: 1 (on) or 0 (off)")
-    return bool(command.values[0])

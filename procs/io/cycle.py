@@ -22,7 +22,7 @@ from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
 from procs.io.buttons import Buttons
-from procs.io.commands import IoCommand, IoCommands
+from procs.io.commands import IoCommands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains
@@ -39,6 +39,7 @@ from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.io.setup_brakes import SetupBrakes
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
+from procs.requests import Request
 from shm.faults import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
@@ -129,7 +130,7 @@ class RobotIo:
         if io.close_all_relays:
             self._outputs.close_relays()
 
-    def cycle(self, commands: Iterable[IoCommand] = ()) -> None:
+    def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
         with np.errstate(all="ignore"):

@@ -21,7 +21,7 @@ from procs.document.system import IoConfig, PidAxis
 from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
-from procs.io.commands import IoCommand, IoCommands
+from procs.io.commands import IoCommands
 from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains
 from procs.io.instruments import Asker
@@ -30,6 +30,7 @@ from procs.io.record import Field, Flags, Floats, IoRecord
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from procs.requests import Request
 from shm.faults import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves
@@ -179,7 +180,7 @@ class KinematicIo:
         for name in robots.names:
             self.reports.status("KINEMATIC: no boards and no motors, it goes where its set-points are", name)
 
-    def cycle(self, commands: Iterable[IoCommand] = ()) -> None:
+    def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports

@@ -8,16 +8,12 @@ from typing import Final, Protocol
 import numpy as np
 
 from procs.document.cart import FIXED, Cart
-from procs.kinematics.poses import PoseError, matrix_from_pose, normalised
-from procs.requests import Request
+from procs.kinematics.poses import matrix_from_pose, normalised
+from procs.requests import CommandRefused, Handler, Request, carry_out, switch
 from procs.suj.machine import SetupState, SetupStates
 from procs.suj.setups import Setups
 
 FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
-
-
-class Refused(Exception):
-    """A command that cannot be done; the text says why."""
 
 
 class Movable(Protocol):
@@ -43,7 +39,7 @@ class SetupCommands:
         self._cart, self._setups, self._machine = cart, setups, machine
         self._movable, self._lifting, self._refer = movable, lifting, refer
         self._now_ns = 0
-        self._table: dict[str, Callable[[Request], None]] = {
+        self._table: dict[str, Handler] = {
             "servo_jp": self._stand, "move_jp": self._stand, "local/servo_cp": self._put,
             "set_reference_arm": self._set_reference, "clutch": self._clutch, "set_lift_velocity": self._lift,
         }
@@ -54,38 +50,28 @@ class SetupCommands:
         for request in requests:
             if request.name == "state_command":
                 self._machine.command(request, now_ns)
-                continue
-            try:
-                self._table[request.name](request)
-            except (Refused, PoseError) as reason:
-                request.refuse(f"{request.name}: {reason}")
             else:
-                request.done()
+                carry_out(request, self._table[request.name])
 
     def _place(self, request: Request) -> int:
         try:
             return self._setups.place(request.text.strip())
         except ValueError as error:
-            raise Refused(str(error)) from None
-
-    def _one(self, request: Request, lower: float, upper: float) -> float:
-        values = request.values
-        if len(values) != 1 or not lower <= values[0] <= upper:
-            raise Refused(f"takes 1 value from {lower:g} to {upper:g}, {len(values)} were given")
-        return float(values[0])
+            raise CommandRefused(str(error)) from None
 
     def _stand(self, request: Request) -> None:
         if self._cart.simulation != "KINEMATIC" or self._cart.kind == FIXED:
-            raise Refused("set-up joints have no motors; only KINEMATIC ones go where they are told")
+            raise CommandRefused("set-up joints have no motors; only KINEMATIC ones go where they are told")
         place = self._place(request)
         joints = self._setups.arms[place].joints
         if len(request.values) != joints or not np.all(np.abs(request.values) <= FURTHEST):
-            raise Refused(f"{self._setups.names[place]} takes {joints} finite values, {len(request.values)} were given")
+            given = len(request.values)
+            raise CommandRefused(f"{self._setups.names[place]} takes {joints} finite values, {given} were given")
         self._setups.harness(place, request.values)
 
     def _put(self, request: Request) -> None:
         if self._cart.kind != FIXED:
-            raise Refused("where these stand is measured; only SUJ_Fixed are told")
+            raise CommandRefused("where these stand is measured; only SUJ_Fixed are told")
         place = self._place(request)
         self._setups.put(place, matrix_from_pose(normalised(request.values)))
 
@@ -93,17 +79,19 @@ class SetupCommands:
         self._refer(self._place(request))
 
     def _clutch(self, request: Request) -> None:
-        place, on = self._place(request), bool(self._one(request, 0.0, 1.0))
+        place, on = self._place(request), switch(request)
         if self._movable is None:
-            raise Refused("nobody can move these set-up arms, so there is nothing to clutch")
+            raise CommandRefused("nobody can move these set-up arms, so there is nothing to clutch")
         if on and self._machine.state is not SetupState.ENABLED:
-            raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
+            raise CommandRefused(f"the set-up joints are {self._machine.state}; enable them first")
         self._movable.clutch(place, on, self._now_ns)
 
     def _lift(self, request: Request) -> None:
-        velocity = self._one(request, -1.0, 1.0)
+        if len(request.values) != 1 or not -1.0 <= request.values[0] <= 1.0:
+            raise CommandRefused(f"takes 1 value from -1 to 1, {len(request.values)} were given")
+        velocity = float(request.values[0])
         if self._lifting is None or not any(arm.lifts for arm in self._cart.arms):
-            raise Refused("there is no lift")
+            raise CommandRefused("there is no lift")
         if velocity and self._machine.state is not SetupState.ENABLED:
-            raise Refused(f"the set-up joints are {self._machine.state}; enable them first")
+            raise CommandRefused(f"the set-up joints are {self._machine.state}; enable them first")
         self._lifting.lift(velocity, self._now_ns)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from procs.document.cart import Cart
-from procs.requests import CommandOrigin, Reports, Request
+from procs.requests import Reports, Request
 from procs.suj.classic import Classic
 from procs.suj.commands import SetupCommands
 from procs.suj.frames import Frames
@@ -18,6 +18,7 @@ from procs.suj.setups import Fields, Setups
 from procs.suj.si import Si
 from shm.faults import NoFaults, OwnCell
 from shm.layout import shorten
+from shm.origins import Origin
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 
@@ -27,7 +28,7 @@ class SetupJoints:
 
     def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Reports,
                  tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
-                 on_behalf: Callable[[CommandOrigin], None] | None = None) -> None:
+                 on_behalf: Callable[[Origin], None] | None = None) -> None:
         """`field` gives the arrays of the record, which may still hold what a predecessor wrote.
 
         `source` measures where the arms are, None: nobody does; `tips` are those of the carried arms, None: none there.

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from procs import codes, runtime
 from procs.document.cart import CLASSIC, SI, Cart
 from procs.faults import reported
-from procs.requests import CommandOrigin
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
@@ -20,6 +19,7 @@ from procs.suj.reference import CarriedTip
 from procs.suj.setups import Setups
 from procs.suj.si import EmulatedBoards, PotLink, Si
 from shm.client import LoopClient
+from shm.origins import Origin
 
 BEHIND_IO_NS: Final = 120_000
 
@@ -31,7 +31,7 @@ class IoMailbox:
         """`client` is our place in it."""
         self._client, self._node, self._told = client, node, ""
 
-    def on_behalf(self, origin: CommandOrigin) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on comes from this command of a person."""
         self._client.on_behalf(origin)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.requests import CommandOrigin
 from procs.runtime import Node
 from shm.client import LoopClient
+from shm.origins import Origin
 from shm.ring import RingReader
 
 STALE_NS: Final = 100_000_000
@@ -38,7 +38,7 @@ class ArmOnRing:
         self.refusals += [reply.text for reply in self._client.poll()
                           if reply.id == self._asked and reply.outcome in ("refused", "failed")]
 
-    def ask(self, word: str, origin: CommandOrigin) -> bool:
+    def ask(self, word: str, origin: Origin) -> bool:
         """A state_command, on behalf of whoever asked for it; false: it does not take any."""
         self.refusals.clear()
         self._client.on_behalf(origin)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-from procs.requests import CommandOrigin
+from shm.origins import Origin
 
 POWER_ON, HOME, POWER_OFF = "power_on", "home", "power_off"
 LIMITS_NS: Final = {"disable": 7_000_000_000, "enable": 7_000_000_000, "home": 60_000_000_000}
@@ -27,14 +27,14 @@ class ArmStatus(Protocol):
     is_fresh: bool
     refusals: list[str]
 
-    def ask(self, word: str, origin: CommandOrigin) -> bool:
+    def ask(self, word: str, origin: Origin) -> bool:
         """A state_command, on behalf of whoever asked for it; false: it could not be told."""
 
 
 class Step:
     """One arm on its way; `problem` says why it will not arrive."""
 
-    def __init__(self, arm: ArmStatus, goal: str, now_ns: int, origin: CommandOrigin) -> None:
+    def __init__(self, arm: ArmStatus, goal: str, now_ns: int, origin: Origin) -> None:
         """Begins at once."""
         self.arm, self.goal, self._origin = arm, goal, origin
         self.problem, self.is_there = "", False
@@ -90,7 +90,7 @@ class Step:
 class BringUp:
     """All arms on their way to one goal."""
 
-    def __init__(self, goal: str, arms: Sequence[ArmStatus], now_ns: int, origin: CommandOrigin) -> None:
+    def __init__(self, goal: str, arms: Sequence[ArmStatus], now_ns: int, origin: Origin) -> None:
         """Begins at once; `origin` is the command of the person who asked for it: faults from then on end it."""
         self.goal = goal
         self._steps = [Step(arm, goal, now_ns, origin) for arm in arms]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from procs import codes
-from procs.requests import Request
+from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
 from procs.system.bring_up import HOME, POWER_OFF, POWER_ON, ArmStatus, BringUp
 from procs.system.sound import Sound
 from shm.client import LoopClient
@@ -16,10 +16,6 @@ BEEP_S, BEEP_HZ = 0.3, 3000.0
 SHORTEST_S, LONGEST_S = 0.05, 60.0
 LOWEST_HZ, HIGHEST_HZ = 20.0, 10_000.0
 MOST_VALUES: Final = 3
-
-
-class Refused(Exception):
-    """A command that cannot be done; the text says why."""
 
 
 class SystemCommands:
@@ -33,23 +29,16 @@ class SystemCommands:
         self.bring_up: BringUp | None = None
         self._asked: Request | None = None
         self._now_ns = 0
-        self._table: dict[str, Callable[[Request], None]] = {
-            "set_volume": self._set_volume, "beep": self._beep, "string_to_speech": self._say,
+        self._table: dict[str, Handler] = {
+            **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
+            "beep": self._beep, "string_to_speech": self._say,
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
         """Carry out what came in, and go on with what is under way."""
         self._now_ns = now_ns
         for request in requests:
-            if request.name in (POWER_ON, HOME, POWER_OFF):
-                self._begin(request)
-                continue
-            try:
-                self._table[request.name](request)
-            except Refused as reason:
-                request.refuse(f"{request.name}: {reason}")
-            else:
-                request.done()
+            carry_out(request, self._table[request.name])
         if self.bring_up is not None:
             self.bring_up.step(now_ns)
             if self.bring_up.is_over:
@@ -62,7 +51,7 @@ class SystemCommands:
         self._events.emit("beep", f"{duration_s:g} s, {frequency_hz:g} Hz", value=duration_s, limit=frequency_hz)
         self._sound.beep(duration_s, frequency_hz, loud)
 
-    def _begin(self, request: Request) -> None:
+    def _begin(self, request: Request) -> str:
         if self.bring_up is not None:
             self._end(f"{request.name} was asked for")
         if request.name == POWER_OFF:
@@ -72,6 +61,7 @@ class SystemCommands:
         self._events.status(f"system: {request.name}", "system")
         request.accept()
         self.bring_up, self._asked = BringUp(request.name, self._arms, self._now_ns, request.origin), request
+        return ANSWERED
 
     def _end(self, problems: str) -> None:
         bring_up, request = self.bring_up, self._asked
@@ -87,7 +77,7 @@ class SystemCommands:
 
     def _set_volume(self, request: Request) -> None:
         if len(request.values) != 1 or not abs(float(request.values[0])) < float("inf"):
-            raise Refused("takes 1 number, 0 to 1")
+            raise CommandRefused("takes 1 number, 0 to 1")
         self.volume = min(max(float(request.values[0]), 0.0), 1.0)
         self._events.emit("volume", value=self.volume)
         self._events.status(f"system: volume {100.0 * self.volume:.0f} %", "system")
@@ -95,11 +85,11 @@ class SystemCommands:
     def _beep(self, request: Request) -> None:
         count = len(request.values)
         if not 1 <= count <= MOST_VALUES:
-            raise Refused(f"takes 1 to 3 numbers (s, Hz, volume), {count} were given")
+            raise CommandRefused(f"takes 1 to 3 numbers (s, Hz, volume), {count} were given")
         given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[count:])
         limits = ((SHORTEST_S, LONGEST_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
         if not all(abs(value) < float("inf") for value in given):
-            raise Refused("takes finite numbers")
+            raise CommandRefused("takes finite numbers")
         used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]
         for what, value, good in zip(("duration", "frequency", "volume"), given, used, strict=True):
             if value != good:
@@ -110,6 +100,6 @@ class SystemCommands:
     def _say(self, request: Request) -> None:
         text = request.text.strip()
         if not text:
-            raise Refused("takes a text")
+            raise CommandRefused("takes a text")
         self._events.emit("string_to_speech", text)
         self._sound.say(text, self.volume)

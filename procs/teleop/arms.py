@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from procs.codes import INVERSE_KINEMATICS
 from procs.kinematics.poses import angle_between
-from procs.requests import Answer, CommandOrigin, Sender
+from procs.requests import Answer, Sender
+from shm.origins import Origin
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
@@ -206,7 +207,7 @@ class TeleopArm:
 
     # what is asked
 
-    def on_behalf(self, origin: CommandOrigin) -> None:
+    def on_behalf(self, origin: Origin) -> None:
         """What it is asked for from now on comes from this command of a person."""
         self._sender.on_behalf(origin)
 

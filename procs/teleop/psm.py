@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.document.consoles import TeleopPsmConfig as Settings
 from procs.kinematics.poses import angle_between
-from procs.requests import Request
+from procs.requests import CommandRefused, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Refused, Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive, switch
+from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
@@ -322,7 +322,7 @@ class TeleopPsm(Teleop):
     def _set_align(self, request: Request) -> None:
         on = switch(request)
         if on and not self.settings.mtm_is_haptic:
-            raise Refused(f"set_align_MTM: {self.master.name} is not haptic, it cannot be turned")
+            raise CommandRefused(f"{self.master.name} is not haptic, it cannot be turned")
         self.align = on
         self._show_options()
         self.events.emit("align_MTM", value=float(on))
@@ -331,7 +331,7 @@ class TeleopPsm(Teleop):
 
     def _take_wrench(self, request: Request) -> None:
         if not self.following:
-            raise Refused("following/mtm/body/servo_cf: not following")
+            raise CommandRefused("not following")
         self._wrench = np.array(request.values)
         self._wrench_end_ns = self.now_ns + (round(self.settings.wrench_timeout_s * 1e9) or FOR_EVER_NS)
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.codes import Code
-from procs.requests import CommandOrigin, Request
+from procs.requests import CommandRefused, Request, carry_out
 from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from shm.faults import Cell
-from shm.origins import NOBODY
+from shm.origins import NOBODY, Origin
 
 Fields = Callable[[str], NDArray[Any]]
 
@@ -56,10 +56,6 @@ class TeleopEvents(Protocol):
         """An event of its own name."""
 
 
-class Refused(Exception):
-    """A command that will not be carried out; the text says why."""
-
-
 @dataclass(frozen=True, slots=True)
 class TeleopCommandRow:
     """One command: what carries it out, and how many values it has."""
@@ -82,7 +78,7 @@ class Teleop:
         """
         self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
         self._faults = faults
-        self.origin: CommandOrigin = NOBODY
+        self.origin: Origin = NOBODY
         """The person's command that it carries out."""
         self.state = self.desired = TeleopState.DISABLED
         self.following = self.clutched = False
@@ -301,24 +297,22 @@ class Teleop:
     # commands
 
     def _command(self, request: Request) -> None:
-        row = self._rows.get(request.name)
-        try:
-            if row is None:
-                raise Refused(f"{request.name}: {self.name} has no such command")
-            count = len(request.values)
-            if count != row.values or not all(math.isfinite(value) for value in request.values):
-                raise Refused(f"{request.name} takes {row.values} finite values, {count} were given")
-            row.do(request)
-        except Refused as reason:
+        if reason := carry_out(request, self._do):
             self.events.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
-            request.refuse(str(reason))
-        else:
-            request.done()
+
+    def _do(self, request: Request) -> None:
+        row = self._rows.get(request.name)
+        if row is None:
+            raise CommandRefused(f"{self.name} has no such command")
+        count = len(request.values)
+        if count != row.values or not all(math.isfinite(value) for value in request.values):
+            raise CommandRefused(f"takes {row.values} finite values, {count} were given")
+        row.do(request)
 
     def _state_command(self, request: Request) -> None:
         word = request.text
         if word not in self.words:
-            raise Refused(f"state_command {word!r}: allowed are {', '.join(self.words)}")
+            raise CommandRefused(f"{word!r}: allowed are {', '.join(self.words)}")
         if word != "disable":
             self.reason = ""
             self._work_for(request.origin)
@@ -326,7 +320,7 @@ class Teleop:
         if word == "disable":
             self.reason = ""
 
-    def _work_for(self, origin: CommandOrigin) -> None:
+    def _work_for(self, origin: Origin) -> None:
         self.origin = origin
         for arm in self.arms:
             arm.on_behalf(origin)
@@ -335,7 +329,7 @@ class Teleop:
         """A click repeats what came last."""
         value = float(request.values[0])
         if value not in (RELEASED, PRESSED, CLICKED):
-            raise Refused("clutch takes 0 (released), 1 (pressed) or 2 (clicked)")
+            raise CommandRefused("takes 0 (released), 1 (pressed) or 2 (clicked)")
         self.set_clutch(self.clutched if value == CLICKED else value == PRESSED)
 
     def set_clutch(self, pressed: bool) -> None:
@@ -357,17 +351,9 @@ class Teleop:
         self.show()
 
 
-def switch(request: Request) -> bool:
-    """On or off; Refused when it is neither."""
-    value = request.values[0]
-    if value not in (0.0, 1.0):
-        raise Refused(f"{request.name} takes 1 (on) or 0 (off)")
-    return bool(value)
-
-
 def positive(request: Request) -> float:
     """A number above 0."""
     value = float(np.asarray(request.values)[0])
     if not value > 0.0:
-        raise Refused(f"{request.name} takes a value above 0")
+        raise CommandRefused("takes a value above 0")
     return value

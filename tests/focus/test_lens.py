@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from procs.focus.lens import AGAIN_NS, COMMANDED_NS, Lens
-from procs.focus.loop import carry_out
+from procs.focus.loop import execute
+from procs.requests import carry_out
 from tests.arm.fake_io import FakeRequest
 
 CYCLE_NS = 10_000_000
@@ -38,7 +39,7 @@ class LensHarness:
     def send(self, name: str, *values: float) -> str:
         """What came of a command: done, or the reason why not."""
         request = FakeRequest(name, values)
-        carry_out(request, self.lens, self.now_ns)
+        carry_out(request, lambda each: execute(each, self.lens, self.now_ns))
         ((outcome, text),) = request.replies
         return text or outcome
 

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.control import SAID_NS, Control
 from procs.arm.motion import Mode, Space
 from procs.kinematics.inverse.master import Master
 from procs.kinematics.poses import matrix_from_pose, unit_quaternion
 from procs.kinematics.trajectory import Trajectory
-from procs.requests import Request
+from procs.requests import CommandRefused, Request
 
 Array = NDArray[np.float64]
 
@@ -53,20 +53,19 @@ class OrientationLock:
 
     # commands
 
-    def _lock(self, request: Request) -> str:
+    def _lock(self, request: Request) -> None:
         """A quaternion x y z w of the tip in the reference frame, or none: as it is."""
         control = self._control
         if not self._is_free():
-            raise Refused(f"{request.name}: the arm is not in Cartesian effort mode; send body/servo_cf first")
+            raise CommandRefused("the arm is not in Cartesian effort mode; send body/servo_cf first")
         rotation = self._wanted(request)
         here = control.io.position
         found = self._master.facing(rotation, here, here)
         if found is not None:
             self._bring_within(found)
         if found is None or self._beyond(found):
-            reason = f"{request.name}: unable to solve inverse kinematics ({self._why(found)})"
-            control.report(codes.ORIENTATION_LOCK, reason, SAID_NS)
-            raise Refused(reason)
+            reason = f"unable to solve inverse kinematics ({self._why(found)})"
+            raise control.refusal(codes.ORIENTATION_LOCK, request.name, reason, SAID_NS)
         self._rotation[...] = rotation
         self._seed[...] = found
         self._seed[WRIST] = here[WRIST]
@@ -75,23 +74,21 @@ class OrientationLock:
             self._goal[...] = found[WRIST:]
             self._begin(here[WRIST:], control.io.velocity[WRIST:])
             self._tell(True)
-        return ""
 
     def _wanted(self, request: Request) -> Array:
         cartesian = self._control.cartesian
         if len(request.values) == 0:
             return cartesian.tip[:3, :3].copy()
         if not cartesian.base_known:
-            raise Refused(f"{request.name}: the arm's base frame is not known")
+            raise CommandRefused("the arm's base frame is not known")
         pose = np.zeros(7)
         pose[3:] = unit_quaternion(request.values, QUATERNION_SLACK)
         return cartesian.to_local(matrix_from_pose(pose))[:3, :3].copy()
 
-    def _unlock(self, _: Request) -> str:
+    def _unlock(self, _: Request) -> None:
         if self.locked:
             self._control.motion.in_effort[...] = True
             self._tell(False)
-        return ""
 
     # the cycle
 

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.control import SAID_NS, Control, Refused
+from procs.arm.control import SAID_NS, Control
 from procs.arm.joints import JointSpace
 from procs.document.system import Tool
+from procs.requests import CommandRefused
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class Cannula:
     def guard(self, found: Array, seed: Array) -> None:
         """The wrist stays out of the cannula; an arm that has begun closer goes no further out.
 
-        Changes joints (count,) that were found for a goal; Refused where that is at the remote centre.
+        Changes joints (count,) that were found for a goal; CommandRefused where that is at the remote centre.
         """
         least = SAFE_DISTANCE - self._wrist
         if found[INSERTION] >= least:
@@ -62,7 +63,7 @@ class Cannula:
         if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < LEAST_GOAL:
             reason = "can't solve IK too close to RCM"
             self._control.report(codes.NEAR_RCM, reason, SAID_NS)
-            raise Refused(f"unable to solve inverse kinematics ({reason})")
+            raise CommandRefused(f"unable to solve inverse kinematics ({reason})")
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 
     def is_beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> bool:

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from procs import codes
-from procs.arm.control import Control, Refused
+from procs.arm.control import Control
 from procs.arm.joints import JointSpace, joints
 from procs.document.catalogue import CatalogueMatch, find, full_name
 from procs.document.system import Tool
+from procs.requests import CommandRefused
 
 RETRY_NS: Final = 500_000_000
 LONGEST_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
@@ -59,11 +60,11 @@ class Detection:
         self.asks = False
 
     def named(self, name: str) -> None:
-        """A person says which one; Refused when there is none of this name."""
+        """A person says which one; CommandRefused when there is none of this name."""
         try:
             self._take_named(name)
         except ValueError as error:
-            raise Refused(f"set_tool_type: {error}"[:199]) from None
+            raise CommandRefused(str(error)) from None
 
     def _take_named(self, name: str) -> None:
         arm = self._control.arm

@@ -37,7 +37,7 @@ class JawCommands:
         control.efforts.jaw(float(request.values[0]), control.now_ns)
         return control.pushed()
 
-    def _move_jp(self, request: Request) -> None:
+    def _move_jp(self, request: Request) -> str:
         control = self._control
         control.take_target()[-1] = request.values[0]
-        control.move(request, control.motion.space, JAW_MOVE)
+        return control.move(request, control.motion.space, JAW_MOVE)

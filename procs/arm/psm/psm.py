@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.arm import ArmLogic
-from procs.arm.cartesian_commands import switch
 from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import SAID_NS, Refused
+from procs.arm.control import SAID_NS
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode
 from procs.arm.psm.attachment import Attachment, AttachmentState
@@ -28,7 +27,7 @@ from procs.arm.states import ArmEvent, ArmState
 from procs.document.catalogue import full_name
 from procs.document.system import Tool
 from procs.kinematics.coupling import coupling
-from procs.requests import Request
+from procs.requests import CommandRefused, Request, switch
 
 Array = NDArray[np.float64]
 
@@ -234,32 +233,27 @@ class PsmLogic(ArmLogic):
     def _show_name(self) -> None:
         self._shown_name[...] = self.detection.tool.name.encode() if self.detection.tool is not None else b""
 
-    def _emulate_adapter(self, request: Request) -> str:
+    def _emulate_adapter(self, request: Request) -> None:
         self.adapter.say(switch(request))
-        return ""
 
-    def _emulate_tool(self, request: Request) -> str:
+    def _emulate_tool(self, request: Request) -> None:
         self.tool.say(switch(request))
-        return ""
 
-    def _set_tool_type(self, request: Request) -> str:
+    def _set_tool_type(self, request: Request) -> None:
         control, arm = self.control, self.control.arm
         if arm.tool_detection == "FIXED":
-            raise Refused("set_tool_type: tool detection is FIXED, the instrument is the one of the arm's file")
+            raise CommandRefused("tool detection is FIXED, the instrument is the one of the arm's file")
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
-            raise Refused("set_tool_type: the arm is moving or in effort mode")
+            raise CommandRefused("the arm is moving or in effort mode")
         freely = control.is_played or not self.tool.has_switch
         if not (freely or self.detection.asks):
-            reason = "set_tool_type: nobody asks for it: " + ("the instrument is known" if self.tool.present else
-                                                             "there is no instrument")
-            control.report(codes.COMMAND_REFUSED, reason, SAID_NS)
-            raise Refused(reason)
+            why = "the instrument is known" if self.tool.present else "there is no instrument"
+            raise control.refusal(codes.COMMAND_REFUSED, request.name, f"nobody asks for it: {why}", SAID_NS)
         self.detection.named(request.text.strip())
         if freely:
             self.tool.say(True)
             self.tool.fit = AttachmentState.FOUND
         self._show_name()
-        return ""
 
     # the cannula
 
