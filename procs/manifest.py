@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from procs import sizes
 from procs.document.system import Process, SystemConfig
+from procs.inputs import LATE_S
 from procs.sizes import Sizes
 
 
@@ -70,41 +71,41 @@ class Proc:
 PROCS: tuple[Proc, ...] = (
     Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
          sizes=sizes.of_supervisor, restart=False, budget_us=2000),
-    Proc("external", "", 0.005, 0.03, 0.0, "tele-operations that use it stop following; who owns it starts it again",
+    Proc("external", "", 0.005, LATE_S, 0.0, "tele-operations that use it stop following; who owns it starts it again",
          instances=lambda system: [ProcessInstance(row.name) for row in system.externals],
          sizes=sizes.of_external, restart=False),
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          instances=lambda system: [ProcessInstance("boards", system.emulation.period_s)] if system.emulation else [],
          sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),
-    Proc("io", "procs.io.loop", 1 / 1500, 0.03, 5.0, "boards cut the amplifiers; restart without power",
+    Proc("io", "procs.io.loop", 1 / 1500, LATE_S, 5.0, "boards cut the amplifiers; restart without power",
          ("state", "gains", "instruments"), ("button", "tool_type", "operating_state"),
          lambda system: [ProcessInstance(io.name, io.period_s, ("boards",) if io.port else ()) for io in system.ios],
          sizes.of_io, "io", reserved=0.6, budget_us=300),
-    Proc("arm", "procs.arm.loop", 1 / 1500, 0.03, 3.0, "io holds; restart goes on from shared memory",
+    Proc("arm", "procs.arm.loop", 1 / 1500, LATE_S, 3.0, "io holds; restart goes on from shared memory",
          ("state", "setpoint"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],
          sizes.of_arm, "arm", phase=0.5, budget_us=150, rest=3),
-    Proc("suj", "procs.suj.loop", 1 / 500, 0.03, 3.0, "brakes engage, base frames unknown; restart goes on",
+    Proc("suj", "procs.suj.loop", 1 / 500, LATE_S, 3.0, "brakes engage, base frames unknown; restart goes on",
          ("state", "setpoint"), ("operating_state",),
          lambda system: [ProcessInstance(cart.name, cart.period_s, (cart.io,)) for cart in system.carts],
          sizes.of_cart, "arm", phase=0.75, budget_us=150),
-    Proc("focus", "procs.focus.loop", 0.01, 0.03, 3.0, "the lens may move on until the restart, which stops it",
+    Proc("focus", "procs.focus.loop", 0.01, LATE_S, 3.0, "the lens may move on until the restart, which stops it",
          events=("locked", "focusing_in", "focusing_out"),
          instances=lambda system: [ProcessInstance(row.name, row.period_s,
                                                    (row.io, *(pedal.io for pedal in row.pedals)))
                                    for row in system.focuses],
          priority="least", budget_us=300),
-    Proc("teleop", "procs.teleop.loop", 0.001, 0.03, 3.0, "the slave holds; restart waits until it is enabled again",
+    Proc("teleop", "procs.teleop.loop", 0.001, LATE_S, 3.0, "the slave holds; restart waits until it is enabled again",
          instances=lambda system: [ProcessInstance(row.name, row.period_s, row.arms)
                                    for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
          priority="arm", woken=True, phase=0.75, budget_us=200, rest=10),
     # Above the arms: it takes little, and an operator who cannot be seen for 30 ms counts as gone.
-    Proc("console", "procs.console.loop", 0.01, 0.03, 3.0, "operator counts as absent; restart goes on",
+    Proc("console", "procs.console.loop", 0.01, LATE_S, 3.0, "operator counts as absent; restart goes on",
          instances=lambda system: [
              ProcessInstance(row.name, row.period_s, (*row.teleops, *(wired.io for wired in row.operator_present)))
              for row in system.consoles],
          sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300),
-    Proc("system", "procs.system.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart",
+    Proc("system", "procs.system.loop", 0.01, LATE_S, 3.0, "nothing moves differently; restart",
          instances=lambda system: [ProcessInstance("system", after=tuple(
              row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
              ] if system.consoles else [],

@@ -24,6 +24,7 @@ from typing import Protocol, TypeVar
 
 from procs import codes
 from procs.document.system import WALL, Process, SystemConfig, from_json
+from procs.inputs import LATE_S, Input
 from procs.manifest import late_s, proc
 from procs.pacing import Pacing
 from procs.pauses import Pauses, duration
@@ -101,6 +102,10 @@ class Node:
         """Attach to a ring of another instance, or of the supervisor."""
         kind = instance if instance == "supervisor" else self.document.process(instance).kind
         return self._hold(directory.reader(self.system, instance, topic, kind))
+
+    def input(self, instance: str, topic: str = "state", late_s: float = LATE_S) -> Input:
+        """The newest record of another instance, and whether it counts: not one older than `late_s`."""
+        return Input(self.reads(instance, topic), late_s)
 
     def writes(self, topic: str) -> RingWriter:
         """Claim one of our own rings."""

@@ -18,6 +18,7 @@ from procs.arm_types import ARM_TYPES, class_of
 from procs.codes import AMPLIFIER
 from procs.document.system import Actuator, ArmConfig, Brake, IoConfig
 from procs.faults import FaultReport, reported
+from procs.inputs import SETUP_LATE_S
 from procs.manifest import proc
 from procs.wording import axis_titles, boards_of, place, sentence
 from shm.ring import RingReader
@@ -143,8 +144,8 @@ def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
     """What the set-up joints that carry the arm say of its base; None: it stands by itself."""
     if not arm.base_from:
         return None
-    ring = node.reads(arm.base_from, "state")
-    return SetupBase(ring, place_of(ring.info, arm.base_setup))
+    record = node.input(arm.base_from, late_s=SETUP_LATE_S)
+    return SetupBase(record, place_of(record.ring.info, arm.base_setup))
 
 
 def most_periods(period_s: float) -> int:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from procs.arm.contiguous import contiguous_view
 from procs.arm.joints import JointSpace
 from procs.codes import ARM_LOST, ERROR, FAULTS
+from procs.inputs import LATE_NS
 
 Fields = Callable[[str], NDArray[Any]]
 Array = NDArray[np.float64]
 
 ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
 HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
-SILENT_NS = 30_000_000  # io writes 1500 records a second; none for this long means that it is gone
 
 
 class ArmReadings:
@@ -77,12 +77,12 @@ class ArmReadings:
     def update(self, now_ns: int, stamp_ns: int, epoch: int) -> None:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
-        self.fresh = stamp_ns > 0 and -SILENT_NS <= now_ns - stamp_ns <= SILENT_NS
+        self.fresh = stamp_ns > 0 and abs(now_ns - stamp_ns) <= LATE_NS
         self.has_power = bool(self.powered.item() and self.amps_on.item())
         fault = int(self.fault.item())
         self.problem = 0 if fault in HARMLESS else fault
         self.valid = bool(
-            self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= SILENT_NS
+            self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= LATE_NS
         )
         self._convert()
 

@@ -3,39 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Final, Protocol
+from typing import Protocol
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from procs.document.system import Console, SystemConfig, WiredInput
+from procs.inputs import Input, RecordReader
 
-STALE_NS: Final = 30_000_000  # design: an operator whom nobody sees is absent
 BUTTON, CLICK = b"button", b"clicked"
-
-
-class RecordReader(Protocol):
-    """One ring."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the record."""
-
-    @property
-    def head(self) -> int:
-        """Number of the newest record, 0: none."""
-
-    @property
-    def sequence(self) -> int:
-        """Number of the record at hand."""
-
-    def field(self, name: str) -> Any:
-        """A view on a field of the record."""
-
-    def newest(self) -> bool:
-        """Take the newest record."""
-
-    def next(self) -> bool:
-        """Take the next record."""
 
 
 class HeadSensor(Protocol):
@@ -48,18 +23,17 @@ class HeadSensor(Protocol):
 class InputLine:
     """One digital input of an io, or button of somebody else's program."""
 
-    __slots__ = ("_age", "_index", "_input", "_ring", "name")
+    __slots__ = ("_age", "_index", "_input", "_record", "name")
 
-    def __init__(self, ring: RecordReader, index: int, name: str) -> None:
+    def __init__(self, record: Input, index: int, name: str) -> None:
         """`index` is its place in the record."""
-        self._ring, self._index, self.name = ring, index, name.encode()
-        self._input, self._age = ring.field("input"), ring.field("age_ns")
+        self._record, self._index, self.name = record, index, name.encode()
+        self._input, self._age = record.field("input"), record.field("age_ns")
 
     def pressed(self, now_ns: int) -> bool | None:
         """Its debounced value; None: nothing fresh is known."""
-        if not self._ring.newest() or abs(now_ns - self._ring.stamp_ns) + abs(int(self._age)) > STALE_NS:
-            return None  # a stamp from the future is no better than one of long ago
-        return bool(self._input[self._index])
+        self._record.look(now_ns)
+        return bool(self._input[self._index]) if self._record.sampled(int(self._age)) else None
 
 
 class Inputs:
@@ -73,14 +47,14 @@ class Inputs:
         self._unproved = {OPERATOR, CAMERA} if began_anew else set[str]()
         self._head, self._needed = head, row.present_count
         self.valid, self.seen = True, 0
-        states: dict[str, RecordReader] = {}
+        states: dict[str, Input] = {}
         self._clicks: list[tuple[RecordReader, dict[bytes, str]]] = []
 
         def line(wired: WiredInput | None) -> InputLine | None:
             if wired is None:
                 return None
             if wired.io not in states:
-                states[wired.io] = reads(wired.io, "state")
+                states[wired.io] = Input(reads(wired.io, "state"))
             return InputLine(states[wired.io], system.inputs(wired.io).index(wired.name), wired.name)
 
         self._lines = {CLUTCH: line(row.clutch), CAMERA: line(row.camera)}

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from procs.console.inputs import Inputs, RecordReader
+from procs.console.inputs import Inputs
 from procs.console.logic import Logic
 from procs.document.system import Console
+from procs.inputs import RecordReader
 from shm.origins import Origin
 
 

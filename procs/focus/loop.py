@@ -11,7 +11,6 @@ from procs.document.system import Focus, WiredInput
 from procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
 from procs.requests import CommandRefused, Request, carry_out, switch
 
-STALE_NS: Final = 30_000_000
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 
 
@@ -21,17 +20,17 @@ class Wires:
     def __init__(self, node: runtime.Node, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""
         self._node, self._row = node, row
-        self._rings = {io: node.reads(io, "state") for io in {row.io, *(w.io for w in row.pedals)}}
-        self._ages = {io: ring.field("age_ns") for io, ring in self._rings.items()}
+        self._ios = {io: node.input(io) for io in {row.io, *(w.io for w in row.pedals)}}
+        self._ages = {io: record.field("age_ns") for io, record in self._ios.items()}
         outputs = [output.name for output in node.document.io(row.io).digital_outputs]
-        self._pins = [self._rings[row.io].field("output")[outputs.index(name), ...] for name in row.outputs]
+        self._pins = [self._ios[row.io].field("output")[outputs.index(name), ...] for name in row.outputs]
         self._pedals = [self._pedal(wired) for wired in row.pedals]
         self._client = node.commands(row.io)
 
     def _pedal(self, wired: WiredInput) -> tuple[str, NDArray[Any]]:
         """Its io, and its place in the record of that."""
         place = self._node.document.inputs(wired.io).index(wired.name)
-        return wired.io, self._rings[wired.io].field("input")[place, ...]
+        return wired.io, self._ios[wired.io].field("input")[place, ...]
 
     def pedals(self) -> list[bool]:
         """Those of the two that are pressed; one that nobody hears from is not."""
@@ -51,8 +50,9 @@ class Wires:
         self._node.events.emit(event, component=self._node.name, value=float(on))
 
     def _is_fresh(self, io: str) -> bool:
-        ring = self._rings[io]
-        return ring.newest() and self._node.now_ns - ring.stamp_ns + int(self._ages[io]) <= STALE_NS
+        record = self._ios[io]
+        record.look(self._node.now_ns)
+        return record.sampled(int(self._ages[io]))
 
 
 def execute(request: Request, lens: Lens, now_ns: int) -> None:

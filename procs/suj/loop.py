@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from procs import codes, runtime
 from procs.document.cart import CLASSIC, SI, Cart
 from procs.faults import reported
+from procs.inputs import SETUP_LATE_S
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
@@ -74,7 +75,7 @@ def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_
 def tips(node: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
     """The arms of the system that the set-up arms carry."""
     running = {row.name for row in node.document.processes}
-    return [CarriedTip(arm.carries, node.reads(arm.carries, "state")) if arm.carries in running else None
+    return [CarriedTip(arm.carries, node.input(arm.carries, late_s=SETUP_LATE_S)) if arm.carries in running else None
             for arm in cart.arms]
 
 

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from procs.inputs import Input
 from procs.runtime import Node
 from shm.client import LoopClient
 from shm.origins import Origin
-from shm.ring import RingReader
 
-STALE_NS: Final = 100_000_000
+LATE_S: Final = 0.1
 DISABLED, ENABLED, FAULT = "DISABLED", "ENABLED", "FAULT"
 
 
 class ArmOnRing:
     """One arm or the set-up joints of a cart."""
 
-    def __init__(self, name: str, ring: RingReader, client: LoopClient) -> None:
+    def __init__(self, name: str, record: Input, client: LoopClient) -> None:
         """Nothing is known until `look`."""
         self.name = name
-        self._ring, self._client = ring, client
-        self._fields = {key: ring.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
+        self._record, self._client = record, client
+        self._fields = {key: record.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
         self.reason = ""
         self.refusals: list[str] = []
@@ -30,7 +30,7 @@ class ArmOnRing:
 
     def look(self, now_ns: int) -> None:
         """Take its newest record and its answers."""
-        self.is_fresh = self._ring.newest() and now_ns - self._ring.stamp_ns <= STALE_NS
+        self.is_fresh = self._record.look(now_ns) and self._record.fresh
         if self.is_fresh:
             self.state = self._fields["state"].item().decode()
             self.reason = self._fields["reason"].item().decode(errors="replace")
@@ -48,5 +48,5 @@ class ArmOnRing:
 
 def arms_of(node: Node) -> Sequence[ArmOnRing]:
     """All of the system, in the order in which they start."""
-    return [ArmOnRing(row.name, node.reads(row.name, "state"), node.commands(row.name))
+    return [ArmOnRing(row.name, node.input(row.name, late_s=LATE_S), node.commands(row.name))
             for rows in (node.document.arms, node.document.carts) for row in rows]

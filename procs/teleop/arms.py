@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.codes import INVERSE_KINEMATICS
+from procs.inputs import Input, RecordReader
 from procs.kinematics.poses import angle_between
 from procs.requests import Answer, Sender
 from shm.origins import Origin
@@ -17,7 +18,6 @@ from shm.origins import Origin
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]
 
-SILENT_NS: Final = 30_000_000  # an arm writes 1500 records a second; none for this long means that it is gone
 SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
 LIMITED: Final = ("at its limit", "clipped")  # what answers to goals that could not be reached begin with
@@ -33,27 +33,6 @@ BASE_STEP_M: Final = 0.005
 BASE_STEP_RAD: Final = 0.1
 
 
-class RecordRing(Protocol):
-    """The reading end of a ring; see shm/ring.py."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the record at hand."""
-
-    @property
-    def epoch(self) -> int:
-        """Another number, another writer."""
-
-    def field(self, name: str) -> NDArray[Any]:
-        """A view on a field."""
-
-    def newest(self) -> bool:
-        """Copy the newest record; False: it could not be had."""
-
-    def next(self) -> bool:
-        """Copy the next record in order; False: there is none."""
-
-
 class TeleopArm:
     """One arm. `look` once a cycle; what it says holds until the next one.
 
@@ -67,9 +46,9 @@ class TeleopArm:
     """Its records come in time with ours."""
     fault = doubt = ""
 
-    def __init__(self, name: str, ring: RecordRing, events: RecordRing, sender: Sender) -> None:
-        self.name, self._ring, self._events, self._sender = name, ring, events, sender
-        field = ring.field
+    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender) -> None:
+        self.name, self._record, self._events, self._sender = name, record, events, sender
+        field = record.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
         self._sub_state, self._mode, self._known = field("sub_state"), field("control_mode"), field("reference_valid")
         self._pose, self._setpoint_pose = field("measured_cp"), field("setpoint_cp")
@@ -82,7 +61,7 @@ class TeleopArm:
         self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
         self.measured, self.setpoint = np.zeros(7), np.zeros(7)
         """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
-        self.stamp_ns = self._epoch = self._move = self._weight = self._now_ns = 0
+        self.stamp_ns = self._move = self._weight = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
         self.rebased = self.is_in_hand = self.refuses_goals = False
         self._last_base: Array | None = None
@@ -96,13 +75,11 @@ class TeleopArm:
     def look(self, now_ns: int) -> None:
         """Its newest record and what became of commands."""
         self._now_ns = now_ns
-        epoch = self._ring.epoch
-        self.restarted, self._epoch = self._epoch not in (0, epoch), epoch
+        self.whole, self.rebased = self._record.look(now_ns), False
+        self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
         if self.restarted:
             self.is_moving = self.has_arrived = False
-        self.whole, self.rebased = self._ring.newest(), False
         if self.whole:
-            self.stamp_ns = self._ring.stamp_ns
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
             self.is_in_hand = self._sub_state.item() == IN_HAND
@@ -130,7 +107,7 @@ class TeleopArm:
     @property
     def is_silent(self) -> bool:
         """Nothing came for too long."""
-        return not self._now_ns - self.stamp_ns <= SILENT_NS
+        return not self._record.fresh
 
     @property
     def is_enabled(self) -> bool:
@@ -263,22 +240,19 @@ class BaseFrame:
 
     doubt = ""
 
-    def __init__(self, name: str, ring: RecordRing, setup: int | None = None) -> None:
-        """`setup`: the place of the set-up arm, if `ring` is that of set-up joints."""
-        self.name, self._ring = name, ring
-        self._measured = ring.field("measured_cp")
-        self._known = ring.field("reference_valid" if setup is None else "base_valid")
+    def __init__(self, name: str, record: Input, setup: int | None = None) -> None:
+        """`setup`: the place of the set-up arm, if `record` is that of set-up joints."""
+        self.name, self._record = name, record
+        self._measured = record.field("measured_cp")
+        self._known = record.field("reference_valid" if setup is None else "base_valid")
         if setup is not None:
             self._measured, self._known = self._measured[setup], self._known[setup : setup + 1]
         self._pose = np.zeros(7)
-        self._stamp_ns = self._now_ns = 0
         self._told = False
 
     def look(self, now_ns: int) -> None:
         """Once a cycle."""
-        self._now_ns = now_ns
-        if self._ring.newest():
-            self._stamp_ns = self._ring.stamp_ns
+        if self._record.look(now_ns):
             self._told = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
             if self._told:
                 self._pose[...] = self._measured
@@ -286,4 +260,4 @@ class BaseFrame:
     @property
     def pose(self) -> Array | None:
         """(7,); None: not known."""
-        return self._pose if self._told and self._now_ns - self._stamp_ns <= SILENT_NS else None
+        return self._pose if self._told and self._record.fresh else None

@@ -35,21 +35,21 @@ def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
     name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
         return None
-    ring = node.reads(name, "state")
+    record = node.input(name)
     if not any(cart.name == name for cart in node.document.carts):
-        return BaseFrame(name, ring)
-    return BaseFrame(f"{name}/{setup}", ring, list(ring.info["setups"]).index(setup))
+        return BaseFrame(name, record)
+    return BaseFrame(f"{name}/{setup}", record, list(record.ring.info["setups"]).index(setup))
 
 
 def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
     """The tele-operation of this process, on `record`; `faults` of its arms."""
     row = node.document.teleop(node.name)
     there = row.console in {process.name for process in node.document.processes}
-    operator = Operator(row.console, node.reads(row.console, "state") if there else None)
+    operator = Operator(row.console, node.input(row.console) if there else None)
 
     def arm(name: str) -> TeleopArm:
         make = ThirdPartyArm if any(row.name == name for row in node.document.externals) else TeleopArm
-        return make(name, node.reads(name, "state"), node.reads(name, "events"), node.commands(name))
+        return make(name, node.input(name), node.reads(name, "events"), node.commands(name))
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-from procs.teleop.arms import RecordRing
-
-SILENT_NS: Final = 30_000_000  # three of its periods
+from procs.inputs import Input
 
 
 class Operator:
@@ -15,24 +11,19 @@ class Operator:
     `clutch`: as its record has it, for who has missed its commands.
     """
 
-    def __init__(self, console: str, ring: RecordRing | None) -> None:
-        self._console, self._ring = console, ring
-        self.absence, self.is_silent, self.clutch = "", ring is not None, False
-        self._stamp_ns = self._epoch = 0
-        if ring is not None:
-            self._valid, self._present = ring.field("valid"), ring.field("operator_present")
-            self._clutch = ring.field("clutch")
+    def __init__(self, console: str, record: Input | None) -> None:
+        self._console, self._record = console, record
+        self.absence, self.is_silent, self.clutch = "", record is not None, False
+        if record is not None:
+            self._valid, self._present = record.field("valid"), record.field("operator_present")
+            self._clutch = record.field("clutch")
 
     def look(self, now_ns: int) -> None:
         """Once a cycle; a console that was started anew counts as silent for that cycle."""
-        if self._ring is None:
+        if self._record is None:
             return
-        epoch = self._ring.epoch
-        restarted, self._epoch = self._epoch not in (0, epoch), epoch
-        whole = self._ring.newest()
-        if whole:
-            self._stamp_ns = self._ring.stamp_ns
-        self.is_silent = restarted or not now_ns - self._stamp_ns <= SILENT_NS
+        whole = self._record.look(now_ns)
+        self.is_silent = self._record.restarted or not self._record.fresh
         if whole:
             self.clutch = bool(self._clutch)
         if self.is_silent:

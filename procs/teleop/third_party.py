@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from procs.inputs import LATE_NS, Input, RecordReader
 from procs.requests import Sender
-from procs.teleop.arms import SILENT_NS, Array, Fields, RecordRing, TeleopArm
+from procs.teleop.arms import Array, Fields, TeleopArm
 
 # A hand goes slower than this, a tracker that lost its way is faster. What a step may have on top lets devices of
 # coarse resolution and records that were held up through.
@@ -16,7 +17,7 @@ FASTEST_M_S: Final = 2.0
 FASTEST_RAD_S: Final = 15.0
 STEP_M: Final = 0.005
 STEP_RAD: Final = 0.1
-LONGEST_STEP_NS: Final = SILENT_NS  # a record that comes later is from somebody who was silent
+LONGEST_STEP_NS: Final = LATE_NS  # a record that comes later is from somebody who was silent
 STEADY_NS: Final = 500_000_000  # so long without a fault until it is believed again
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 
@@ -30,9 +31,9 @@ class ThirdPartyArm(TeleopArm):
 
     sets_pace = False  # its records come when it likes
 
-    def __init__(self, name: str, ring: RecordRing, events: RecordRing, sender: Sender) -> None:
-        super().__init__(name, ring, events, sender)
-        self._shown = ring.field("measured_cp"), ring.field("setpoint_cp"), ring.field("measured_cv")
+    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender) -> None:
+        super().__init__(name, record, events, sender)
+        self._shown = record.field("measured_cp"), record.field("setpoint_cp"), record.field("measured_cv")
         self._last = np.zeros(7)
         self._has_last = self._had_gripper = False
         self._last_stamp_ns = self._last_seen_ns = self._steady_ns = 0
@@ -41,11 +42,6 @@ class ThirdPartyArm(TeleopArm):
     def base_of(self, field: Fields) -> Array:
         """Programs do not tell of bases; one that is another is a jump."""
         return np.zeros(7)
-
-    @property
-    def is_silent(self) -> bool:
-        """Nothing came for too long, or it says that it came from the future."""
-        return not abs(self._now_ns - self.stamp_ns) <= SILENT_NS
 
     @property
     def has_jaw(self) -> bool:

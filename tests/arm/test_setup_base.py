@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.arm.setup_base import STALE_NS, SetupBase, place_of
+from procs.arm.setup_base import SetupBase, place_of
+from procs.inputs import SETUP_LATE_S, Input
 from procs.kinematics.poses import matrix_from_pose
 from shm.layout import schema_of
 from shm.topics import SUJ_STATE
@@ -16,6 +17,8 @@ POSE = np.array((0.1, -0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
 
 class FakeCartRing:
     """A record of two set-up arms that is written by the test."""
+
+    epoch = 1
 
     def __init__(self) -> None:
         self.record = np.zeros(1, dtype=schema_of(SUJ_STATE, {"setups": 2}).dtype)
@@ -39,7 +42,7 @@ def ring() -> FakeCartRing:
 
 @pytest.fixture
 def setup(ring: FakeCartRing) -> SetupBase:
-    return SetupBase(ring, 1)
+    return SetupBase(Input(ring, SETUP_LATE_S), 1)
 
 
 def test_base_is_unknown_before_anything_was_written(setup: SetupBase) -> None:
@@ -64,9 +67,9 @@ def test_the_base_is_unknown_as_soon_as_it_is_said_or_old(ring: FakeCartRing, se
     ring.write(20 * MS, valid=False)
     assert setup.update(20 * MS) is True and setup.base is None
     ring.write(30 * MS)
-    assert setup.update(30 * MS + STALE_NS) is True and setup.base is not None
-    assert setup.update(31 * MS + STALE_NS) is True and setup.base is None and setup.frame == ""
-    assert setup.update(32 * MS + STALE_NS) is False
+    assert setup.update(30 * MS + 50 * MS) is True and setup.base is not None
+    assert setup.update(31 * MS + 50 * MS) is True and setup.base is None and setup.frame == ""
+    assert setup.update(32 * MS + 50 * MS) is False
     ring.write(100 * MS)
     assert setup.update(101 * MS) is True and setup.base is not None, "back with the same pose"
 

@@ -12,8 +12,8 @@ from procs import codes
 from procs.arm.arm import Surroundings
 from procs.arm.loop import LastGood
 from procs.arm.psm.psm import PsmLogic
-from procs.arm.readings import SILENT_NS
 from procs.faults import FaultReport
+from procs.inputs import LATE_NS
 from shm import directory
 from shm.ring import HEAD
 from shm.segment import Segment, segment_name
@@ -109,7 +109,7 @@ def test_torn_records_are_an_io_that_is_silent(harness: TornHarness, busy: bool)
     good = harness.setpoint["position"].copy()
     harness.run(0.02)
     assert harness.arm.state == "HOMED" and harness.state["valid"]
-    harness.run(SILENT_NS * 1e-9)
+    harness.run(LATE_NS * 1e-9)
     assert harness.arm.state == "FAULT"
     assert [row[1] for row in harness.reports.of("error")] == ["io-timeout"]
     assert not harness.state["valid"] and not harness.state["position"].any()
@@ -126,6 +126,6 @@ def test_the_effort_mode_falls_back_to_a_real_position(harness: TornHarness) -> 
     harness.send("servo_jf", (0.0,) * 6)
     here = harness.arm.io.setpoint.copy()
     harness.torn = True
-    harness.run(SILENT_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
+    harness.run(LATE_NS * 1e-9 + 5 * PERIOD_NS * 1e-9)
     assert harness.arm.state == "FAULT"
     np.testing.assert_allclose(harness.arm.control.motion.goal[:6], here[:6], atol=0.01)

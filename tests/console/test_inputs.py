@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
-from procs.console.inputs import STALE_NS, Inputs
+from procs.console.inputs import Inputs
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from procs.document.consoles import HidSensor
 from procs.document.system import Console, WiredInput
+from procs.inputs import LATE_NS
 from shm.layout import schema_of
 from shm.topics import EVENTS, IO_STATE, Topic
 
@@ -30,6 +31,8 @@ SYSTEM: Any = SimpleNamespace(inputs=lambda name: NAMES)
 
 class FakeInputRing:
     """The newest record of a ring, and events that wait."""
+
+    epoch = 1
 
     def __init__(self, topic: Topic) -> None:
         self._record: Any = np.zeros(1, dtype=schema_of(topic, DIMS if topic is IO_STATE else {}).dtype)
@@ -94,7 +97,7 @@ def test_three_beams_of_four_see_the_operator(count: int) -> None:
 def test_silent_io_means_an_absent_operator_until_seen_released() -> None:
     wired = Wired()
     wired.see("coag", "clutch")
-    wired.now_ns += STALE_NS + 1
+    wired.now_ns += LATE_NS + 1
     assert wired.inputs.poll(wired.now_ns) == [("operator_present", RELEASED)] and not wired.inputs.valid
     assert wired.see("coag", "clutch") == [] and wired.inputs.valid, "the pedal was not let go meanwhile"
     wired.see()

@@ -9,6 +9,7 @@ import numpy as np
 from procs.codes import Code
 from procs.config import load_system
 from procs.document.system import Cart, SystemConfig
+from procs.inputs import SETUP_LATE_S, Input
 from procs.kinematics import poses
 from procs.suj.joints import SetupJoints
 from procs.suj.reference import CarriedTip
@@ -45,6 +46,8 @@ class FakeMemory:
 
 class FakeRing(FakeMemory):
     """The record of a carried arm, always whole."""
+
+    epoch = 1
 
     def __init__(self) -> None:
         super().__init__(ARM_STATE)
@@ -90,7 +93,8 @@ class SetupHarness:
         self.now_ns = 1_000 * MS
         setups = Setups(cart, self.memory.field)
         self.rings = {arm.name: FakeRing() for arm in cart.arms if arm.carries}
-        tips = [CarriedTip(arm.carries, self.rings[arm.name]) if arm.carries else None for arm in cart.arms]
+        tips = [CarriedTip(arm.carries, Input(self.rings[arm.name], SETUP_LATE_S)) if arm.carries else None
+                for arm in cart.arms]
         made = source(cart, setups, self.reports, self.memory.field, self.setpoint.field) if source else None
         self.source = made
         self.joints = SetupJoints(cart, self.memory.field, setups, made, self.reports, tips)

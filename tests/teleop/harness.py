@@ -12,6 +12,7 @@ import numpy as np
 from procs.codes import Code
 from procs.document.consoles import TeleopEcmConfig as EcmSettings
 from procs.document.consoles import TeleopPsmConfig as PsmSettings
+from procs.inputs import Input
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.ecm import TeleopEcm
@@ -147,7 +148,7 @@ class FakeTeleopArm:
         return [text or name for name, _, text in self.sent]
 
     def seen(self) -> TeleopArm:
-        return TeleopArm(self.name, self.ring, self.events, self)
+        return TeleopArm(self.name, Input(self.ring), self.events, self)
 
 
 class Reports:
@@ -190,7 +191,7 @@ class TeleopHarness:
     def start(self) -> None:
         """A new process on a record as its predecessor left it, or an empty one."""
         self.reports, self.record = Reports(), FakeTeleopRing(TELEOP_STATE)
-        self.teleop = self.make_teleop(Operator("console", self.console))
+        self.teleop = self.make_teleop(Operator("console", self.console and Input(self.console)))
 
     def make_teleop(self, operator: Operator) -> Teleop:
         values: dict[str, Any] = {"start_gripper_threshold": 0.0, **self.settings}
@@ -199,7 +200,7 @@ class TeleopHarness:
         carrier = "ECM" if self.setup is None else "SUJ"
         return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
                          self.slave.seen(), operator, record, self.reports, range_of,
-                         BaseFrame(carrier, self.base, self.setup) if self.base else None, faults=self.faults)
+                         BaseFrame(carrier, Input(self.base), self.setup) if self.base else None, faults=self.faults)
 
     @property
     def master(self) -> FakeTeleopArm:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from procs.inputs import Input
 from procs.teleop.arms import TeleopArm
 from procs.teleop.third_party import ThirdPartyArm
 from shm.operator_topics import EXTERNAL_STATE
@@ -25,7 +26,7 @@ class Program(FakeTeleopArm):
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
     def seen(self) -> TeleopArm:
-        return ThirdPartyArm(self.name, self.ring, self.events, self)
+        return ThirdPartyArm(self.name, Input(self.ring), self.events, self)
 
 
 class ThirdPartyStage(TeleopHarness):

@@ -10,7 +10,8 @@ import math
 from typing import Final
 
 from procs.arm.control import Control
-from procs.arm.readings import SILENT_NS, Fields
+from procs.arm.readings import Fields
+from procs.inputs import LATE_NS
 
 SMOOTH_S: Final = 0.02  # time constant of the velocity
 
@@ -43,7 +44,7 @@ class GripperLogic:
         if self._angle is None:
             return
         angle = float(self._angle)
-        if not (math.isfinite(angle) and 0 <= io.age_ns.item() <= SILENT_NS):
+        if not (math.isfinite(angle) and 0 <= io.age_ns.item() <= LATE_NS):
             self._valid[...] = False
             return
         self._show(angle, io.stamp_ns)
