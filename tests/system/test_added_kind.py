@@ -18,16 +18,16 @@ from procs import runtime
 
 
 class Loop(runtime.Loop):
-    def __init__(self, me: runtime.Node) -> None:
-        super().__init__(me)
-        self._state, self._mailbox = me.writes("state"), me.mailbox()
+    def __init__(self, node: runtime.Node) -> None:
+        super().__init__(node)
+        self._state, self._mailbox = node.writes("state"), node.mailbox()
         self._beats = self._state.field("beats")
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         self._beats[...] += 1
         for request in self._mailbox.drain(wall_ns):
             self._beats[...] = request.values[0]
-            self.me.events.emit("bar", component=self.me.name)
+            self.node.events.emit("bar", component=self.node.name)
             request.done()
         self._state.publish(now_ns)
 
@@ -41,7 +41,7 @@ if __name__ == "__main__":
 ''',
     "procs/manifest.py": (('    Proc("system",', '''
     Proc("metronome", "procs.metronome.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart", events=("bar",),
-         instances=lambda system: [Instance("metronome", after=tuple(io.name for io in system.ios))],
+         instances=lambda system: [ProcessInstance("metronome", after=tuple(io.name for io in system.ios))],
          priority="least", woken=True, budget_us=100),
 '''),),
     "shm/topics.py": (("TOPICS: tuple", '''
