@@ -7,8 +7,6 @@ last column says is typed: then all is well.
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,8 +97,7 @@ def homed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
 
 def said(robot: Robot, words: Words) -> str:
     """All that a command prints, whatever its exit code, in one line."""
-    done = subprocess.run([sys.executable, "-m", "tools", *words], cwd=ROOT, env=robot.environment, timeout=120.0,
-                          capture_output=True, text=True, check=False)
+    done = robot.types(*words)
     return " ".join(f"{done.stdout} {done.stderr}".split())
 
 
@@ -145,7 +142,7 @@ def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Pa
     file.write_text(yaml.safe_dump(system))
     robot.up(file, *LOCKSTEP)
     robot.trocar("send", "boards", "insert_instrument", *SCENARIOS[key].breaks[0].split()[1:])
-    told = said(robot, ("home", "--timeout", "15"))
+    told = said(robot, ("home", "--timeout", "5"))
     assert re.search(ROWS[key].patterns[0], told), told
     see(robot, ROWS[key], STATUS)
     type_it(robot, ROWS[key])
