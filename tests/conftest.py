@@ -44,7 +44,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     `-m "not slow"` takes the place of the settings' `not soak`.
     """
     for item in items:
-        waits = item.get_closest_marker("simulated")  # for whoever is late
+        waits = item.get_closest_marker("simulated") or item.get_closest_marker("patient")  # for whoever is late
         if item.get_closest_marker("slow") and not waits and item.path.is_relative_to(SYSTEMS):
             item.add_marker("alone")
     if "soak" in config.option.markexpr:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from procs.document.system import from_json
 from shm import directory
@@ -22,19 +23,32 @@ from tools.commission.played import AtBoards
 from tools.commission.stages import NAMES
 from tools.remote import Remote
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.patient]
+WATCHDOG_S = 0.2  # a busy machine holds io up for longer than the usual 0.03 s now and then
 
 
-def test_a_good_robot_is_commissioned_from_boards_to_a_slow_move(robot: Robot, tmp_path: Path) -> None:
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """The demo with boards that are as patient as we are."""
+    system = yaml.safe_load(DEMO.read_text())
+    system["IOs"][0]["watchdog_timeout"] = WATCHDOG_S
+    path = tmp_path / DEMO.name
+    path.write_text(yaml.safe_dump(system))
+    return path
+
+
+def test_a_good_robot_is_commissioned_from_boards_to_a_slow_move(robot: Robot, file: Path, tmp_path: Path) -> None:
     book = tmp_path / "book.json"
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar commission"))
-    robot.trocar(*shlex.split(example)[1:], "--system", robot.name, "--report", str(book), timeout=300.0)
+    _, verb, given, *options = shlex.split(example)
+    assert given == str(DEMO.relative_to(robot.root))
+    robot.trocar(verb, str(file), *options, "--system", robot.name, "--report", str(book), timeout=300.0)
     tries = json.loads(book.read_text())["tries"]
     assert [row["stage"] for row in tries] == list(NAMES)
     assert all(row["passed"] for row in tries)
     figures = {row["stage"]: row["figures"] for row in tries}
     assert {row["board"] for row in figures["scan"]["IO1"]} == {6, 7}
-    assert all(0.0 < seconds < 0.08 for seconds in figures["stop"]["IO1 watchdog_s"].values())
+    assert all(0.0 < seconds < WATCHDOG_S + 0.05 for seconds in figures["stop"]["IO1 watchdog_s"].values())
     assert figures["stop"]["IO1 stop_s"]["PSM1"] <= 0.1
     assert (tmp_path / "PSM1-demo-calibrated.json").exists()
     assert robot.left_over() == []
@@ -48,9 +62,8 @@ class Absent(AtBoards):
 
 
 @pytest.fixture
-def running(robots: Callable[[], Robot]) -> Iterator[tuple[Robot, RunningBench]]:
-    robot = robots()
-    robot.up(DEMO, "--set", "clock=wall")
+def running(robot: Robot, file: Path) -> Iterator[tuple[Robot, RunningBench]]:
+    robot.up(file, "--set", "io.period_s=0.002", "--set", "arm.period_s=0.002")
     document = from_json(directory.document(robot.name))
     with Absent(document) as person, RunningBench(document, person) as bench:
         yield robot, bench

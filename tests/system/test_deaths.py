@@ -120,8 +120,10 @@ def test_boards_cut_the_amplifiers_when_io_is_killed(robot: Robot, clock: str) -
     wait_for(lambda: at(robot, PLACE), 30, "a move after the recovery")
 
 
+@pytest.mark.simulated
 def test_everything_ends_when_the_supervisor_is_killed(robot: Robot) -> None:
-    homed(robot, "wall")
+    robot.up()
+    robot.trocar("power-on")
     pids = [robot.pid(i) for i in ("boards", "IO1", "PSM1")]
     robot.kill("supervisor")
     assert robot.supervisor is not None
@@ -131,11 +133,11 @@ def test_everything_ends_when_the_supervisor_is_killed(robot: Robot) -> None:
     assert "cleared" in robot.said()
 
 
+@pytest.mark.simulated
 def test_two_systems_run_side_by_side(robots: Callable[[], Robot]) -> None:
     one, two = robots(), robots()
-    calm = ("--set", "io.period_s=0.002", "--set", "arm.period_s=0.002")  # two cores carry one system at full rate
-    one.up(DEMO, *calm)
-    two.up(DEMO, *calm)
+    one.up()
+    two.up()
     one.trocar("power-on")
     assert json.loads(one.trocar("echo", "PSM1/operating_state", "--json", "--once"))["state"] == "ENABLED"
     assert json.loads(two.trocar("echo", "PSM1/operating_state", "--json", "--once"))["state"] == "DISABLED"
@@ -143,6 +145,7 @@ def test_two_systems_run_side_by_side(robots: Callable[[], Robot]) -> None:
     assert two.state("PSM1") == "RUNNING"
 
 
+@pytest.mark.simulated
 def test_a_second_system_of_the_same_name_is_refused(robot: Robot) -> None:
     robot.up()
     said = robot.trocar("up", str(DEMO), "--system", robot.name, code=1)

@@ -34,6 +34,7 @@ from tests.system.robot import DEMO, ROOT, Robot
 from tools.errors import Problem
 from tools.systems import chosen_system, left_over
 
+pytestmark = pytest.mark.patient
 STRANGER = 4242
 IN_A_SMALL_ONE = """
 mount -t tmpfs -o size={size} tmpfs /dev/shm || exit 99

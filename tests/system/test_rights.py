@@ -13,7 +13,7 @@ import pytest
 from procs.rights import limits_lines, user
 from tests.system.robot import ROOT, UP_S, Robot, wait_for
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.patient]
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
 LIBC = ctypes.CDLL(None)
 

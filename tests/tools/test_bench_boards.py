@@ -35,7 +35,6 @@ def test_ratios_are_formed_with_both_neighbours() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result = bench_boards.run(rounds=1, turn_s=0.05)
@@ -43,13 +42,11 @@ def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert result["bench"] == "boards"
     assert set(figures) == {*FIGURES, "ratio_10_vs_2"}
     assert all(math.isfinite(x) and x > 0 for x in figures.values())
-    assert figures["cycle_cpu_us_p50"] < figures["cycle_cpu_us_p50_sockets"]
     assert list(tmp_path.iterdir()) == []
     assert not [parts for parts in names_of() if parts[0].startswith(f"bench{os.getpid()}-")]
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_boards_that_fail_end_the_bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(bench_boards, "to_json", lambda system: b"no document")

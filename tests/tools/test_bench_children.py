@@ -33,7 +33,6 @@ def test_percentiles_leave_the_warm_up_out() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_every_child_says_what_it_measured() -> None:
     with Team("test", {"a": python(ANSWERS, "one"), "b": python(ANSWERS, "two")}) as team:
         team.wait()
@@ -42,7 +41,6 @@ def test_every_child_says_what_it_measured() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_child_that_ends_is_told_with_its_last_word() -> None:
     with Team("test", {"a": python(ANSWERS, "one"), "b": python(READY + "input(); raise SystemExit('oh')")}) as team:
         team.wait()
@@ -51,7 +49,6 @@ def test_a_child_that_ends_is_told_with_its_last_word() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_child_that_falls_silent_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with Team("test", {"a": python(ANSWERS, "one"), "b": python(READY + "input(); input(); input()")}) as team:
         team.wait()
@@ -61,7 +58,6 @@ def test_a_child_that_falls_silent_is_told(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_who_will_not_go_is_killed_with_its_children(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_children, "FAREWELL_S", 0.1)
     note = tmp_path / "pid"

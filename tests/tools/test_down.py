@@ -20,7 +20,7 @@ from tests.system.test_memory import as_root, as_user
 from tools import cli
 from tools.running import running
 
-pytestmark = [pytest.mark.slow, pytest.mark.alone]
+pytestmark = pytest.mark.slow
 COUNTER = itertools.count()
 FILE = DEMO.parent / "kinematic.yaml"
 

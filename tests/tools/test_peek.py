@@ -228,7 +228,6 @@ def robot(world: Any, tmp_path: Path) -> Iterator[Robot]:
         system.down()
 
 
-@pytest.mark.alone
 def test_it_reads_the_arm_of_a_running_system(robot: Robot, peek: Peek) -> None:
     before = monotonic_ns()
     done = peek(robot.name, "PSM1", "state", "--count", "20", "--follow")

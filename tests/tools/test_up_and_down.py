@@ -44,7 +44,6 @@ def test_options_are_passed_on_to_the_supervisor() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_missing_file_stops_the_start(tmp_path: Path, world: Any) -> None:
     for detach in (["--detach"], []):
         done = trocar(tmp_path, "up", "nowhere.yaml", "--system", world.name, *detach)
@@ -54,7 +53,6 @@ def test_a_missing_file_stops_the_start(tmp_path: Path, world: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_a_detached_system_comes_up_and_goes_down(tmp_path: Path, world: Any) -> None:
     up = trocar(tmp_path, "up", "--detach", "--json", "--system", world.name)
     try:
@@ -75,7 +73,6 @@ def test_a_detached_system_comes_up_and_goes_down(tmp_path: Path, world: Any) ->
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_the_demo_leaves_nothing_when_it_is_interrupted(tmp_path: Path, world: Any) -> None:
     environment = {**os.environ, "TROCAR_STATE": str(tmp_path)}
     demo = subprocess.Popen([sys.executable, "-m", "tools", "demo", "--system", world.name], cwd=ROOT, env=environment,
@@ -87,7 +84,6 @@ def test_the_demo_leaves_nothing_when_it_is_interrupted(tmp_path: Path, world: A
 
 
 @pytest.mark.slow
-@pytest.mark.alone
 def test_the_demo_leaves_nothing_when_it_is_killed(tmp_path: Path, world: Any) -> None:
     environment = {**os.environ, "TROCAR_STATE": str(tmp_path)}
     demo = subprocess.Popen([sys.executable, "-m", "tools", "demo", "--system", world.name], cwd=ROOT, env=environment,
