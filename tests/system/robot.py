@@ -50,6 +50,8 @@ class Robot:
     def __init__(self, name: str, logs: Path, clock: str = "wall") -> None:
         self.name, self.clock, self.root = name, clock, ROOT
         self.logs = logs
+        self.are_verbs_apart = False
+        """Each verb has a process of its own, as programs of several people have."""
         self.environment = {**os.environ, "TROCAR_STATE": str(logs), "TROCAR_SYSTEM": name}
         self.supervisor: subprocess.Popen[str] | None = None
         self.pids: set[int] = set()
@@ -119,7 +121,7 @@ class Robot:
         It runs in this process, which has imported it already: a fresh interpreter takes a second of computing time.
         Verbs that start processes or keep time get one all the same, and those of another tree.
         """
-        if words[0] in OWN_PROCESS or self.root != ROOT:
+        if self.are_verbs_apart or words[0] in OWN_PROCESS or self.root != ROOT:
             return subprocess.run([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
                                   timeout=timeout, capture_output=True, text=True, check=False)
         out, err, code = io.StringIO(), io.StringIO(), 0

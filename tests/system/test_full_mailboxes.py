@@ -35,6 +35,7 @@ sys.stdin.read()
 def full(robot: Robot, tmp_path: Path) -> Robot:
     """A homed system with a console that lets it follow."""
     robot.up(TELEOP)
+    robot.are_verbs_apart = True
     robot.trocar("send", "system", "home", "--wait")
     robot.trocar("send", "console", "teleop_enable", "1")
     return robot
