@@ -142,7 +142,7 @@ def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Pa
     file.write_text(yaml.safe_dump(system))
     robot.up(file, *LOCKSTEP)
     robot.trocar("send", "boards", "insert_instrument", *SCENARIOS[key].breaks[0].split()[1:])
-    told = said(robot, ("home", "--timeout", "5"))
+    told = said(robot, ("home", "--timeout", "15"))
     assert re.search(ROWS[key].patterns[0], told), told
     see(robot, ROWS[key], STATUS)
     type_it(robot, ROWS[key])
