@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from procs.config.build.emulated import default_addresses
+from procs.config.read.source import SourceFile
 from tests.config.conftest import SYSTEM, Home
 
 IO = "io/PSM1-demo.yaml"
@@ -213,3 +214,8 @@ def test_unreadable_file_beside_others_does_not_hide_them(home: Home) -> None:
     (home.path / "kinematic/PSM.yaml").write_text("DH: 3")
     files = {Path(problem.file).name + str(problem.line) for problem in home.load().errors}
     assert files == {"PSM.yaml1"} and len(home.load().errors) == 2
+
+
+def test_what_stands_on_no_line_is_told_without_one() -> None:
+    told = SourceFile(Path("x.yaml"), {}, {}).problem(("a",), "is missing")
+    assert (told.file, told.line) == ("x.yaml", 0)

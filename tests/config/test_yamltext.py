@@ -99,3 +99,9 @@ def test_without_libyaml_all_is_the_same(monkeypatch: pytest.MonkeyPatch) -> Non
     here = [parse_yaml(text) for text in texts]
     monkeypatch.setattr(yaml, "__with_libyaml__", False)
     assert [parse_yaml(text) for text in texts] == here
+
+
+def test_a_character_that_must_not_be_is_told_with_its_place() -> None:
+    with pytest.raises(TextError) as told:
+        parse_yaml("a: 1\nb: \x01")
+    assert (told.value.line, told.value.column) == (2, 4)
