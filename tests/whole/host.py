@@ -10,6 +10,7 @@ from procs.arm import loop as arm_loop
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.console import loop as console_loop
 from procs.io import loop as io_loop
+from procs.suj import loop as suj_loop
 from procs.supervisor import memory
 from procs.system import loop as system_loop
 from procs.teleop import loop as teleop_loop
@@ -17,7 +18,7 @@ from shm.lockstep import Timekeeper
 
 LOOPS = {"io": io_loop.IoLoop, "arm": arm_loop.ArmLoop, "teleop": teleop_loop.TeleopLoop,
          "console": console_loop.ConsoleLoop,
-         "system": system_loop.SystemLoop}
+         "suj": suj_loop.SetupLoop, "system": system_loop.SystemLoop}
 STEP_NS = 5_000_000
 
 

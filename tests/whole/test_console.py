@@ -1,0 +1,142 @@
+"""A console with everything it has: from what a person presses, by all processes, to who follows whom."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from shm import directory
+from shm.client import Client
+from tests.whole.host import WholeHost
+
+TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
+CARRIED = ("ECM", "PSM1", "PSM2", "PSM3")
+
+
+class Room:
+    """A full robot without hardware, and a person in front of it."""
+
+    def __init__(self, host: WholeHost) -> None:
+        self.host, name = host, host.name
+        self.people = {each: Client(name, each) for each in ("system", "console", "SUJ", "MTMR_PSM1")}
+        self.teleops = {each: directory.reader(name, each, "state", "teleop") for each in TELEOPS}
+        self.arms = {each: directory.reader(name, each, "state", "arm") for each in ("MTML", "MTMR", *CARRIED)}
+        self.cart = directory.reader(name, "SUJ", "state", "suj")
+        self.console = directory.reader(name, "console", "state", "console")
+
+    def close(self) -> None:
+        for part in (*self.people.values(), *self.teleops.values(), *self.arms.values(), self.cart, self.console):
+            part.close()
+
+    def says(self, owner: str, command: str, *values: float, text: str = "", seconds: float = 0.3) -> str:
+        """What became of it."""
+        number = self.people[owner].send(command, values, text)
+        self.host.run(seconds)
+        outcomes = [reply.outcome for reply in self.people[owner].poll() if reply.id == number]
+        return outcomes[-1] if outcomes else ""
+
+    @property
+    def following(self) -> set[str]:
+        return {name for name, ring in self.teleops.items() if ring.newest() and ring.field("following").item()}
+
+    def settles(self, *following: str) -> bool:
+        """Whether these follow, and no others, once everybody has aligned."""
+        for _ in range(20):
+            if self.following == set(following):
+                return True
+            self.host.run(0.2)
+        return False
+
+    def homed(self) -> bool:
+        return all(ring.newest() and ring.field("is_homed").item() for ring in self.arms.values())
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Room]:
+    with WholeHost(f"t{os.getpid()}-room", "kinematic-full") as host:
+        made = Room(host)
+        try:
+            made.says("system", "home")
+            for _ in range(40):
+                host.run(0.5)
+                if made.homed():
+                    break
+            yield made
+        finally:
+            made.close()
+
+
+@pytest.fixture
+def driven(room: Room) -> Room:
+    """Somebody looks into the console, and teleoperation is wanted."""
+    for button in ("emulate_operator_present", "emulate_camera", "emulate_clutch", "teleop_enable"):
+        assert room.says("console", button, 0.0) == "done"
+    assert room.following == set()
+    for button in ("teleop_enable", "emulate_operator_present"):
+        assert room.says("console", button, 1.0) == "done"
+    assert room.settles("MTMR_PSM1", "MTML_PSM2")
+    return room
+
+
+def test_a_cart_carries_all_its_arms(room: Room) -> None:
+    assert room.homed() and room.cart.newest()
+    assert room.cart.field("base_valid").all() and room.cart.field("valid").item()
+    for name in CARRIED:
+        assert room.arms[name].newest() and room.arms[name].field("reference_valid").item(), name
+
+
+def test_the_camera_pedal_swaps_instruments_for_the_camera(driven: Room) -> None:
+    driven.says("console", "emulate_camera", 1.0)
+    assert driven.settles("MTML_MTMR_ECM")
+    driven.says("console", "emulate_camera", 0.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_who_leaves_stops_following(driven: Room) -> None:
+    driven.says("console", "emulate_operator_present", 0.0)
+    assert driven.following == set()
+
+
+def test_the_clutch_stops_following_until_it_is_released(driven: Room) -> None:
+    driven.says("console", "emulate_clutch", 1.0)
+    assert driven.following == set()
+    driven.says("console", "emulate_clutch", 0.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_a_tap_of_the_clutch_gives_the_master_another_instrument(driven: Room) -> None:
+    driven.says("console", "emulate_clutch", 2.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM3")
+    driven.says("console", "emulate_clutch", 2.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_a_teleoperation_that_was_restarted_follows_when_presence_is_shown_again(driven: Room) -> None:
+    driven.host.restart("MTMR_PSM1")
+    driven.host.run(0.3)
+    assert driven.settles("MTML_PSM2")
+    driven.says("console", "emulate_operator_present", 0.0)
+    driven.says("console", "emulate_operator_present", 1.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_a_console_that_was_restarted_waits_for_presence(driven: Room) -> None:
+    driven.host.restart("console")
+    driven.host.run(0.3)
+    assert driven.following == set()
+    driven.says("console", "emulate_operator_present", 1.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_one_scale_reaches_every_teleoperation(driven: Room) -> None:
+    for scale in (0.3, 0.2):
+        driven.says("console", "set_scale", scale)
+        assert [ring.newest() and ring.field("scale").item() for ring in driven.teleops.values()] == [scale] * 4
+
+
+def test_a_cart_can_be_asked(room: Room) -> None:
+    assert room.says("SUJ", "servo_jp", *([0.1] * 6), text="PSM2") == "done"
+    assert room.cart.newest() and room.cart.field("position")[2, :6] == pytest.approx([0.1] * 6)
+    assert room.says("SUJ", "servo_jp", *([0.0] * 6), text="PSM2") == "done"
