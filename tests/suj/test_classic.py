@@ -10,7 +10,6 @@ from tests.suj.cart import PLACES, Cart
 
 ROUND_S, WHOLE_S = (16 * (settle + samples / 1500) for settle, samples in ((0.005, 6), (0.03, 60)))
 CLOSE = 2e-4  # m and rad; half a bit of the converter is 2e-5 m and 1e-4 rad
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -41,6 +40,7 @@ def released(cart: Cart) -> list[bool]:
     return [cart.plant.is_released(name) for name in PLACES]
 
 
+@pytest.mark.slow
 def test_three_whole_rounds_at_rest_make_all_arms_known() -> None:
     cart = placed(Cart(quick=False))
     cart.run(3.9 * WHOLE_S)
@@ -74,6 +74,7 @@ def test_a_clutch_button_lets_one_arm_go_which_is_unknown_then(known: Cart) -> N
     assert {"PSM1: clutched", "PSM1: not clutched"} <= set(cart.reports.of("status"))
 
 
+@pytest.mark.slow
 def test_brakes_follow_a_ramp_of_8_amperes_a_second(known: Cart) -> None:
     known.press("SUJ_clutch_1", True)
     known.run(0.12)  # of which the button's debounce takes 0.1 s
@@ -87,12 +88,14 @@ def test_brakes_follow_a_ramp_of_8_amperes_a_second(known: Cart) -> None:
     assert measured == pytest.approx(1.5, abs=0.05)
 
 
+@pytest.mark.slow
 def test_without_power_the_button_moves_no_brake(cart: Cart) -> None:
     cart.press("SUJ_clutch_2", True)
     cart.run(0.6)
     assert released(cart) == [False] * 4 and not cart.field("setup_valid")[1]
 
 
+@pytest.mark.slow
 def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
     known.press("SUJ_clutch_3", True)
     known.run(0.5)
@@ -103,6 +106,7 @@ def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
     assert known.harness.record.powered[0], "and power stays on"
 
 
+@pytest.mark.slow
 def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
     known.press("SUJ_clutch_3", True)
     known.run(0.5)
@@ -118,6 +122,7 @@ def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
     assert again.valid() == [True] * 4
 
 
+@pytest.mark.slow
 def test_lost_power_is_a_fault_and_brakes_hold(known: Cart) -> None:
     known.press("SUJ_clutch_1", True)
     known.run(0.4)
@@ -132,6 +137,7 @@ def test_lost_power_is_a_fault_and_brakes_hold(known: Cart) -> None:
     assert known.joints.machine.state is SetupState.ENABLED
 
 
+@pytest.mark.slow
 def test_potentiometers_that_disagree_make_an_arm_unknown(known: Cart) -> None:
     volts = known.plant._voltages
     good = volts[2, 7]
@@ -145,6 +151,7 @@ def test_potentiometers_that_disagree_make_an_arm_unknown(known: Cart) -> None:
     assert miss(known, "PSM2", PLACES["PSM2"]) == pytest.approx(np.radians(0.4), abs=2e-4), "the mean of both"
 
 
+@pytest.mark.slow
 def test_an_arm_that_moves_with_its_brakes_on_is_noticed(known: Cart) -> None:
     before = known.joints._setups.local[0].copy()
     known.plant.place("ECM", (0.41, -0.295, 0.2, 3.3, 0.0, 0.0), by_force=True)
@@ -156,6 +163,7 @@ def test_an_arm_that_moves_with_its_brakes_on_is_noticed(known: Cart) -> None:
     assert any("although nobody clutched it" in text for text in known.reports.of("warning"))
 
 
+@pytest.mark.slow
 def test_lost_pulses_are_noticed_and_the_round_begins_anew(known: Cart) -> None:
     rounds = known.field("rounds").item()
     known.orders.lose = "mux_increment"
@@ -166,6 +174,7 @@ def test_lost_pulses_are_noticed_and_the_round_begins_anew(known: Cart) -> None:
     assert any("the multiplexer shows channel" in text for text in known.reports.of("warning"))
 
 
+@pytest.mark.slow
 def test_a_multiplexer_that_stands_still_makes_all_unknown(known: Cart) -> None:
     known.orders.lose = "mux_increment"
     known.run(5.5)
@@ -173,6 +182,7 @@ def test_a_multiplexer_that_stands_still_makes_all_unknown(known: Cart) -> None:
     assert any("does not count" in text for text in known.reports.of("error"))
 
 
+@pytest.mark.slow
 def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
     for _ in range(40):
         known.now_ns += 2_000_000
@@ -188,6 +198,7 @@ def height(cart: Cart) -> float:
     return float(cart.plant.positions("PSM3")[0])
 
 
+@pytest.mark.slow
 def test_the_buttons_move_the_lift_and_its_arm_is_unknown(known: Cart) -> None:
     before = height(known)
     known.press("motor_up", True)
@@ -207,6 +218,7 @@ def test_the_buttons_move_the_lift_and_its_arm_is_unknown(known: Cart) -> None:
     assert known.valid() == [True] * 4 and abs(known.field("position")[3, 0] - height(known)) < CLOSE
 
 
+@pytest.mark.slow
 def test_a_command_moves_the_lift_for_a_second(known: Cart) -> None:
     before = height(known)
     assert known.say("set_lift_velocity", "", -0.5).outcome == "done"
@@ -220,6 +232,7 @@ def test_a_command_moves_the_lift_for_a_second(known: Cart) -> None:
     assert known.say("set_lift_velocity", "", 1.5).outcome == "refused"
 
 
+@pytest.mark.slow
 def test_the_lift_stops_when_the_process_dies(known: Cart) -> None:
     known.press("motor_up", True)
     known.run(0.5)
@@ -235,6 +248,7 @@ def test_the_lift_stops_when_the_process_dies(known: Cart) -> None:
 # -- commands ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_clutch_command_does_what_the_button_does_for_a_while(known: Cart) -> None:
     assert known.say("clutch", "PSM2", 1).outcome == "done"
     known.run(0.5)
@@ -248,6 +262,7 @@ def test_a_clutch_command_does_what_the_button_does_for_a_while(known: Cart) -> 
     assert not any(released(known)) and "clutched by command for a minute" in known.reports.of("warning")[-1]
 
 
+@pytest.mark.slow
 def test_commands_that_need_power_are_refused_without_it(cart: Cart) -> None:
     cart.run(0.1)
     for name, text in (("clutch", "PSM1"), ("set_lift_velocity", "")):
@@ -256,6 +271,7 @@ def test_commands_that_need_power_are_refused_without_it(cart: Cart) -> None:
     assert cart.say("servo_jp", "PSM1", *([0.0] * 6)).outcome == "refused"
 
 
+@pytest.mark.slow
 def test_power_that_does_not_come_is_told(cart: Cart) -> None:
     cart.lose_supply(True)
     request = cart.say("state_command", "enable")

@@ -257,9 +257,36 @@ def test_the_reading_end_tells_why_nothing_comes_and_tries_again(monkeypatch: py
     assert boards.poll(1) == [] and boards.problem("AA:BB") == "no adapter"
     boards.poll(2)
     assert boards._ended_ns == 2 and boards.problem("AA:BB") == "no adapter", "the reason stays"
-    boards.poll(3)
+    boards.poll(2 + bluetooth.AGAIN_NS)
     assert len(started) == 1
     assert boards.poll(3 + bluetooth.AGAIN_NS) == [("AA:BB", b"{}")] and boards.problem("AA:BB") == ""
     boards.poll(4 + bluetooth.AGAIN_NS)
     assert boards.problem("AA:BB") == "the Bluetooth reader has ended" and len(started) == 2
     boards.close()
+
+
+def test_a_board_may_have_a_single_joint() -> None:
+    assert np.array_equal(counts(b'{"pots": [[1], [2]]}'), [[1], [2]])
+
+
+def test_a_board_with_too_few_potentiometers_is_told_and_its_arm_unknown(si: SetupHarness) -> None:
+    address, all_of = si.cart.arms[1].board, si.link.poll
+    si.link.poll = lambda now_ns: [(board, json.dumps({"pots": (counts(reading)[:, :2]).tolist()}).encode())
+                                   if board == address else (board, reading) for board, reading in all_of(now_ns)]
+    run(si, 0.5)
+    assert si.field("setup_valid").tolist() == [True, False, True, True]
+    assert si.reports.of("warning") == ["PSM1: its board has 2 potentiometers, 3 are expected"]
+
+
+def test_the_reader_is_started_with_the_boards_it_is_to_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[list[str]] = []
+    start = subprocess.Popen
+
+    def note(command: list[str], **options: object) -> object:
+        commands.append(command)
+        return start([sys.executable, "-c", ""], **options)
+
+    monkeypatch.setattr(subprocess, "Popen", note)
+    boards = bluetooth.BluetoothBoards(("AA:BB", "CC:DD"))
+    boards.close()
+    assert commands == [[sys.executable, "-m", "procs.suj.bluetooth", "AA:BB", "CC:DD"]]

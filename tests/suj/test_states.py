@@ -119,3 +119,11 @@ def test_setup_joints_that_were_never_restarted_are_switched_off_as_well() -> No
     for word in ("enable", "disable"):
         machine.command(FakeCommand("state_command", word), 0)
     assert power.log == ["on", "off"]
+
+
+@pytest.mark.parametrize("state", SetupState)
+def test_disable_ends_what_was_desired(state: SetupState) -> None:
+    bench = StatesBench(state)
+    bench.say("disable")
+    bench.machine.step(1)
+    assert bench.machine.desired is SetupState.DISABLED and not bench.machine.is_busy
