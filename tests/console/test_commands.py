@@ -11,6 +11,7 @@ from tests.console.test_logic import ALL, RIGHT, FakeDesk
 from tests.io.harness import FakeCommand
 
 OTHER = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
+MINE = Selectable("MTMX_PSM4", "d", PSM, ("MTMX", "PSM4"))
 
 
 def asked(commands: ConsoleCommands, name: str, *values: float, text: str = "", now_ns: int = 1) -> FakeCommand:
@@ -56,3 +57,15 @@ def test_selection_waits_for_the_other_console_a_second() -> None:
     logic.elsewhere = set()
     logic.step(LET_GO_NS + 2)
     assert logic.selected == set(), "who has been told no is not selected later"
+
+
+def test_a_second_selection_ends_the_wait_of_the_first_once() -> None:
+    logic = Logic("d", (RIGHT, OTHER, MINE), FakeDesk(), 0.2)
+    logic.elsewhere = {RIGHT.name}
+    commands = ConsoleCommands(logic)
+    first = asked(commands, "select_teleop", text=OTHER.name)
+    assert asked(commands, "select_teleop", text=MINE.name).outcome == "done"
+    assert [answer for answer, _ in first.answers] == ["accepted", "failed"]
+    commands.execute([], LET_GO_NS + 2)
+    assert asked(commands, "select_teleop", text=MINE.name).outcome == "done"
+    assert [answer for answer, _ in first.answers] == ["accepted", "failed"]

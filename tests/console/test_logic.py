@@ -300,3 +300,45 @@ def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_
     logic.enable(True, LATER)
     logic.faults_until(4)
     assert logic.wanted and desk.words(RIGHT.name)[-1] == ENABLE
+
+
+def test_teleop_that_began_anew_is_asked_anew_for_what_it_was_asked_for() -> None:
+    logic, desk = console((RIGHT,))
+    logic.enable(True)
+    logic.began_anew(RIGHT.name)
+    logic.step(1)
+    assert desk.words(RIGHT.name) == [ALIGN, ALIGN]
+
+
+def test_teleop_that_began_anew_hears_of_a_pressed_clutch_and_of_the_scale() -> None:
+    logic, desk = console((RIGHT,))
+    desk.asks.clear()
+    logic.began_anew(RIGHT.name)
+    assert not desk.asks, "as it began"
+    logic.press(CLUTCH, PRESSED)
+    logic.set_scale(0.3)
+    desk.asks.clear()
+    logic.began_anew(RIGHT.name)
+    assert [ask[1:3] for ask in desk.asks] == [("clutch", (1.0,)), ("set_scale", (0.3,))]
+
+
+@pytest.mark.parametrize(("button", "kept"), [(OPERATOR, {SCOPE.name}), (CAMERA, {RIGHT.name}),
+                                              (CLUTCH, {SCOPE.name, RIGHT.name})])
+def test_presence_is_shown_again_by_the_first_press_of_what_a_teleop_waits_for(button: str, kept: set[str]) -> None:
+    logic, _ = console((SCOPE, RIGHT))
+    for member in (SCOPE, RIGHT):
+        logic.began_anew(member.name)
+    logic.press(button, RELEASED)
+    assert logic.lapsed == {SCOPE.name, RIGHT.name}, "letting go shows nothing"
+    logic.press(button, PRESSED)
+    assert logic.lapsed == kept
+
+
+@pytest.mark.parametrize(("button", "again"), [(OPERATOR, 1), (CAMERA, 1), (CLUTCH, 0)])
+def test_a_press_but_of_the_clutch_asks_again_who_has_stopped(button: str, again: int) -> None:
+    logic, desk = console((RIGHT, SCOPE))
+    logic.enable(True)
+    logic.shows(RIGHT.name, "DISABLED")
+    count = len(desk.words(RIGHT.name))
+    logic.press(button, PRESSED)
+    assert len(desk.words(RIGHT.name)) == count + again

@@ -283,3 +283,30 @@ def test_an_io_held_up_in_the_middle_of_a_cycle_switches_everything_off_with_tha
     assert (harness.currents == 0x8000).all()
     power = registers.STATUS_POWER | registers.STATUS_RELAY | 0xF << registers.STATUS_AMP_ON_SHIFT
     assert not (harness.port.live[:, blocks.STATUS] & power).any()
+
+
+def test_the_relay_counts_as_closed_when_it_is_on_every_board() -> None:
+    harness = IoHarness(close_all_relays=False)
+    harness.power()
+    assert harness.record.relay[0]
+    harness.port.live[1, blocks.STATUS] &= np.uint32(~registers.STATUS_RELAY_FEEDBACK & 0xFFFFFFFF)
+    harness.run(1)
+    assert not harness.record.relay[0]
+
+
+def test_a_watchdog_that_is_still_set_delays_the_amplifiers() -> None:
+    harness = IoHarness()
+    obey = harness.port._obey
+
+    def stuck(row: int) -> None:
+        obey(row)
+        harness.port.set_status(registers.STATUS_WATCHDOG)
+
+    harness.port._obey = stuck
+    harness.ask("power_on")
+    harness.run(20)
+    assert harness.record.watchdog[0] and not harness.record.powered[0]
+    assert not any((sent[:, :4] & registers.DAC_AMP_ENABLE).any() for sent in harness.port.sent)
+    harness.port._obey = obey
+    harness.run_s(0.3)
+    assert harness.record.powered[0] and harness.record.amps_on[0] and not harness.record.watchdog[0]

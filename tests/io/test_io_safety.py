@@ -234,3 +234,12 @@ def test_commands_are_heard_also_without_a_sample() -> None:
     harness.port.good = False
     assert harness.ask("power_off", 0).outcome == "done"
     assert (harness.port.sent[-1][:, 4] & 0x000C0000 == 0x00080000).all()
+
+
+def test_what_changes_while_amplifiers_are_warm_is_no_new_warning() -> None:
+    harness = IoHarness()
+    harness.power()
+    for celsius in (62, 61, 63, 62, 61):
+        harness.port.live[:, blocks.TEMPERATURE] = celsius * 2 << 8 | 30 * 2
+        harness.run_s(0.5)
+    assert len([e for e in harness.core.reports.events if e.kind == "warning"]) == 1

@@ -102,3 +102,10 @@ def test_setting_an_encoder_is_no_motion() -> None:
     estimator.update(np.array([0]), np.array([0.0]))
     estimator.reset(np.array([100000]))
     assert estimator.update(np.array([100000]), np.array([0.001]))[0] == 0.0
+
+
+def test_after_a_long_rest_the_speed_before_is_that_of_the_longest_period() -> None:
+    tick, longest, period, q1 = 1 / 49.152e6, registers.VELOCITY_TICKS_MASK, 49152, 12288
+    a = 8 * (longest - q1) / (period * longest * tick**2 * (longest + q1))
+    q5 = longest | FORWARD | A_UP | OVERFLOW
+    np.testing.assert_allclose(estimate(period | FORWARD, q1 | FORWARD | A_UP, q5, 0)[1], a, rtol=1e-9)

@@ -108,3 +108,9 @@ def test_a_camera_at_its_limit_goes_on_following_and_says_so(harness: EcmTheatre
     harness.slave.says["servo_jp"] = "clipped: insertion"
     harness.run(0.005)
     assert harness.following and harness.text("reason") == "ECM at its limit: insertion"
+
+
+def test_the_clutch_holds_the_camera_that_is_not_followed_too() -> None:
+    harness = EcmTheatre()
+    harness.send("clutch", 1)
+    assert harness.slave.words() == ["hold"]

@@ -234,3 +234,25 @@ def test_a_pose_that_is_no_number_never_starts(harness: TeleopHarness) -> None:
     show(harness)
     assert not harness.following
     assert harness.text("reason") == "waiting: the pose of MTMR in its reference frame is not known"
+
+
+def test_an_arm_that_is_lost_while_clutched_needs_presence_again(following: TeleopHarness) -> None:
+    following.send("clutch", 1)
+    following.slave.ring.epoch += 1
+    following.step()
+    following.send("clutch", 0)
+    following.run(0.05)
+    assert not following.following
+    show(following)
+    assert following.following
+
+
+def test_a_clutch_that_is_held_is_not_pressed_again(following: TeleopHarness) -> None:
+    following.send("clutch", 1)
+    following.run(0.01)
+    following.forget()
+    following.send("clutch", 1)
+    assert not following.slave.sent and not following.reports.said
+    following.send("clutch", 0)
+    following.run(0.01)
+    assert following.following, "presence of before the clutch is what it comes back to"
