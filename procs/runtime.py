@@ -20,27 +20,18 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from types import FrameType
-from typing import Protocol, TypeVar
 
-from procs import codes
-from procs.document.system import WALL, Process, SystemConfig, from_json
-from procs.inputs import LATE_S, Input
-from procs.manifest import late_s, proc
+from procs.document.system import WALL, SystemConfig, from_json
+from procs.manifest import proc
+from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
-from procs.pauses import Pauses, duration
+from procs.pauses import Pauses
 from procs.realtime import realtime
 from shm import directory, loglines
-from shm.audit import Audit
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
-from shm.control_page import ControlPage
-from shm.events import Events
-from shm.faults import Cell, FaultCell, Faults
 from shm.lockstep import LockstepClock
-from shm.mailbox import DIED, Mailbox
-from shm.ring import RingReader, RingWriter
 from shm.segment import SegmentError
-from shm.wakeup import Wakeup
 
 SUPERVISOR_CHECK_NS = 100_000_000
 SIMULATED_LOST = 10
@@ -49,85 +40,30 @@ MOST_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 
 
-class Closing(Protocol):
-    """What is closed when it is given back."""
-
-    def close(self) -> None:
-        """Give it back."""
-
-
-Part = TypeVar("Part", bound=Closing)
-
-
-class Node:
-    """What a process knows of itself; made by `process`."""
+class Node(OwnMemory):
+    """What a process of ours knows of itself; made by `process`. It has a clock, and is paced."""
 
     def __init__(self, kind: str, system: str, name: str) -> None:
         """Attach to the running system; SegmentError when there is none."""
-        self.kind, self.system, self.name = kind, system, name
-        self.document: SystemConfig = from_json(directory.document(system))
-        self.row: Process = self.document.process(name)
-        self.page = ControlPage(system, name, write=True)
-        self.page.segment.claim(name)
-        self.page.field("pid")[...] = os.getpid()
-        self.page.show("STARTING")
+        document: SystemConfig = from_json(directory.document(system))
         self.clock: WallClock | LockstepClock
-        if self.document.clock == WALL:
-            self.clock = WallClock(_spin_ns(self.document, name))
+        self.log = logging.getLogger(name)
+        super().__init__(document, name, lambda: self.clock.now_ns(), loglines.into(self.log))
+        self.page.show("STARTING")
+        if document.clock == WALL:
+            self.clock = WallClock(_spin_ns(document, name))
         else:
             self.clock = LockstepClock(system, name)
-        self.log = logging.getLogger(name)
-        self.events = Events(directory.writer(system, name, "events", kind), self.clock.now_ns, loglines.into(self.log))
         period_ns = round(self.row.period_s * 1e9)
-        self.page.field("pauses")[...] = 0
         self._wakeup = self.page.wakeup()
         self._pacing = Pacing(self.page, period_ns, round(proc(kind).phase * period_ns))
         self._beat = self.page.field("heartbeat_ns")
-        self._supervisor = ControlPage(system, "supervisor")
-        self._lost_ns = round(self.document.supervisor_lost_s * 1e9)
         self._check_at = 0
         self._stop = ""
-        self._held = contextlib.ExitStack()
-        self._mailbox: Mailbox | None = None
-        self._late_s = late_s(self.row) if proc(kind).pause_ends else 0.0
-        self._pauses = Pauses(0 if self.clock.simulated else round(self._late_s * 1e9))
+        self._pauses = Pauses(round(self.late_s * 1e9) if proc(kind).pause_ends and not self.clock.simulated else 0)
         self.held_up_ns = 0
         """How long it was held up, when that was too long: the loop is to be made anew."""
-        self._begun = f"{name} has just started; ask again", DIED
         self.now_ns = self.clock.now_ns()
-
-    # what a loop takes, until `give_back`
-
-    def reads(self, instance: str, topic: str) -> RingReader:
-        """Attach to a ring of another instance, or of the supervisor."""
-        kind = instance if instance == "supervisor" else self.document.process(instance).kind
-        return self._hold(directory.reader(self.system, instance, topic, kind))
-
-    def input(self, instance: str, topic: str = "state", late_s: float = LATE_S) -> Input:
-        """The newest record of another instance, and whether it counts: not one older than `late_s`."""
-        return Input(self.reads(instance, topic), late_s)
-
-    def writes(self, topic: str) -> RingWriter:
-        """Claim one of our own rings."""
-        return self._hold(directory.writer(self.system, self.name, topic, self.kind))
-
-    def mailbox(self, guard: Cell | None = None) -> Mailbox:
-        """Our own mailbox; what waits in it when the loop begins is refused.
-
-        `guard`: what may power or move needs a person's command, given after the last fault of this cell.
-        """
-        audit = Audit(self.writes("audit"), self.clock.now_ns)
-        self._mailbox = self._hold(Mailbox(self.system, self.name, self.kind, guard=guard, audit=audit,
-                                           died=self._begun[1]))
-        return self._mailbox
-
-    def faults(self) -> Faults:
-        """The fault page of the system."""
-        return self._hold(Faults(self.system))
-
-    def fault_cell(self, component: str = "") -> FaultCell:
-        """The faults of a component of ours; empty: of this instance."""
-        return FaultCell(self._hold(Faults(self.system, write=True)), component or self.name)
 
     def commands(self, instance: str) -> LoopClient:
         """A handle for the mailbox of another instance; all of ours share one place there.
@@ -135,20 +71,7 @@ class Node:
         What a cycle sends after a pause in its middle is not sent.
         """
         called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
-        return self._hold(LoopClient(self.system, instance, called, self._pauses.is_over))
-
-    def waker_for(self, instance: str) -> Wakeup:
-        """The way to wake an instance that waits for news, see `tick`; `wake` it when the news is out."""
-        return self._hold(ControlPage(self.system, instance, write=True)).wakeup()
-
-    def _hold(self, part: Part) -> Part:
-        self._held.callback(part.close)
-        return part
-
-    def give_back(self) -> None:
-        """Close all that the loop has taken."""
-        self._mailbox = None
-        self._held.close()
+        return self.hold(LoopClient(self.system, instance, called, self._pauses.is_over))
 
     def is_over(self) -> bool:
         """We were held up in the middle of this cycle: what it does is about the past."""
@@ -165,9 +88,7 @@ class Node:
 
     def ready(self) -> None:
         """Set-up has succeeded; whoever waits at the barrier goes on."""
-        if self._mailbox is not None:  # nobody acts on what a predecessor was told
-            self._mailbox.refuse_waiting(self._begun[0])
-        self.page.show("RUNNING")
+        self.begin()
         if isinstance(self.clock, LockstepClock):
             self.clock.join(self._stopped)
         self.now_ns = self.clock.now_ns()
@@ -176,11 +97,7 @@ class Node:
 
     def begin_anew(self) -> None:
         """After a pause, before the loop is made anew: as if the process had been killed and started again."""
-        held_up = f"{self.name} was held up for {duration(self.held_up_ns)}"
-        self._begun = held_up, held_up
-        self.page.show("STARTING")
-        self.page.field("pauses")[...] += 1
-        self.events.report(codes.HELD_UP, held_up, self.name, value=self.held_up_ns * 1e-9, limit=self._late_s)
+        self.report_pause(self.held_up_ns)
         self.held_up_ns = 0
         self._pauses.end()
         gc.collect()  # what is left of the old loop; all that is older is frozen
@@ -245,12 +162,11 @@ class Node:
             self._beat[...] = now  # who waits for time lives as well
         if now >= self._check_at:
             self._check_at = now + SUPERVISOR_CHECK_NS
-            silent_ns = now - self._supervisor.get("heartbeat_ns")
+            silent_s = self.lost_s()
             # In simulated time nothing is in danger: there it may be short of a core for longer, while it lives.
-            if silent_ns > self._lost_ns and (
-                    not self.clock.simulated or silent_ns > SIMULATED_LOST * self._lost_ns
-                    or os.getppid() != self._supervisor.get("pid")):
-                self.stop(f"the supervisor has not beaten for {silent_ns * 1e-9:.1f} s")
+            if silent_s and (not self.clock.simulated or silent_s * 1e9 > SIMULATED_LOST * self._lost_ns
+                             or os.getppid() != self._supervisor.get("pid")):
+                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
         return bool(self._stop)
 
     def close(self) -> None:
@@ -259,7 +175,7 @@ class Node:
         gc.enable()
         if isinstance(self.clock, LockstepClock):
             self.clock.close()
-        self.page.close()
+        self.leave()
 
 
 class Loop(ABC):

@@ -64,8 +64,7 @@ class WholeHost:
         for name, loop in self.loops.items():
             loop.close()
             node: Any = self.node[name]
-            node.give_back()
-            for part in (node.page, node.events._ring, node._supervisor, node.clock):  # a process would just end
-                part.close()
+            node.leave()
+            node.clock.close()
         self._clock.close()
         memory.remove_all(self.name)

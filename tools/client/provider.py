@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -15,15 +14,13 @@ from numpy.typing import ArrayLike
 from procs import codes
 from procs.document.system import SystemConfig, from_json
 from procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
-from procs.manifest import late_s
+from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
-from procs.pauses import Pauses, duration
+from procs.pauses import Pauses
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
-from shm.control_page import ControlPage
-from shm.events import Events
-from shm.mailbox import PER_CYCLE, Mailbox
+from shm.mailbox import PER_CYCLE
 from shm.mailbox_map import COMMANDS_DEPTH
 from shm.received import Received
 from shm.topics import EXTERNAL_STATE
@@ -57,30 +54,18 @@ class Provider:
         places = {row.name: row for row in document.externals}
         if name not in places:
             raise unknown("place for a program of yours", name, places)
-        self._place, self._lost_ns = places[name], round(document.supervisor_lost_s * 1e9)
-        self._period_ns = round(1e9 / rate)
-        self._late_s = late_s(document.process(name))
-        self._pauses = Pauses(round(self._late_s * 1e9))
+        self._place, self._period_ns = places[name], round(1e9 / rate)
         self._handlers = _checked(name, rate, commands or {})
-        with contextlib.ExitStack() as stack:
-            self._page = ControlPage(system, name, write=True)
-            stack.callback(self._page.close)
-            self._page.segment.claim(name)
-            self._supervisor = ControlPage(system, "supervisor")
-            stack.callback(self._supervisor.close)
+        self._own = OwnMemory(document, name, monotonic_ns)
+        try:
+            self._mailbox = self._own.mailbox()
+            self._consoles = [self._own.waker_for(row.name) for row in document.consoles if row.is_wired_to(name)]
             self._take_ring()
-            stack.callback(lambda: self._ring.close())
-            events = directory.writer(system, name, "events", KIND)
-            stack.callback(events.close)
-            self._mailbox = Mailbox(system, name, KIND)
-            stack.callback(self._mailbox.close)
-            self._consoles = []
-            for console in [row.name for row in document.consoles if row.is_wired_to(name)]:
-                page = ControlPage(system, console, write=True)
-                stack.callback(page.close)
-                self._consoles.append(page.wakeup())
-            self._open = stack.pop_all()
-        self._events = Events(events, monotonic_ns)
+        except BaseException:
+            self._own.leave()
+            raise
+        self._page, self._events = self._own.page, self._own.events
+        self._pauses = Pauses(round(self._own.late_s * 1e9))
         self._untold: list[tuple[str, str, float]] = []  # what became of buttons since the last record
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
         self._begin(program or _program())
@@ -97,10 +82,7 @@ class Provider:
                   measured_cp=NOWHERE, setpoint_cp=NOWHERE, gripper_position=np.nan,
                   simulated="body/servo_cf" not in self._handlers, control_mode=1)
         self.set_state("ENABLED", homed=True)
-        self._mailbox.refuse_waiting(f"{self.name} has just begun; ask again")
-        self._page.field("pid")[...] = os.getpid()
-        self._page.field("pauses")[...] = 0
-        self._page.show("RUNNING")
+        self._own.begin()
         self.now_ns = now = monotonic_ns()
         """When this cycle began, monotonic."""
         self.held_up_s = 0.0
@@ -253,24 +235,21 @@ class Provider:
         held_up_ns = self._pauses.next(self._period_ns)
         self.held_up_s = held_up_ns * 1e-9
         if held_up_ns:
-            words = f"{self.name} was held up or silent for {duration(held_up_ns)}"
             self._ring.close()
             self._take_ring()
-            self._mailbox.refuse_waiting(words)
-            self._page.field("pauses")[...] += 1
-            self._events.report(codes.HELD_UP, words, self.name, value=self.held_up_s, limit=self._late_s)
+            self._own.report_pause(held_up_ns)
+            self._own.begin()
             self._pauses.begin()
 
     def alive(self) -> bool:
         """Whether the system is there."""
-        beat = int(self._supervisor.get("heartbeat_ns"))
-        late = monotonic_ns() - beat > self._lost_ns
-        return not late and self._supervisor.state not in ("STOPPING", "STOPPED", "FAILED")
+        return not self._own.lost_s() and self._own.supervisor_state not in ("STOPPING", "STOPPED", "FAILED")
 
     def close(self) -> None:
         """Leave the place; tele-operations that use it stop."""
         self._page.show("STOPPED")
-        self._open.close()
+        self._ring.close()
+        self._own.leave()
 
     def __enter__(self) -> Self:
         return self

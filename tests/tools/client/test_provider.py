@@ -135,7 +135,7 @@ def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> N
     place.client.send("state_command", (), "disable")  # before anybody was there
     with trocar.provide("MTMR", place.name, program="mine") as master:
         (early,) = place.client.poll()
-        assert early.outcome == "refused" and "has just begun" in early.text
+        assert early.outcome == "refused" and "has just started" in early.text
         reply = place.ask(master, "move_cp", (0, 0, 0, 0, 0, 0, 1))
         assert reply.outcome == "refused"
         assert reply.text == "move_cp: MTMR is mine, a program that does not carry out move_cp"
@@ -289,7 +289,7 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         clock.now_ns += 1_505_000_000
         master.write(QUARTER)
         assert place.ring.epoch == 2 and master.held_up_s == pytest.approx(1.5)
-        words = "MTMR was held up or silent for 1.5 s"
+        words = "MTMR was held up for 1.5 s"
         assert [reply.text for reply in place.client.poll()] == [words] and ("warning", "MTMR", words) in place.said()
         assert not place.value("reference_valid"), "that pose may be from before the pause"
         master.write(QUARTER)
