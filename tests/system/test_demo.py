@@ -35,7 +35,7 @@ def test_a_recorded_motion_is_followed_through_the_whole_stack(demo: Robot, data
     loops = ("IO1", "boards", "PSM1")
     before = [demo.cell(name, "missed") for name in loops]
     file = data("real/psm_measured_one.csv")
-    result = json.loads(demo.trocar("stream", "PSM1", str(file), "--rate", "200", "--for", "20", "--json", timeout=300))
+    result = json.loads(demo.trocar("stream", "PSM1", str(file), "--rate", "200", "--for", "5", "--json", timeout=300))
     assert [demo.cell(name, "missed") for name in loops] == before
     assert all(rms <= most for rms, most in zip(result["rms"], (0.02, 0.02, 0.001), strict=False)), result["rms"]
     assert result["jaw_clipped_rows"] > 0

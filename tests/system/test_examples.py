@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.old import config, three
-from tests.system.robot import ROOT
+from tests.system.robot import ROOT, Robot
 from tools.cli import VERBS, Verb, examples_of, loaded
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything without hardware is
@@ -24,7 +24,7 @@ SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the scr
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down)\b")  # those that start a system, or end one
-# bench and commission are on the wall clock, and run by their own tests: test_bench_system.py, test_commission.py
+# demo, bench and commission have tests of their own: test_robot.py, test_bench_system.py, test_commission.py
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
 
@@ -112,7 +112,8 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
     "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
-    "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml", "convert": "convert console-PSM1.json --to .",
+    "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
+    "convert": "convert {folder}/console-PSM1.json --to {folder}",
     "doctor": "doctor", "power-off": "power-off PSM1",
 }
 
@@ -127,9 +128,10 @@ def test_json_is_one_object_a_line_for_every_verb(person: Person) -> None:
     (person.folder / "console-PSM1.json").write_text(json.dumps({"arms": []}))
     rows = person.types("trocar up demo.yaml --detach --json 2>/dev/null").splitlines()
     person.types("trocar power-on; trocar home")
+    robot = Robot(person.environment["TROCAR_SYSTEM"], person.folder / "state")
     for verb in VERBS:
         if JSON.get(verb.name):
-            rows += person.types(f"trocar {JSON[verb.name]} --json 2>/dev/null || true").splitlines()
+            rows += robot.types(*JSON[verb.name].format(folder=person.folder).split(), "--json").stdout.splitlines()
     rows += person.types("trocar down --json 2>/dev/null").splitlines()
     assert len(rows) > len(JSON) and all(isinstance(json.loads(row), dict) for row in rows)
 
@@ -146,8 +148,3 @@ def test_examples_of_buses_work_with_boards_on_the_desk(person: Person) -> None:
         if line.startswith("trocar bus"):
             there = re.sub(r"\budp(:\S+)?", f"udp:{address}", line)
             person.types(f"{there} --yes" if "write" in there else there)  # it asks, but only at a terminal
-
-
-def test_the_example_of_the_demo_works(person: Person) -> None:
-    (line,) = (line for line in EXAMPLES if line.startswith("trocar demo"))
-    person.types(line)

@@ -55,8 +55,20 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
     history = directory.reader(robot.name, "io", "state")
     assert len(history.last(1000)) == 1000 and history.last(1000)["simulated"].all()
     history.close()
+    killed_io_comes_back_without_power_and_a_person_homes(robot)
     robot.trocar("power-off")
     assert robot.down() == 0
+
+
+def killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
+    robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", "--wait")
+    old = robot.kill("io")
+    wait_for(lambda: robot.pid("io") != old and robot.state("io") == "RUNNING", 30, "the restart of io")
+    wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 10, "FAULT")
+    state = echo(robot, "io/state")
+    assert not np.any(state["powered"]) and state["position"][2] == pytest.approx(0.12), "where it was"
+    homed(robot)
+    assert echo(robot, "PSM1/operating_state")["is_homed"] is True
 
 
 @pytest.mark.parametrize("clock", [pytest.param("wall", marks=pytest.mark.soak), "lockstep"])
@@ -77,18 +89,6 @@ def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, clock: str)
     io.close()
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0")
     wait_for(lambda: there(robot, "PSM1", (0, 0, 0.12, 0, 0, 0)), 20, "a move afterwards")
-
-
-def test_killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
-    robot.up(KINEMATIC)
-    homed(robot)
-    old = robot.kill("io")
-    wait_for(lambda: robot.pid("io") != old and robot.state("io") == "RUNNING", 30, "the restart of io")
-    wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 10, "FAULT")
-    state = echo(robot, "io/state")
-    assert not np.any(state["powered"]) and state["position"][2] == pytest.approx(0.12), "where it was"
-    homed(robot)
-    assert echo(robot, "PSM1/operating_state")["is_homed"] is True
 
 
 def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.system.robot import Robot
+from tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
@@ -31,7 +33,9 @@ def test_a_real_site_file_starts_on_emulated_boards_and_homes(robot: Robot, data
 
 
 def test_the_demo_ends_by_itself_and_says_how_it_went(robot: Robot) -> None:
-    summary = json.loads(robot.trocar("demo", "--for", "3", "--json", "--system", robot.name, timeout=150))
+    (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar demo"))
+    words = shlex.split(example.replace("--for 10", "--for 3"))[1:]
+    summary = json.loads(robot.trocar(*words, "--json", "--system", robot.name, timeout=150))
     assert summary["homed_after_s"] > 0.0 and summary["supervisor_exit"] == 0
     assert summary["clock"] == "paced" and summary["following"] and 0.0 < summary["speed"] < 1.1
     assert 2.0 < summary["followed_s"] < 4.0 and summary["error_mm_rms"] < 2.0 and summary["latency_ms_p50"] > 0.0

@@ -67,12 +67,12 @@ def two_masters_of_one_name(folder: Path) -> Path:
     return file
 
 
-def test_robots_of_one_name_on_two_buses_home_and_are_pushed_apart(robot: Robot, tmp_path: Path) -> None:
+def test_robots_of_one_name_on_two_buses_are_homed_and_pushed_apart(robot: Robot, tmp_path: Path) -> None:
     robot.up(two_masters_of_one_name(tmp_path), "--boards", "emulated", *LOCKSTEP)
     robot.trocar("power-on")
-    robot.trocar("home")
-    assert all('"HOMED"' in robot.trocar("echo", f"{arm}/operating_state", "--json", "--once")
-               for arm in ("MTML", "MTML2"))
+    robot.trocar("home", "MTML2")
+    assert '"HOMED"' in robot.trocar("echo", "MTML2/operating_state", "--json", "--once")
+    assert '"ENABLED"' in robot.trocar("echo", "MTML/operating_state", "--json", "--once")
     robot.trocar("send", "boards", "press", "1", "IO2/clutch", "--wait")
     wait_for(lambda: shown(robot, "IO2", "input")[0], 10, "the second console's pedal")
     assert not shown(robot, "IO1", "input")[0]

@@ -148,10 +148,11 @@ def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Pa
     type_it(robot, ROWS[key])
 
 
-def test_io_that_died_is_told_and_the_arm_is_homed_again(robot: Robot) -> None:
-    robot.up(DEMO, *LOCKSTEP)
+def test_io_that_died_is_told_and_the_arm_is_homed_again(homed: Robot) -> None:
+    robot = homed
     robot.trocar("home", timeout=300)
     old = robot.kill("IO1")
     wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 60, "io's restart")
+    robot.pids.add(robot.pid("IO1"))
     see(robot, ROWS["io was restarted"], STATUS)
     type_it(robot, ROWS["io was restarted"])
