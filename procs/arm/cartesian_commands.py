@@ -17,14 +17,13 @@ from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
 from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.poses import matrix_from_pose, unit_quaternion
+from procs.kinematics.poses import given_pose
 from procs.requests import CommandRefused, Request, switch
 
 Array = NDArray[np.float64]
 
 POSE: Final = 7
 TWIST: Final = 6
-QUATERNION_SLACK: Final = 0.1
 LONGEST_S: Final = 3600.0
 MOST_FORCE: Final = 1000.0  # N, ten times what the strongest joint gives
 MOST_TORQUE: Final = 100.0  # N·m
@@ -71,9 +70,7 @@ class CartesianCommands:
             raise CommandRefused("the arm's base frame is not known")
         if not self._control.trusts_poses:
             raise CommandRefused("the arm's tip or base has just become another one; look where it is")
-        pose = values[:POSE].copy()
-        pose[3:] = unit_quaternion(values[3:POSE], QUATERNION_SLACK)
-        return self._control.cartesian.to_local(matrix_from_pose(pose))
+        return self._control.cartesian.to_local(given_pose(values[:POSE]))
 
     def _relative(self, request: Request, joints: Array) -> Array:
         """The tip at `joints`, shifted and turned about itself in axes of the reference frame; seen from the base."""
@@ -83,9 +80,7 @@ class CartesianCommands:
             raise CommandRefused("there is no instrument, so no tip")
         if not cartesian.base_known:
             raise CommandRefused("the arm's base frame is not known")
-        step = request.values.copy()
-        step[3:] = unit_quaternion(request.values[3:], QUATERNION_SLACK)
-        change = matrix_from_pose(step)
+        change = given_pose(request.values)
         pose = cartesian.to_reference(kinematics.fk(joints, np.eye(4))).copy()
         pose[:3, 3] += change[:3, 3]
         pose[:3, :3] = change[:3, :3] @ pose[:3, :3]

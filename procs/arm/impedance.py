@@ -12,11 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import PoseError, matrix_from_pose, rotation_vector, unit_quaternion
+from procs.kinematics.poses import PoseError, given_rotation, rotation_vector
 
 Array = NDArray[np.float64]
 
-QUATERNION_SLACK: Final = 0.1
 KINDS: Final = 4  # P, D, bias, dead-band
 COUNT: Final = 3 + 4 + 4 + 2 * KINDS * 6
 """Numbers of a servo_ci command, see `impedance_of`."""
@@ -55,11 +54,5 @@ def impedance_of(values: Array) -> ImpedanceGains:
     """
     if len(values) != COUNT:
         raise PoseError(f"servo_ci takes {COUNT} values, {len(values)} were given")
-    return ImpedanceGains(values[:3].copy(), _rotation(values[3:7]), _rotation(values[7:11]),
+    return ImpedanceGains(values[:3].copy(), given_rotation(values[3:7]), given_rotation(values[7:11]),
                           values[11:].reshape(2, KINDS, 6).copy())
-
-
-def _rotation(quaternion: Array) -> Array:
-    pose = np.zeros(7)
-    pose[3:] = unit_quaternion(quaternion, QUATERNION_SLACK)
-    return matrix_from_pose(pose)[:3, :3].copy()

@@ -11,11 +11,10 @@ import numpy as np
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Table
 from procs.arm.control import Control
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, unit_quaternion
+from procs.kinematics.poses import given_pose, pose_from_matrix
 from procs.requests import CommandRefused, Request, switch
 
 CRTK_VERSION: Final = "1.1.0"
-QUATERNION_SLACK: Final = 0.1
 POSE: Final = 7
 
 
@@ -69,9 +68,7 @@ class Settings:
         if len(values) == 0:
             control.cartesian.set_base(None)
             return "base frame unknown: only local poses are valid"
-        pose = values.copy()
-        pose[3:] = unit_quaternion(values[3:], QUATERNION_SLACK)
-        control.cartesian.set_base(matrix_from_pose(pose))
+        control.cartesian.set_base(given_pose(values))
         return ""
 
     def _use_gravity_compensation(self, request: Request) -> None:
@@ -111,9 +108,7 @@ class Settings:
             raise CommandRefused(joints.lacks_inverse)
         if len(values) != joints.count + POSE:
             raise CommandRefused(f"incorrect number of joints; {joints.count} and a pose are needed")
-        pose = values[joints.count :].copy()
-        pose[3:] = unit_quaternion(pose[3:], QUATERNION_SLACK)
-        if not joints.inverse.solve(matrix_from_pose(pose), values[: joints.count].copy()):
+        if not joints.inverse.solve(given_pose(values[joints.count :]), values[: joints.count].copy()):
             raise CommandRefused(f"inverse kinematics failed: {joints.inverse.reason}")
         return _answer(joints.inverse.q.tolist())
 

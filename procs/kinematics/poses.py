@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 
 POSE = 7  # numbers of a pose vector
 QUATERNION_TOLERANCE = 1e-3  # how far from length 1 a quaternion may be to be taken for one with rounding
+QUATERNION_SLACK: Final = 0.1  # the same of commands: people and programs write few digits
 ROTATION_TOLERANCE = 1e-6  # how far R·Rᵀ may be from identity
 
 
@@ -45,6 +47,18 @@ def normalised(pose: Array) -> Array:
         raise PoseError("a pose must be finite")
     result[3:] = unit_quaternion(result[3:])
     return result
+
+
+def given_rotation(quaternion: Array) -> Array:
+    """The rotation (3, 3) that a command gives as x y z w, perhaps with few digits; PoseError when it is none."""
+    return given_pose(np.concatenate((np.zeros(3), quaternion)))[:3, :3].copy()
+
+
+def given_pose(pose: Array) -> Array:
+    """The 4×4 matrix of a pose (7,) that a command gives; PoseError when its quaternion is none."""
+    given = pose.copy()
+    given[3:] = unit_quaternion(pose[3:], QUATERNION_SLACK)
+    return matrix_from_pose(given)
 
 
 def matrix_from_pose(pose: Array, out: Array | None = None) -> Array:

@@ -19,7 +19,7 @@ from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import SAID_NS, Control
 from procs.arm.motion import Mode, Space
 from procs.kinematics.inverse.master import Master
-from procs.kinematics.poses import matrix_from_pose, unit_quaternion
+from procs.kinematics.poses import given_pose
 from procs.kinematics.trajectory import Trajectory
 from procs.requests import CommandRefused, Request
 
@@ -30,7 +30,6 @@ ROLL: Final = 6
 FOLLOWING: Final = 4
 SAME: Final = 1e-6  # rad: a goal that has moved by less is no new one
 ROOM: Final = 1e-4  # rad: at a limit, but not beyond
-QUATERNION_SLACK: Final = 0.1
 
 
 class OrientationLock:
@@ -81,9 +80,7 @@ class OrientationLock:
             return cartesian.tip[:3, :3].copy()
         if not cartesian.base_known:
             raise CommandRefused("the arm's base frame is not known")
-        pose = np.zeros(7)
-        pose[3:] = unit_quaternion(request.values, QUATERNION_SLACK)
-        return cartesian.to_local(matrix_from_pose(pose))[:3, :3].copy()
+        return cartesian.to_local(given_pose(np.concatenate((np.zeros(3), request.values))))[:3, :3].copy()
 
     def _unlock(self, _: Request) -> None:
         if self.locked:
