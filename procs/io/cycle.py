@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.document.system import IoConfig, PidAxis
+from procs.document.system import IoConfig
 from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
@@ -25,7 +25,7 @@ from procs.io.buttons import Buttons
 from procs.io.commands import IoCommands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.fault_handler import FaultHandler
-from procs.io.gains import JointGains
+from procs.io.gains import JointGains, configured_gains
 from procs.io.idle_outputs import IdleOutputs
 from procs.io.instruments import InstrumentReaders
 from procs.io.outputs import Outputs
@@ -81,7 +81,7 @@ class RobotIo:
         self.samples = samples = Samples(robots, port, record)
         self._brakes = Brakes(robots, record)
         self._outputs = Outputs(robots, port, record, self._brakes)
-        self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
+        self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
         self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
@@ -324,15 +324,3 @@ class RobotIo:
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)
             self._power.off(robot)
-
-
-def _gains(io: IoConfig, robots: Robots) -> list[PidAxis | None]:
-    """Gains per flat axis, None where no controller is configured."""
-    gains: list[PidAxis | None] = [None] * robots.axes
-    for row in io.pids:
-        axes = robots.slices[robots.names.index(row.robot)]
-        if len(row.axes) != axes.stop - axes.start:
-            raise ValueError(f"{row.source or row.robot}: {len(row.axes)} actuators; its robot has "
-                             f"{axes.stop - axes.start}")
-        gains[axes] = row.axes
-    return gains

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from procs.document.gains import GAINS, changed, value_of
+from procs.document.system import IoConfig, PidAxis
 from procs.io.devices import MeasuredDevice
 from procs.io.pid import Pid
 from procs.io.record import Field, private
@@ -64,3 +65,15 @@ class JointGains:
             for place in places:
                 column[place] = value_of(self._pid.gains[place], gain.key)
         self._reports.changed.add(IO_GAINS.name)
+
+
+def configured_gains(io: IoConfig, robots: Robots) -> list[PidAxis | None]:
+    """Gains per flat axis, None where no controller is configured."""
+    gains: list[PidAxis | None] = [None] * robots.axes
+    for row in io.pids:
+        axes = robots.slices[robots.names.index(row.robot)]
+        if len(row.axes) != axes.stop - axes.start:
+            raise ValueError(f"{row.source or row.robot}: {len(row.axes)} actuators; its robot has "
+                             f"{axes.stop - axes.start}")
+        gains[axes] = row.axes
+    return gains

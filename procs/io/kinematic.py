@@ -17,13 +17,13 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import IoConfig, PidAxis
+from procs.document.system import IoConfig
 from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import NoAxisDrive
 from procs.io.brakes import Brakes
 from procs.io.commands import IoCommands
 from procs.io.fault_handler import FaultHandler
-from procs.io.gains import JointGains
+from procs.io.gains import JointGains, configured_gains
 from procs.io.instruments import Asker
 from procs.io.pid import Pid
 from procs.io.record import Field, Flags, Floats, IoRecord
@@ -157,7 +157,7 @@ class KinematicIo:
         record.position[...] = before
         _show_what_is_not_there(record)
         here = Here(record)
-        self.pid = Pid(_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
+        self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
         self.gains = JointGains(robots, here, self.pid, self.reports, gains)
@@ -220,13 +220,6 @@ class KinematicIo:
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)
             self._power.off(robot)
-
-
-def _gains(io: IoConfig, robots: Robots) -> list[PidAxis | None]:
-    """Gains per flat axis, None where nobody sends set-points: the same rows as for robots on boards."""
-    driven = {row.robot: row.axes for row in io.pids}
-    return [axis for name, axes in zip(robots.names, robots.slices, strict=True)
-            for axis in driven.get(name, (None,) * (axes.stop - axes.start))]
 
 
 def _show_what_is_not_there(record: IoRecord) -> None:
