@@ -9,6 +9,7 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from procs.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
 from shm.client import begin
 from shm.clock import monotonic_ns, pause
 from tools.errors import Problem, Refused
@@ -20,11 +21,10 @@ from tools.systems import is_simulated
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
-LIMITS_S = {ENABLED: 7.0, HOMED: 60.0, DISABLED: 7.0}
 SIMULATED_SLOWER = 10.0  # simulated time may pass this much slower than real time
 PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
 Tell = Callable[[str], None]
-NEXT_WORD = {ENABLED: "enable", HOMED: "home", DISABLED: "disable"}
+WORDS = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
 
 
 def silent(text: str, fraction: float | None) -> None:
@@ -55,7 +55,7 @@ class ArmBringUp:
             self._check_time(now_ns, self.watch.trouble() or "it has not shown its state")
             return
         state, busy = self.watch.state, self.watch.busy
-        if self._reached(state, busy):
+        if reached(WORDS[self.goal], state, self.watch.homed, busy):
             trouble = self.watch.trouble()  # the record of a process that died or hangs stands for ever
             trouble = trouble or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
             if trouble:
@@ -73,13 +73,6 @@ class ArmBringUp:
                 self._check_time(now_ns, f"it waits: {waits}" if waits else
                                  f"it is {state} ({self.watch.text('sub_state')})")
 
-    def _reached(self, state: str, busy: bool) -> bool:
-        if self.goal == DISABLED:
-            return state == "DISABLED" and not busy
-        if self.goal == ENABLED:
-            return state == "ENABLED"
-        return state == "ENABLED" and self.watch.homed and not busy
-
     def _next_word(self, state: str, busy: bool) -> str:
         if self.goal == DISABLED or state == "FAULT":
             return "disable"
@@ -93,8 +86,7 @@ class ArmBringUp:
 
     def _ask(self, word: str, now_ns: int) -> None:
         self.asked.append(word)
-        reached = next(goal for goal, command in NEXT_WORD.items() if command == word)
-        self.deadline_ns = self._deadline(now_ns, reached)
+        self.deadline_ns = self._deadline(now_ns, word)
         self.watch.forget_errors()
         try:
             self.remote.ask("state_command", text=word)
@@ -103,11 +95,11 @@ class ArmBringUp:
         except Problem as problem:
             self._fail(str(problem))
 
-    def _deadline(self, now_ns: int, goal: str) -> int:
-        return now_ns + round((self.limit_s or LIMITS_S[goal] * self.slow) * 1e9)
+    def _deadline(self, now_ns: int, word: str) -> int:
+        return now_ns + round((self.limit_s or LIMITS_S[word] * self.slow) * 1e9)
 
     def _check_time(self, now_ns: int, how: str) -> None:
-        self.deadline_ns = self.deadline_ns or self._deadline(now_ns, self.goal)
+        self.deadline_ns = self.deadline_ns or self._deadline(now_ns, WORDS[self.goal])
         if now_ns >= self.deadline_ns:
             error = self.watch.last_error()
             known = f": {error}" if error and not how.startswith("it waits") else ""

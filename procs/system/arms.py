@@ -11,7 +11,7 @@ from shm.client import LoopClient
 from shm.origins import Origin
 
 LATE_S: Final = 0.1
-DISABLED, ENABLED, FAULT = "DISABLED", "ENABLED", "FAULT"
+ENABLED, FAULT = "ENABLED", "FAULT"
 
 
 class ArmOnRing:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+from procs.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
 from shm.origins import Origin
 
-POWER_ON, HOME, POWER_OFF = "power_on", "home", "power_off"
-LIMITS_NS: Final = {"disable": 7_000_000_000, "enable": 7_000_000_000, "home": 60_000_000_000}
-SILENT_NS: Final = 7_000_000_000
+POWER_ON, POWER_OFF = "power_on", "power_off"
+WORDS: Final = {POWER_ON: ENABLE, HOME: HOME, POWER_OFF: DISABLE}
 
 
 class ArmStatus(Protocol):
@@ -39,7 +39,7 @@ class Step:
         self.arm, self.goal, self._origin = arm, goal, origin
         self.problem, self.is_there = "", False
         self._asked: list[str] = []
-        self._deadline_ns = now_ns + SILENT_NS
+        self._deadline_ns = now_ns + round(LIMITS_S[DISABLE] * 1e9)
         arm.refusals.clear()  # of what was asked for before
 
     @property
@@ -59,7 +59,7 @@ class Step:
         elif arm.is_fresh and (word := self._next()) and word not in self._asked:
             if arm.ask(word, self._origin):
                 self._asked.append(word)
-                self._deadline_ns = now_ns + LIMITS_NS[word]
+                self._deadline_ns = now_ns + round(LIMITS_S[word] * 1e9)
         elif arm.is_fresh and arm.state == "FAULT" and "enable" in self._asked:
             self.problem = f"went to FAULT: {arm.reason}" if arm.reason else "went to FAULT"
         elif now_ns >= self._deadline_ns:
@@ -68,11 +68,8 @@ class Step:
 
     def _reached(self) -> bool:
         arm = self.arm
-        if self.goal == POWER_OFF:
-            return "disable" in self._asked and arm.state == "DISABLED" and not arm.is_busy
-        if self.goal == POWER_ON:
-            return arm.state == "ENABLED"
-        return arm.state == "ENABLED" and arm.is_homed and not arm.is_busy
+        told = self.goal != POWER_OFF or DISABLE in self._asked
+        return told and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
 
     def _next(self) -> str:
         arm = self.arm

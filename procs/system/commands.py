@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from procs import codes
+from procs.bring_up import HOME
 from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
-from procs.system.bring_up import HOME, POWER_OFF, POWER_ON, ArmStatus, BringUp
+from procs.system.bring_up import POWER_OFF, POWER_ON, ArmStatus, BringUp
 from procs.system.sound import Sound
 from shm.client import LoopClient
 from shm.events import Events
