@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.document.consoles import TeleopEcmConfig as Settings
+from procs.inputs import LATE_S
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.requests import Request
 from procs.teleop.arms import TeleopArm
@@ -22,7 +23,7 @@ from shm.faults import Cell
 Array = NDArray[np.float64]
 
 JOINTS: Final = 4
-WRENCH_LASTS_S: Final = 0.03  # forces on the masters end by themselves when we do
+WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
 LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
 MOST_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much

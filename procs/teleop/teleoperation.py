@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.inputs import LATE_S
 from procs.kinematics.poses import conjugate, product, turned
 
 Array = NDArray[np.float64]
@@ -25,7 +26,7 @@ Y_AXIS: Final = (0.0, 1.0, 0.0)
 TOGETHER: Final = 0.8  # of both thresholds: a bit of each is presence as well
 CAUGHT_UP: Final = math.radians(2.0)
 NO_GRIPPER_JAW: Final = math.radians(45.0)  # jaw where the master has no gripper
-MOST_LOST_S: Final = 0.03  # a cycle that came later than this lets the jaw go no further
+MOST_LOST_S: Final = LATE_S  # a cycle that came later than this lets the jaw go no further
 
 
 def roll_between(master: Array, slave: Array) -> float:
