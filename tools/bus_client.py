@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
+from tools.cleanup import await_end
 from tools.errors import Misuse, Problem
 from tools.systems import ROOT
 
@@ -122,11 +123,7 @@ class BusClient:
             if pipe is not None:
                 with contextlib.suppress(BrokenPipeError):
                     pipe.close()
-        try:
-            self._child.wait(timeout=FAREWELL_S)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        await_end(self._child, FAREWELL_S)
 
     def __enter__(self) -> Self:
         return self

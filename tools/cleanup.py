@@ -25,6 +25,15 @@ FINE: Final = b"fine\n"
 PATIENCE_S: Final = 10.0
 
 
+def await_end(child: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s: float) -> None:
+    """Wait for the end of a child, and kill it when that does not come."""
+    try:
+        child.wait(timeout=patience_s)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
 class Keeper:
     """The process beside us, for one system and maybe a folder; a context manager."""
 
@@ -40,11 +49,7 @@ class Keeper:
         with contextlib.suppress(BrokenPipeError):
             self._child.stdin.write(FINE)
             self._child.stdin.close()
-        try:
-            self._child.wait(timeout=PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        await_end(self._child, PATIENCE_S)
 
     def __enter__(self) -> Self:
         return self

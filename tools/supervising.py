@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from shm.segment import SegmentError
 from tools.cleanup import Keeper
 from tools.ending import POLL_S, STOP_S, stop_system
 from tools.errors import Problem
-from tools.printing import Say
+from tools.printing import Say, progress
 from tools.systems import environment, forbidden, is_up
 from tools.verbs.logs import tail
 
@@ -122,3 +124,20 @@ class Background:
         if code < 0 and not is_up(self.system):  # it had no time to end its processes and to remove its memory
             stop_system(self.system, say)
         return code
+
+
+@contextlib.contextmanager
+def up_meanwhile(request: StartRequest) -> Iterator[Background]:
+    """A system, up; down again on every path."""
+    with progress(f"starting {request.system}") as say:
+        background = Background(request, tied=True)
+        try:
+            background.wait_until_up(say)
+        except BaseException:
+            background.stop(say)
+            raise
+    try:
+        yield background
+    finally:
+        with progress(f"stopping {request.system}") as say:
+            background.stop(say)

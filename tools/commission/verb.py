@@ -24,8 +24,8 @@ from tools.commission.stages import NAMES, STAGES, CommissionStage
 from tools.commission.subject import subjects_of
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
-from tools.printing import emit, note, progress, table
-from tools.supervising import Background, StartRequest
+from tools.printing import emit, note, table
+from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import system_file
 
 NAME: Final = "commission"
@@ -184,18 +184,8 @@ def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: P
 @contextlib.contextmanager
 def _running(job: Job) -> Iterator[RunningBench]:
     """The system, up; down and off on every path."""
-    with progress(f"starting {job.request.system}") as say:
-        background = Background(job.request, tied=True)
-        try:
-            background.wait_until_up(say)
-        except BaseException:
-            background.stop(say)
-            raise
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(up_meanwhile(job.request))
         document = from_json(directory.document(job.request.system))
-        with contextlib.ExitStack() as stack:
-            person: Person = job.person or stack.enter_context(AtBoards(document))
-            yield stack.enter_context(RunningBench(document, person, job.arms))
-    finally:
-        with progress(f"stopping {job.request.system}") as say:
-            background.stop(say)
+        person: Person = job.person or stack.enter_context(AtBoards(document))
+        yield stack.enter_context(RunningBench(document, person, job.arms))

@@ -60,19 +60,20 @@ def digital_output(element: Element) -> Json:
 
 def dallas_chip(element: Element) -> Json:
     """One `DallasChip`."""
-    return {"name": _name(element), "board_id": _board(element)}
+    return {"name": name_of(element), "board_id": _board(element)}
 
 
 def _place(element: Element) -> Json:
     bit = element.integer("BitId", "BitID", most=_MOST_BITS - 1)
-    return {"name": _name(element), "board_id": _board(element), "bit_id": bit}
+    return {"name": name_of(element), "board_id": _board(element), "bit_id": bit}
 
 
 def _board(element: Element) -> int:
     return element.integer("BoardId", "BoardID", most=_MOST_BOARDS - 1)
 
 
-def _name(element: Element) -> str:
+def name_of(element: Element) -> str:
+    """Its name, as it is called today."""
     old = element.text("Name")
     name = today(old)
     if name != old:

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tools.converters.actuator import Actuators
-from tools.converters.digital import dallas_chip, digital_input, digital_output
+from tools.converters.digital import dallas_chip, digital_input, digital_output, name_of
 from tools.converters.element import Element
 from tools.converters.format_version import FormatVersion, format_version_of
-from tools.converters.names import plain, today
+from tools.converters.names import plain
 from tools.converters.pots import potentiometers
 from tools.converters.report import ConversionReport
 from tools.converters.xmltext import XmlNode
@@ -68,7 +68,7 @@ def _file(**lists: list[Json]) -> Json:
 
 def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json | None]:
     report = element.report
-    name = _name(element)
+    name = name_of(element)
     only_io = element.word(_TYPES, "Type") or False
     preload = element.word(_FLAGS, "HasEncoderPreload")
     element.drop("NumOfJoint", _NO_JOINTS)
@@ -102,14 +102,6 @@ def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json 
     if preload is not None:
         robot["has_encoder_preload"] = preload
     return robot, _gripper(robot, actuators.rows[-1], listed[-1]) if splits and listed else None
-
-
-def _name(element: Element) -> str:
-    old = element.text("Name")
-    name = today(old)
-    if name != old:
-        element.report.converted(element.line, element.key("Name"), old, name, "today's name")
-    return name
 
 
 def _gripper(robot: Json, actuator: Json, element: Element) -> Json:

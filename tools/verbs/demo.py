@@ -26,7 +26,7 @@ from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, number, progress, table
-from tools.supervising import Background, StartRequest
+from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import ROOT
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
@@ -60,7 +60,7 @@ def demo(
     begin = monotonic_ns()
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
-    with _robot(system, sets) as background:
+    with up_meanwhile(StartRequest(SYSTEM, system, "emulated", sets=sets)) as background:
         try:
             _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
@@ -76,23 +76,6 @@ def demo(
         summary["problems"].append(f"the supervisor ended with {background.popen.returncode}")
     emit(summary) if as_json else _show(summary)
     return 1 if summary["problems"] else 0
-
-
-@contextlib.contextmanager
-def _robot(system: str, sets: tuple[str, ...]) -> Iterator[Background]:
-    """The demo system, up; down again on every path."""
-    with progress(f"starting {system}") as say:
-        background = Background(StartRequest(SYSTEM, system, "emulated", sets=sets), tied=True)
-        try:
-            background.wait_until_up(say)
-        except BaseException:
-            background.stop(say)
-            raise
-    try:
-        yield background
-    finally:
-        with progress(f"stopping {system}") as say:
-            background.stop(say)
 
 
 def _bring_up(system: str, begin: int, end: int | None) -> None:
