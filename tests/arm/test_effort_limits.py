@@ -140,3 +140,13 @@ def test_a_wrench_beside_a_pose_is_clipped_and_told(harness: ArmHarness) -> None
     answer = harness.send("servo_cs", (*pose, *(0.0,) * 6, 0.0, 0.0, -60.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     assert answer.replies == [("done", "clipped: insertion")]
     assert harness.setpoint["feed_forward"][2] == pytest.approx(1.0) and harness.state["control_mode"] == 1
+
+
+def test_efforts_of_joints_take_the_place_of_a_wrench() -> None:
+    harness = ArmHarness(fixed_arm()).homed()
+    harness.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    harness.step()
+    harness.send("servo_jf", (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    harness.step()
+    efforts = harness.arm.control.motion.effort
+    assert efforts[:6] == pytest.approx((0.2, 0.0, 0.0, 0.0, 0.0, 0.0))

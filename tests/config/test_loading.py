@@ -219,3 +219,12 @@ def test_unreadable_file_beside_others_does_not_hide_them(home: Home) -> None:
 def test_what_stands_on_no_line_is_told_without_one() -> None:
     told = SourceFile(Path("x.yaml"), {}, {}).problem(("a",), "is missing")
     assert (told.file, told.line) == ("x.yaml", 0)
+
+
+def test_a_key_under_its_old_name_is_found_on_its_line_unless_the_new_one_is_there_too() -> None:
+    file = SourceFile(Path("x.yaml"), {"old": 1, "other": 2}, {(): 1, ("old",): 3, ("other",): 4})
+    renamed = file.renamed({"old": "new"})
+    assert renamed.at(("new",)) == 1 and not renamed.has(("old",)) and renamed.problem(("new",), "").line == 3
+    assert renamed.problem(("other",), "").line == 4
+    both = SourceFile(Path("x.yaml"), {"old": 1, "new": 2}, {})
+    assert both.renamed({"old": "new"}).at(("new",)) == 2 and both.renamed({"old": "new"}).has(("old",))

@@ -69,3 +69,15 @@ def test_a_second_selection_ends_the_wait_of_the_first_once() -> None:
     commands.execute([], LET_GO_NS + 2)
     assert asked(commands, "select_teleop", text=MINE.name).outcome == "done"
     assert [answer for answer, _ in first.answers] == ["accepted", "failed"]
+
+
+def test_a_selection_that_has_waited_is_answered_once() -> None:
+    logic = Logic("d", (RIGHT, OTHER), FakeDesk(), 0.2)
+    logic.elsewhere = {RIGHT.name}
+    commands = ConsoleCommands(logic)
+    command = asked(commands, "select_teleop", text=OTHER.name)
+    logic.elsewhere = set()
+    for now_ns in (2, 3, LET_GO_NS + 2):
+        logic.step(now_ns)
+        commands.execute([], now_ns)
+    assert [answer for answer, _ in command.answers] == ["accepted", "done"]

@@ -226,3 +226,34 @@ def test_a_contribution_is_nothing_while_disabled() -> None:
     pid.contribution = np.array([0.5])
     pid.enable(ALL, False, np.zeros(1))
     assert step(pid, 0.1) == 0.0
+
+
+def test_an_effort_is_no_tracking_error() -> None:
+    pid = enabled(axis(p_gain=100.0, tolerance=0.1))
+    step(pid, 0.0)
+    pid.use_effort(ALL, True)
+    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    assert pid.position_error[0] == 0.0
+
+
+def test_a_dead_band_of_one_stops_no_filter_of_another() -> None:
+    row, still = axis(d_gain=2.0, v_low_pass_cutoff=0.5, p_deadband=0.01), 0.0
+    alone, both = enabled(row), enabled(row, row)
+    for pid in (alone, both):
+        pid.carry_velocity(ALL, True)
+    for _ in range(3):
+        alone.setpoint_position[:], alone.setpoint_velocity[:] = 0.1, 1.0
+        alone.step(np.zeros(1), np.zeros(1), np.zeros(1, dtype=bool))
+        both.setpoint_position[:], both.setpoint_velocity[:] = (0.1, still), (1.0, 1.0)
+        both.step(np.zeros(2), np.zeros(2), np.zeros(2, dtype=bool))
+        assert both.effort.tolist() == [alone.effort[0], 0.0]
+    assert alone.effort[0] > 0.0
+
+
+def test_the_setpoint_goes_along_with_an_actuator_that_applies_an_effort() -> None:
+    pid = enabled(axis(p_gain=100.0))
+    pid.use_effort(ALL, True)
+    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    pid.use_effort(ALL, False)
+    pid.step(np.array([0.3]), FREE, np.zeros(1, dtype=bool))
+    assert pid.setpoint_position[0] == 0.3 and pid.effort[0] == 0.0

@@ -182,7 +182,6 @@ def test_a_multiplexer_that_stands_still_makes_all_unknown(known: Cart) -> None:
     assert any("does not count" in text for text in known.reports.of("error"))
 
 
-@pytest.mark.slow
 def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
     for _ in range(40):
         known.now_ns += 2_000_000

@@ -9,7 +9,7 @@ import pytest
 
 from procs.inputs import Input
 from procs.teleop.arms import TeleopArm
-from procs.teleop.third_party import ThirdPartyArm
+from procs.teleop.third_party import STEP_RAD, ThirdPartyArm
 from shm.operator_topics import EXTERNAL_STATE
 from tests.teleop.harness import EcmTheatre, FakeTeleopArm, FakeTeleopRing, TeleopHarness
 
@@ -188,6 +188,13 @@ def test_a_master_that_creeps_away_in_small_jumps_is_not_followed(stage: ThirdPa
         stage.master.shift(0.006, 0.0, 0.0)
         stage.step()
     assert not stage.following and any("jumped by 6 mm" in text for text in stage.reports.of("error"))
+
+
+def test_a_master_that_turns_away_in_small_jumps_is_not_followed(stage: ThirdPartyStage) -> None:
+    for _ in range(5):
+        stage.master.turn(2, 0.6 * STEP_RAD)
+        stage.step()
+    assert not stage.following and any("a hand's turn is" in text for text in stage.reports.of("error"))
 
 
 def test_a_jaw_that_is_no_number_is_none() -> None:
