@@ -318,12 +318,3 @@ def test_pause_holds_and_refuses_motion(harness: ArmHarness) -> None:
     finish(harness, harness.send("move_jp", DEEP))
     harness.step()
     assert harness.state["setpoint_position"][:6] == pytest.approx(DEEP)
-
-
-def test_a_ratio_slows_the_move_that_is_under_way(harness: ArmHarness) -> None:
-    move = harness.send("move_jp", (1.0, 0.0, 0.12, 0.0, 0.0, 0.0))
-    harness.run(0.2)
-    assert harness.send("trajectory_j/set_ratio", (0.1,)).outcomes == ["done"]
-    assert finish(harness, move) > 5.0, "it would have taken about a second"
-    harness.step()
-    assert harness.state["setpoint_position"][0] == pytest.approx(1.0, abs=1e-9)

@@ -10,7 +10,7 @@ when a test fails or the tests take much longer than without it. `--only procs/t
 
 Which tests a mutant meets: all of TESTS run once, and it is noted which functions each calls (`tests.soak.called`;
 `--calls FOLDER` keeps that for the next time). Of those that call the function with the mistake the quickest run, up to
-`--budget` seconds together.
+`--budget` seconds together; who survives them meets the next ones, up to six times as long.
 
 Mistakes are operators of cosmic-ray (one of another sort for an arithmetic operator, another comparison, a condition
 turned round, and for or, true for false, break for continue, a number one more or less, a loop or a decorator left
@@ -45,6 +45,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from inspect import CO_OPTIMIZED
+from itertools import accumulate
 from pathlib import Path
 from queue import SimpleQueue
 from types import CodeType
@@ -58,6 +59,7 @@ from shm.segment import names_of, segment_name, unlink
 
 ROOT = Path(__file__).resolve().parents[2]
 MAX_NUMBER = 1000
+LAST = 6.0  # times the budget, for who has survived it
 SLOWER = 3.0  # times as long as without a mutant, and
 PATIENCE_S = 30.0
 
@@ -77,7 +79,8 @@ AT_IMPORT = (("procs/config/models/", "tests/config/test_keys.py"),)
 """Tests of what stands in no function of these modules: they run first for that, though they call nothing there."""
 
 EQUIVALENT = {
-    ("procs/arm/effort_limits.py", "wider = np.where(self._drives, spread, -1.0).max(axis=1)  # and back to the joints"):
+    ("procs/arm/effort_limits.py",
+     "wider = np.where(self._drives, spread, -1.0).max(axis=1)  # and back to the joints"):
         "every joint has a motor, and nothing is less than 0 there",
     ("procs/arm/efforts.py", "FOR_EVER: Final = 1 << 63  # ns"): "no clock comes as far as 1 << 62",
     ("procs/io/power.py", "NEVER: Final = 1 >> 62"): "unchanged words are looked at each cycle: the same comes out",
@@ -272,13 +275,15 @@ class Copy:
         failed = re.search(r"^(?:FAILED|ERROR) (\S+)", out, re.MULTILINE)
         return fate, failed[1] if failed else out.strip()[-300:] if fate == "killed" else ""
 
-    def attempt(self, mutant: Mutant, tests: Sequence[str], longest_s: float) -> Result:
-        """Run the tests over a mutant, and put the module back."""
-        path = self.root / mutant.path
+    def attempt(self, mutant: Mutant, tests: Sequence[tuple[float, str]]) -> Result:
+        """Run the tests, with their times, over a mutant, and put the module back."""
+        path, longest_s = self.root / mutant.path, SLOWER * sum(seconds for seconds, _ in tests) + PATIENCE_S
         source = path.read_text(encoding="utf-8")
         try:
             self._write(path, mutant.code)
-            return Result(mutant, *(self.run(["-x", *tests], longest_s) if tests else ("survived", "no test calls it")))
+            if not tests:
+                return Result(mutant, "survived", "no test calls it")
+            return Result(mutant, *self.run(["-x", *(test for _, test in tests)], longest_s))
         finally:
             self._write(path, source)
 
@@ -333,13 +338,10 @@ class Calls:
 
 
 def function_at(code: CodeType, line: int) -> int:
-    """First line of the innermost function that a line is in, 0: of none."""
-    found = 0
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType) and line in {row for _, _, row in inner.co_lines()} | {inner.co_firstlineno}:
-            own = inner.co_firstlineno if inner.co_flags & CO_OPTIMIZED and inner.co_name.isidentifier() else 0
-            found = function_at(inner, line) or own or found
-    return found
+    """First line of the innermost function with a name that a line is in, 0: of none."""
+    found = code.co_firstlineno if code.co_flags & CO_OPTIMIZED and code.co_name.isidentifier() and (
+        line in {row for _, _, row in code.co_lines()} | {code.co_firstlineno}) else 0
+    return max([found, *(function_at(inner, line) for inner in code.co_consts if isinstance(inner, CodeType))])
 
 
 def tried(mutants: list[Mutant], workers: int, calls: Path | None, budget_s: float) -> Iterator[Result]:
@@ -354,11 +356,12 @@ def tried(mutants: list[Mutant], workers: int, calls: Path | None, budget_s: flo
         def attempt(mutant: Mutant) -> Result:
             if mutant.equivalent:
                 return Result(mutant, "equivalent", mutant.equivalent)
-            tests = known.tests(mutant, (ROOT / mutant.path).read_text(encoding="utf-8"), budget_s)
+            tests = known.tests(mutant, (ROOT / mutant.path).read_text(encoding="utf-8"), LAST * budget_s)
+            first = sum(total <= budget_s for total in accumulate(seconds for seconds, _ in tests)) or 1
             copy = free.get()
             try:
-                longest_s = SLOWER * sum(seconds for seconds, _ in tests) + PATIENCE_S
-                return copy.attempt(mutant, [test for _, test in tests], longest_s)
+                result = copy.attempt(mutant, tests[:first])
+                return copy.attempt(mutant, tests[first:]) if result.fate == "survived" and tests[first:] else result
             finally:
                 free.put(copy)
 

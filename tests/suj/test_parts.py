@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from procs.document.cart import Cart, CartArm
 from procs.suj import bluetooth
 from procs.suj.brakes import SetupArmBrakes
+from procs.suj.classic import Classic
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from procs.suj.si import EmulatedBoards, Si, counts
@@ -290,3 +292,13 @@ def test_the_reader_is_started_with_the_boards_it_is_to_read(monkeypatch: pytest
     boards = bluetooth.BluetoothBoards(("AA:BB", "CC:DD"))
     boards.close()
     assert commands == [[sys.executable, "-m", "procs.suj.bluetooth", "AA:BB", "CC:DD"]]
+
+
+@pytest.mark.parametrize("lacks", ["", "powered", "amps_on", "pid_enabled"])
+def test_brakes_can_be_driven_with_power_amplifiers_and_leave_of_io(lacks: str) -> None:
+    asked: list[str] = []
+    flags = {name: name != lacks for name in ("powered", "amps_on", "pid_enabled")}
+    made = object.__new__(Classic)
+    made._board = types.SimpleNamespace(**flags, has_fault=False, drive=lambda: asked.append("drive"))
+    assert made.is_on() is (lacks == "")
+    assert asked == (["drive"] if lacks == "pid_enabled" else []), "leave is asked for when the rest is there"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
+from procs.console.logic import OPERATOR
+from procs.debounce import RELEASED
 from shm import directory
 from shm.client import Client
-from tests.whole.host import WholeHost
+from tests.whole.host import STEP_NS, WholeHost
 
 TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
 CARRIED = ("ECM", "PSM1", "PSM2", "PSM3")
@@ -140,3 +143,25 @@ def test_a_cart_can_be_asked(room: Room) -> None:
     assert room.says("SUJ", "servo_jp", *([0.1] * 6), text="PSM2") == "done"
     assert room.cart.newest() and room.cart.field("position")[2, :6] == pytest.approx([0.1] * 6)
     assert room.says("SUJ", "servo_jp", *([0.0] * 6), text="PSM2") == "done"
+
+
+def test_who_looks_away_is_heard_by_the_console(driven: Room) -> None:
+    loop: Any = driven.host.loops["console"]
+    poll, pressed = loop._inputs.poll, [(OPERATOR, RELEASED)]
+    loop._inputs.poll = lambda now_ns: [pressed.pop()] if pressed else poll(now_ns)
+    driven.host.run(0.1)
+    assert driven.following == set()
+
+
+def test_a_teleoperation_keeps_the_pace_of_its_master(driven: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    node, stamps, late = driven.host.node["MTMR_PSM1"], [], []
+    monkeypatch.setattr(node, "follow", lambda stamp_ns, lead_ns: stamps.append(stamp_ns))
+    monkeypatch.setattr(node, "latency", late.append)
+    for _ in range(3):
+        driven.host.step()
+        assert driven.arms["MTMR"].newest() and stamps[-1] == driven.arms["MTMR"].stamp_ns
+    assert len(late) == 3 and all(0 <= latency_ns < 10 * STEP_NS for latency_ns in late)
+    driven.says("console", "emulate_operator_present", 0.0)
+    late.clear()
+    driven.host.step()
+    assert not late, "nothing reacts to anything"
