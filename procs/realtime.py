@@ -1,14 +1,19 @@
-"""What a process asks of the scheduler, so that nobody holds it up: priority, a share of its own, memory, a core."""
+"""What a process asks of the scheduler, so that nobody holds it up: priority, a share of its own, memory, a core.
+
+And in words which processes did not get it, and what grants the rights.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import platform
+import pwd
 import struct
+from collections.abc import Mapping
+from typing import Final
 
 from procs.document.system import Process
-from procs.rights import NO_FIFO, NOT_LOCKED
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
 MCL_CURRENT, MCL_FUTURE = 1, 2
@@ -16,6 +21,12 @@ SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # gl
 SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
 SCHED_DEADLINE = 6
 SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
+
+NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
+"""What was asked for and not got, as `realtime` says it."""
+HIGHEST: Final = 98  # the highest priority that a system file may ask for
+LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
+SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
 
 
 def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -> str:
@@ -62,3 +73,36 @@ def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
     wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns,
                              period_ns)
     return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
+
+
+def user() -> str:
+    """Who we are, as limits.d knows people."""
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return str(os.getuid())
+
+
+def limits_lines(name: str) -> tuple[str, str]:
+    """The two lines of LIMITS_FILE that grant both rights to a user from the next login on."""
+    return f"{name} - rtprio {HIGHEST}", f"{name} - memlock unlimited"
+
+
+def lacking(policies: Mapping[str, str]) -> str:
+    """Several lines for a person; empty where every process got what it asked for. `policies` as `realtime` says them.
+
+    What grants the rights is said for the user we are: whoever looks at a system of somebody else sees the idea.
+    """
+    slow = [name for name, words in policies.items() if NO_FIFO in words]
+    loose = [name for name, words in policies.items() if NOT_LOCKED in words]
+    if not slow and not loose:
+        return ""
+    said = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
+    said += [f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else []
+    lines = limits_lines(user())
+    return "\n".join((
+        *said,
+        f"they are late whenever this machine is busy; two lines in {LIMITS_FILE} and a new login grant both:",
+        *(f"    {line}" for line in lines),
+        f"or, where systemd starts the system, {SYSTEMD} in its unit; trocar doctor looks at the rest of the machine",
+    ))

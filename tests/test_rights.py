@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from procs.rights import lacking, user
+from procs.realtime import lacking, user
 from tests.system.robot import ROOT
 
 ASK = """

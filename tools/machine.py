@@ -14,8 +14,7 @@ from typing import Any, Final
 
 import psutil
 
-from procs.realtime import is_urgent
-from procs.rights import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, limits_lines, user
+from procs.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
 from procs.udp_holders import SocketHolder, holders
 from shm.segment import FOLDER
 from tools.running import running

@@ -17,10 +17,9 @@ from procs.arm.supervision import power_lost
 from procs.arm_types import ARM_TYPES, class_of
 from procs.codes import AMPLIFIER
 from procs.document.system import Actuator, ArmConfig, Brake, IoConfig
-from procs.faults import FaultReport, reported
+from procs.faults import FaultReport, axis_titles, boards_of, place, reported, sentence
 from procs.inputs import SETUP_LATE_S
 from procs.manifest import proc
-from procs.wording import axis_titles, boards_of, place, sentence
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs import codes, wording
+from procs import codes, faults
 from procs.io.arm_requests import ArmRequests
 from procs.io.brakes import Brakes
 from procs.io.devices import BiasDevice, PowerDevice
@@ -66,10 +66,10 @@ class FaultHandler:
         axis, boards, unit = "", trip.boards, fault.unit
         if trip.axis >= 0:
             drive = int(robots.of_robot[trip.robot][trip.axis])
-            axis, boards = robots.titles[trip.robot][trip.axis], boards or wording.boards_of(robots.all[drive])
+            axis, boards = robots.titles[trip.robot][trip.axis], boards or faults.boards_of(robots.all[drive])
             unit = robots.unit(drive) if unit == codes.JOINT else unit
-        text = wording.sentence(wording.place(name, axis, boards), fault.cause,
-                                wording.figures(fault, trip.value, trip.limit, unit), trip.detail)
+        text = faults.sentence(faults.place(name, axis, boards), fault.cause,
+                                faults.figures(fault, trip.value, trip.limit, unit), trip.detail)
         self._reports.events.append(IoEvent(
             SEVERITIES[fault.severity], text, fault.code, name, trip.axis, trip.value, trip.limit,
             boards[0] if boards else -1, fault.remedy))

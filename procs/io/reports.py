@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes, wording
+from procs import codes, faults
 from procs.codes import Code
 
 
@@ -65,8 +65,8 @@ class IoReports:
     def warn(self, fault: Code, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
              boards: tuple[int, ...] = ()) -> None:
         """A warning of the fault table, in whose text `sender` takes its place; nothing is switched off."""
-        measured = wording.figures(fault, value, limit, fault.unit)
-        text = wording.sentence(wording.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
+        measured = faults.figures(fault, value, limit, fault.unit)
+        text = faults.sentence(faults.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
                                 measured)
         board = boards[0] if boards else -1
         self.events.append(IoEvent("warning", text, fault.code, component, -1, value, limit, board, fault.remedy))

@@ -13,8 +13,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import wording
 from procs.document.system import Actuator, Brake, Encoder, IoConfig, Linear
+from procs.faults import axis_titles
 from procs.fpga import blocks, conversion, lookup, registers
 from procs.fpga.blocks import Columns
 from procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
@@ -51,7 +51,7 @@ class Robots:
         drives: list[Actuator | Brake] = [*actuators, *brakes]
         self.actuators, self.brakes, self.all = tuple(actuators), tuple(brakes), tuple(drives)
         self.axes, self.drives = len(actuators), len(drives)
-        self.titles = wording.axis_titles(io)
+        self.titles = axis_titles(io)
         """Of every robot its axes, then its brakes, for people."""
         boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
         boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}

@@ -21,8 +21,7 @@ from procs.config import load_system
 from procs.config.read.paths import log_folder
 from procs.document.system import LOCKSTEP, PACED, WALL, Process, SystemConfig
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
-from procs.realtime import realtime
-from procs.rights import lacking
+from procs.realtime import lacking, realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.cores import core_time_ns

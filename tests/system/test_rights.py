@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from procs.rights import limits_lines, user
+from procs.realtime import limits_lines, user
 from tests.system.robot import ROOT, UP_S, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]

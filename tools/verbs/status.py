@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from procs.rights import lacking
+from procs.realtime import lacking
 from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.inspect import standing
 from tools.inspect.processes import COLUMNS, RIGHT, cells, lives, remarks
