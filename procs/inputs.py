@@ -14,6 +14,9 @@ SETUP_LATE_S: Final = 0.05
 class RecordReader(Protocol):
     """The reading end of a ring; see shm/ring.py."""
 
+    lost: int
+    """Records that `next` left out because they were overwritten."""
+
     @property
     def info(self) -> dict[str, Any]:
         """Constants of the instance."""

@@ -15,10 +15,10 @@ from typing import Final
 import numpy as np
 
 from procs.io.brakes import Brakes
-from procs.io.instruments import Asker
 from procs.io.pid import Pid
 from procs.io.record import Floats, IoRecord
 from procs.io.robots import Robots, Samples
+from procs.requests import Request
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
 MAX_RISE_S: Final = 3.0
@@ -37,7 +37,7 @@ class AxisDriveRun:
     rise_ns: int
     travel: float
     release: bool
-    asker: Asker
+    asker: Request
     begin_ns: int
     start: Floats
     end_ns: int
@@ -68,7 +68,7 @@ class AxisDrive:
         return "an axis is being driven" if robot in self._running else ""
 
     def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
-              asker: Asker, now_ns: int) -> None:
+              asker: Request, now_ns: int) -> None:
         """Start; `release`: let its brake go, once there is current."""
         start = self._samples.position[self._robots.slices[robot]].copy()
         rise_ns = round(rise_s * 1e9)
@@ -135,7 +135,7 @@ class NoAxisDrive:
         return "it is KINEMATIC: it has no motors"
 
     def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
-              asker: Asker, now_ns: int) -> None:
+              asker: Request, now_ns: int) -> None:
         """Never called."""
 
     def stop(self, robot: int, why: str) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from procs.io.instruments import Asker
 from procs.io.record import Flags, Floats
+from procs.requests import Request
 
 
 class MeasuredDevice(Protocol):
@@ -42,7 +42,7 @@ class AxisDriveDevice(Protocol):
         """Why it cannot be done, or ""."""
 
     def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
-              asker: Asker, now_ns: int) -> None:
+              asker: Request, now_ns: int) -> None:
         """Start it."""
 
     def stop(self, robot: int, why: str) -> None:
@@ -99,5 +99,5 @@ class InstrumentsDevice(Protocol):
 
     names: tuple[str, ...]
 
-    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+    def begin(self, reader: int, asker: Request, now_ns: int) -> str:
         """Read an instrument; returns why not, or ""."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Final
 
 from procs.fpga import instrument, registers
 from procs.fpga.instrument import Instrument, instrument_of
@@ -21,6 +21,7 @@ from procs.io.bus.port import Port, PortError
 from procs.io.record import Field, private
 from procs.io.reports import IoEvent, IoReports
 from procs.io.robots import Robots
+from procs.requests import Request
 from shm.topics import IO_INSTRUMENTS
 
 POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question
@@ -30,19 +31,6 @@ TIMES: Final = 2  # in a row, before what was found is believed
 MOST_WAITING: Final = 16
 
 READING, READ, ABSENT, ERROR = "READING", "READ", "ABSENT", "ERROR"
-
-
-class Asker(Protocol):
-    """Who asked for a reading, and hears what became of it."""
-
-    def accept(self, text: str = "") -> None:
-        """It is under way."""
-
-    def done(self, text: str = "") -> None:
-        """It was read."""
-
-    def fail(self, reason: str) -> None:
-        """There is nothing, or nothing readable."""
 
 
 @dataclass(slots=True)
@@ -56,7 +44,7 @@ class MemoryReading:
     status: int = 0  # its register, as it said so
     silent: int = 0
     record: bytes = b""  # what the last reading gave
-    askers: list[Asker] = field(default_factory=list)
+    askers: list[Request] = field(default_factory=list)
 
 
 class InstrumentReaders:
@@ -76,7 +64,7 @@ class InstrumentReaders:
         self.running: dict[int, MemoryReading] = {}
         reports.changed.add(IO_INSTRUMENTS.name)
 
-    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+    def begin(self, reader: int, asker: Request, now_ns: int) -> str:
         """Read an instrument; more askers share a reading. Returns why not, or ""."""
         reading = self.running.get(reader)
         if reading is None:

@@ -24,7 +24,6 @@ from procs.io.brakes import Brakes
 from procs.io.commands import IoCommands
 from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains, configured_gains
-from procs.io.instruments import Asker
 from procs.io.pid import Pid
 from procs.io.record import Field, Flags, Floats, IoRecord
 from procs.io.reports import IoReports
@@ -113,7 +112,7 @@ class NoReaders:
 
     names: tuple[str, ...] = ()
 
-    def begin(self, reader: int, asker: Asker, now_ns: int) -> str:
+    def begin(self, reader: int, asker: Request, now_ns: int) -> str:
         """Never called."""
         return "there are no readers"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,31 +11,12 @@ from numpy.typing import NDArray
 from procs.codes import ARM_LOST, ERROR, FAULTS
 from procs.document.cart import channel_inputs
 from procs.document.system import IoConfig
+from procs.inputs import RecordReader
 from procs.suj.multiplexer import PLUGS
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
 MOST: Final = 256  # samples looked at in one cycle
 HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
-
-
-class IoRecords(Protocol):
-    """io's ring, as `shm.ring.RingReader` has it."""
-
-    lost: int
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the record read last."""
-
-    @property
-    def epoch(self) -> int:
-        """Which of io's lives writes."""
-
-    def next(self) -> bool:
-        """Read the next record in order."""
-
-    def field(self, name: str) -> NDArray[Any]:
-        """A view on a field."""
 
 
 class BoardMailbox(Protocol):
@@ -51,7 +32,7 @@ class InterfaceBoard:
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: IoConfig, robot: str, records: IoRecords, orders: BoardMailbox) -> None:
+    def __init__(self, io: IoConfig, robot: str, records: RecordReader, orders: BoardMailbox) -> None:
         """`robot` is the cart's in `io`."""
         self.robot, self._records, self._orders = robot, records, orders
         places = [r.name for r in io.robots]

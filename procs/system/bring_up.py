@@ -7,34 +7,20 @@ ENABLED is homed. Every step has its own limit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Final
 
 from procs.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
+from procs.system.arms import ArmOnRing
 from shm.origins import Origin
 
 POWER_ON, POWER_OFF = "power_on", "power_off"
 WORDS: Final = {POWER_ON: ENABLE, HOME: HOME, POWER_OFF: DISABLE}
 
 
-class ArmStatus(Protocol):
-    """An arm as its record shows it."""
-
-    name: str
-    state: str
-    reason: str
-    is_homed: bool
-    is_busy: bool
-    is_fresh: bool
-    refusals: list[str]
-
-    def ask(self, word: str, origin: Origin) -> bool:
-        """A state_command, on behalf of whoever asked for it; false: it could not be told."""
-
-
 class Step:
     """One arm on its way; `problem` says why it will not arrive."""
 
-    def __init__(self, arm: ArmStatus, goal: str, now_ns: int, origin: Origin) -> None:
+    def __init__(self, arm: ArmOnRing, goal: str, now_ns: int, origin: Origin) -> None:
         """Begins at once."""
         self.arm, self.goal, self._origin = arm, goal, origin
         self.problem, self.is_there = "", False
@@ -87,7 +73,7 @@ class Step:
 class BringUp:
     """All arms on their way to one goal."""
 
-    def __init__(self, goal: str, arms: Sequence[ArmStatus], now_ns: int, origin: Origin) -> None:
+    def __init__(self, goal: str, arms: Sequence[ArmOnRing], now_ns: int, origin: Origin) -> None:
         """Begins at once; `origin` is the command of the person who asked for it: faults from then on end it."""
         self.goal = goal
         self._steps = [Step(arm, goal, now_ns, origin) for arm in arms]

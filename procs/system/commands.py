@@ -8,7 +8,8 @@ from typing import Final
 from procs import codes
 from procs.bring_up import HOME
 from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
-from procs.system.bring_up import POWER_OFF, POWER_ON, ArmStatus, BringUp
+from procs.system.arms import ArmOnRing
+from procs.system.bring_up import POWER_OFF, POWER_ON, BringUp
 from procs.system.sound import Sound
 from shm.client import LoopClient
 from shm.events import Events
@@ -22,7 +23,7 @@ MOST_VALUES: Final = 3
 class SystemCommands:
     """One method per row of the `system` command table."""
 
-    def __init__(self, arms: Sequence[ArmStatus], consoles: Sequence[LoopClient], events: Events, sound: Sound,
+    def __init__(self, arms: Sequence[ArmOnRing], consoles: Sequence[LoopClient], events: Events, sound: Sound,
                  volume: float) -> None:
         """`consoles` are the mailboxes of all consoles."""
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Final
 
+from procs.inputs import RecordReader
 from shm.events import ERROR, STATUS, WARNING, Events
 
 BEEP_NS: Final = 2_000_000_000
@@ -12,20 +13,10 @@ AT_MOST: Final = 32  # events of one process a cycle; the rest in the next
 KINDS: Final = {STATUS: "status", WARNING: "warning", ERROR: "error"}
 
 
-class EventRing(Protocol):
-    """The events of one process."""
-
-    def field(self, name: str) -> Any:
-        """A view on a field of the record."""
-
-    def next(self) -> bool:
-        """Take the next record."""
-
-
 class MessageSource:
     """One process whose messages are repeated."""
 
-    def __init__(self, name: str, ring: EventRing) -> None:
+    def __init__(self, name: str, ring: RecordReader) -> None:
         """From the next event on."""
         self.name, self.ring = name, ring
         names = ("severity", "code", "axis", "board", "value", "limit", "text", "hint")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from procs.system.arms import ENABLED, FAULT
-from procs.system.bring_up import ArmStatus
+from procs.system.arms import ENABLED, FAULT, ArmOnRing
 from procs.system.commands import SystemCommands
 from procs.system.message_hub import MessageHub
 from procs.system.sound import Sound
@@ -17,7 +16,7 @@ from shm.layout import shorten
 class SystemRecord:
     """Views on the fields of our own record."""
 
-    def __init__(self, field: Callable[[str], Any], arms: Sequence[ArmStatus], events: Events, sound: Sound, *,
+    def __init__(self, field: Callable[[str], Any], arms: Sequence[ArmOnRing], events: Events, sound: Sound, *,
                  calibration_mode: bool) -> None:
         """What never changes is filled in here."""
         self._arms, self._events = arms, events
@@ -43,7 +42,7 @@ class SystemRecord:
         waiting = bring_up.waiting if bring_up is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
-    def _tell(self, place: int, arm: ArmStatus) -> None:
+    def _tell(self, place: int, arm: ArmOnRing) -> None:
         """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""
         state = ENABLED if arm.state == ENABLED and arm.is_homed else FAULT if arm.state == FAULT else ""
         state = state if arm.is_fresh else ""

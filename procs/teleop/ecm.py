@@ -12,12 +12,12 @@ from procs import codes
 from procs.document.consoles import TeleopEcmConfig as Settings
 from procs.inputs import LATE_S
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from procs.requests import Request
+from procs.requests import Reports, Request
 from procs.teleop.arms import TeleopArm
 from procs.teleop.camera import Camera, outside
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive
+from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState, positive
 from shm.faults import Cell
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class TeleopEcm(Teleop):
     """
 
     def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
-                 record: TeleopRecord, events: TeleopEvents, *, faults: Cell) -> None:
+                 record: TeleopRecord, events: Reports, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))

@@ -13,11 +13,11 @@ from procs import codes
 from procs.document.consoles import TeleopPsmConfig as Settings
 from procs.inputs import LATE_S
 from procs.kinematics.poses import angle_between
-from procs.requests import CommandRefused, Request, switch
+from procs.requests import CommandRefused, Reports, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopEvents, TeleopState, positive
+from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState, positive
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
@@ -40,7 +40,7 @@ class TeleopPsm(Teleop):
 
     def __init__(self, settings: Settings, master: TeleopArm, slave: TeleopArm, operator: Operator,
                  record: TeleopRecord,
-                 events: TeleopEvents, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
+                 events: Reports, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
         self.settings, self.master, self.slave, self.base = settings, master, slave, base
         self.mapping = PoseMapping(settings.scale, rotation_locked=settings.rotation_locked,
                                    translation_locked=settings.translation_locked)

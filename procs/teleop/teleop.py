@@ -10,14 +10,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
 from procs.codes import Code
-from procs.requests import CommandRefused, Request, carry_out
+from procs.requests import CommandRefused, Reports, Request, carry_out
 from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
@@ -43,19 +43,6 @@ class TeleopState(StrEnum):
 NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))
 
 
-class TeleopEvents(Protocol):
-    """Where it tells what happens."""
-
-    def status(self, text: str, component: str = "") -> None:
-        """Something a person may like to know."""
-
-    def report(self, code: Code, text: str, component: str = "") -> None:
-        """A warning or error, as the row of the table of codes says."""
-
-    def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
-        """An event of its own name."""
-
-
 @dataclass(frozen=True, slots=True)
 class TeleopCommandRow:
     """One command: what carries it out, and how many values it has."""
@@ -70,7 +57,7 @@ class Teleop:
     words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
     def __init__(self, name: str, arms: tuple[TeleopArm, ...], operator: Operator, record: TeleopRecord,
-                 events: TeleopEvents,
+                 events: Reports,
                  faults: Cell) -> None:
         """DISABLED, whatever a predecessor was: following begins only when it is asked for again.
 

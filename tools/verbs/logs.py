@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from procs.config.read.paths import log_folder
+from procs.config.read.paths import is_folder, log_folder
 from shm.clock import pause
 from shm.loglines import LogLine, parsed
 from tools.errors import Problem
@@ -44,7 +44,7 @@ def logs(
             emit(row) if as_json else print(in_words(row))
         return 0
     folder = log_folder(os.environ, system or chosen_system())
-    if not _is_folder(folder):
+    if not is_folder(folder):
         chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
     found = {path.stem: path for path in sorted(folder.glob("*.log")) if not path.stem.endswith(".previous")}
@@ -65,13 +65,6 @@ def logs(
         for file in files.values():
             file.close()
     return 0
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # it may not even be asked about
-        return False
 
 
 def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, LogLine]]:

@@ -27,9 +27,9 @@ from procs.config.build.setup_joints import with_setup_joints
 from procs.config.build.tasks import with_tasks
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import TrocarSection
-from procs.config.read.paths import PROJECT_CONFIGS
+from procs.config.read.paths import PROJECT_CONFIGS, is_folder
 from procs.config.read.problem import ERROR, WARNING, FileProblem
-from procs.config.read.search import SearchPath, expanded, is_folder, search_path
+from procs.config.read.search import SearchPath, expanded, search_path
 from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document

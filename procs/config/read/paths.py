@@ -26,7 +26,7 @@ def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_
     Where X.json is in none of them, X.yaml is looked for, too. `path` itself where there is nothing: see `not_found`.
     """
     twins = (path, path.with_suffix(".yaml")) if path.suffix == ".json" else (path,)
-    places = (folder / name for name in twins for folder in _folders(search, configs) if _is_there(folder / name))
+    places = (folder / name for name in twins for folder in _folders(search, configs) if exists(folder / name))
     return next(places, path)
 
 
@@ -44,10 +44,19 @@ def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:
     return (Path(), *search, configs, configs / "systems", configs.parent)
 
 
-def _is_there(path: Path) -> bool:
+def exists(path: Path) -> bool:
+    """Whether there is anything; a path that cannot even be asked about (too long, not allowed) is nothing."""
     try:
         return path.exists()
-    except OSError:  # a name too long, a folder that is not ours to look into
+    except OSError:
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether `path` is a folder that can be looked into."""
+    try:
+        return path.is_dir()
+    except OSError:
         return False
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from procs.config.read.paths import exists
+
 _PID_STOCK = "sawControllersPID-"
 
 
@@ -35,7 +37,7 @@ class SearchPath:
                 found = self._exact(other, _is_file)
                 if found:
                     return found
-        there = (self._exact(name, _exists) for name in names if name)
+        there = (self._exact(name, exists) for name in names if name)
         return next((path for path in there if path), None)
 
     def find_all(self, name: str) -> tuple[Path, ...]:
@@ -85,14 +87,6 @@ def expanded(name: str) -> Path:
         return Path(name)
 
 
-def is_folder(path: Path) -> bool:
-    """Whether `path` is a folder that can be looked into."""
-    try:
-        return path.is_dir()
-    except OSError:
-        return False
-
-
 def _is_file(path: Path) -> bool:
     """A path that cannot even be asked about (too long, not allowed) is no file of ours."""
     try:
@@ -100,12 +94,6 @@ def _is_file(path: Path) -> bool:
     except OSError:
         return False
 
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:
-        return False
 
 
 def _unique(folders: tuple[Path, ...]) -> tuple[Path, ...]:
