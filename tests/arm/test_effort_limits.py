@@ -150,3 +150,9 @@ def test_efforts_of_joints_take_the_place_of_a_wrench() -> None:
     harness.step()
     efforts = harness.arm.control.motion.effort
     assert efforts[:6] == pytest.approx((0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_where_nothing_is_clipped_no_joint_is_marked(harness: ArmHarness) -> None:
+    harness.send("servo_jf", (0.5, 0, 0, 0, 0, 0))
+    assert harness.arm.control.efforts.clipped.tolist() == [False] * 7
+    assert harness.arm.control.joints.clip(np.zeros(7)).tolist() == [False] * 7

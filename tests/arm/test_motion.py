@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from procs.document.arms import ArmConfig
 from tests.arm.fake_io import SECOND, ArmHarness, FakeRequest, bare_arm, fixed_arm
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
@@ -318,3 +321,9 @@ def test_pause_holds_and_refuses_motion(harness: ArmHarness) -> None:
     finish(harness, harness.send("move_jp", DEEP))
     harness.step()
     assert harness.state["setpoint_position"][:6] == pytest.approx(DEEP)
+
+
+@pytest.mark.parametrize("made", [bare_arm, fixed_arm])
+def test_only_the_insertion_is_told_in_metres(made: Callable[[], ArmConfig]) -> None:
+    joints = ArmHarness(made()).homed().arm.control.joints
+    assert [joints.unit(axis) for axis in range(joints.size)] == ["rad", "rad", "m", "rad", "rad", "rad", "rad"]

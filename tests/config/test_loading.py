@@ -228,3 +228,10 @@ def test_a_key_under_its_old_name_is_found_on_its_line_unless_the_new_one_is_the
     assert renamed.problem(("other",), "").line == 4
     both = SourceFile(Path("x.yaml"), {"old": 1, "new": 2}, {})
     assert both.renamed({"old": "new"}).at(("new",)) == 2 and both.renamed({"old": "new"}).has(("old",))
+
+
+def test_what_the_command_line_set_stands_on_no_line() -> None:
+    file = SourceFile(Path("x.yaml"), {"a": {"b": 1}}, {("a",): 3}, frozenset({("a", "b")}))
+    assert [(told.file, told.line) for told in (file.problem(("a", "b"), ""), file.problem(("a", "b", "c"), ""))] == [
+        ("--set", 0)] * 2
+    assert (file.problem(("a", "c"), "").file, file.problem(("a", "c"), "").line) == ("x.yaml", 3)

@@ -9,6 +9,7 @@ import yaml
 
 from procs.config import PROJECT_CONFIGS
 from procs.config.read.jsontext import TextError
+from procs.config.read.search import _other_names
 from procs.config.read.yamltext import parse_yaml
 
 
@@ -105,3 +106,13 @@ def test_a_character_that_must_not_be_is_told_with_its_place() -> None:
     with pytest.raises(TextError) as told:
         parse_yaml("a: 1\nb: \x01")
     assert (told.value.line, told.value.column) == (2, 4)
+
+
+def test_a_number_that_nobody_would_write_is_a_text() -> None:
+    assert parse_yaml("0x" + "1" * 27).data == int("1" * 27, 16)
+    assert parse_yaml("0x" + "1" * 28).data == "0x" + "1" * 28
+
+
+def test_only_json_has_a_twin_in_yaml() -> None:
+    assert _other_names("arm/PSM.json") == ("arm/PSM.yaml",)
+    assert _other_names("arm/PSM.csv") == _other_names("arm/PSM.yaml") == ()

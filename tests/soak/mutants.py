@@ -79,15 +79,20 @@ AT_IMPORT = (("procs/config/models/", "tests/config/test_keys.py"),)
 """Tests of what stands in no function of these modules: they run first for that, though they call nothing there."""
 
 EQUIVALENT = {
-    ("procs/arm/effort_limits.py",
+    ("procs/arm/effort_limits.py", "wider = np.where(self._drives, spread, 0.0).max(axis=1)  # and back to the joints",
      "wider = np.where(self._drives, spread, -1.0).max(axis=1)  # and back to the joints"):
         "every joint has a motor, and nothing is less than 0 there",
-    ("procs/arm/efforts.py", "FOR_EVER: Final = 1 << 63  # ns"): "no clock comes as far as 1 << 62",
-    ("procs/io/power.py", "NEVER: Final = 1 >> 62"): "unchanged words are looked at each cycle: the same comes out",
-    ("procs/suj/setups.py", "self.changes += 2"): "it is only compared with what it was",
-    ("procs/console/goovis.py", "if self._file >= 1:"): "descriptor 0 is the standard input's",
+    ("procs/arm/efforts.py", "FOR_EVER: Final = 1 << 62  # ns", "FOR_EVER: Final = 1 << 63  # ns"):
+        "no clock comes that far",
+    ("procs/arm/motion.py", "self.effort[...] = 0.0", "pass"): "read in effort mode only, which sets it each cycle",
+    ("procs/console/goovis.py", "if self._file >= 0:", "if self._file >= 1:"): "descriptor 0 is the standard input's",
+    ("procs/io/power.py", "NEVER: Final = 1 << 62", "NEVER: Final = 1 >> 62"):
+        "unchanged words are looked at each cycle: the same comes out",
+    ("procs/suj/joints.py", "self._told = told", "pass"): "what is shown is written again as it is",
+    ("procs/teleop/teleoperation.py", "self._first_offset = self.offset", "pass"): "begin sets it before it is read",
+    ("procs/suj/setups.py", "self.changes += 1", "self.changes += 2"): "it is only compared with what it was",
 }
-"""(module, changed line as the mutant has it) to why nobody can tell the difference. Counted by itself."""
+"""(module, line, line of the mutant) to why nobody can tell the difference. Counted by themselves."""
 
 ARITHMETIC = {"Add": "Sub", "Sub": "Add", "Mul": "Div", "Div": "Mul", "FloorDiv": "Mul", "Mod": "Mul", "Pow": "Mul",
               "RShift": "LShift", "LShift": "RShift", "BitOr": "BitAnd", "BitAnd": "BitOr", "BitXor": "BitOr"}
@@ -143,10 +148,10 @@ class Mutant:
         rows = difflib.unified_diff(source.splitlines(), self.code.splitlines(), self.path, self.path, "", "", 2, "")
         return list(rows)[1:]
 
-    @property
-    def equivalent(self) -> str:
+    def equivalent(self, source: str) -> str:
         """Why nobody can tell the difference, "": somebody may."""
-        return EQUIVALENT.get((self.path, self.code.splitlines()[self.line - 1].strip()), "")
+        old, new = (text.splitlines()[self.line - 1].strip() for text in (source, self.code))
+        return EQUIVALENT.get((self.path, old, new), "")
 
 
 @dataclass(frozen=True)
@@ -354,9 +359,10 @@ def tried(mutants: list[Mutant], workers: int, calls: Path | None, budget_s: flo
         known = Calls.of(calls or Path(folder) / "calls", copies[0], workers)
 
         def attempt(mutant: Mutant) -> Result:
-            if mutant.equivalent:
-                return Result(mutant, "equivalent", mutant.equivalent)
-            tests = known.tests(mutant, (ROOT / mutant.path).read_text(encoding="utf-8"), LAST * budget_s)
+            source = (ROOT / mutant.path).read_text(encoding="utf-8")
+            if reason := mutant.equivalent(source):
+                return Result(mutant, "equivalent", reason)
+            tests = known.tests(mutant, source, LAST * budget_s)
             first = sum(total <= budget_s for total in accumulate(seconds for seconds, _ in tests)) or 1
             copy = free.get()
             try:

@@ -194,6 +194,18 @@ def test_a_board_that_is_away_is_told_and_its_arm_unknown(si: SetupHarness) -> N
     assert si.field("setup_valid").all() and "PSM2: its potentiometer board answers" in si.reports.of("status")
 
 
+def test_the_second_reading_after_a_clutch_is_believed(si: SetupHarness) -> None:
+    run(si, 0.5)
+    si.pressed[1] = True
+    run(si, 0.3)
+    si.pressed[1] = False
+    before = si.field("rounds").item()
+    while not si.field("setup_valid")[1]:
+        run(si, 0.01)
+        assert si.field("rounds").item() - before <= 2 * len(si.cart.arms)
+    assert si.field("rounds").item() - before == 2 * len(si.cart.arms)
+
+
 @pytest.mark.parametrize("reading", [b"", b"{}", b"[]", b'{"pots": 3}', b'{"pots": [[1, 2], [3]]}',
                                      b'{"pots": [[], []]}', b'{"pots": [[NaN], [1]]}', b'{"pots": [[1], [2], [3]]}',
                                      b"\xff", b'{"pots": [["a"], [1]]}', b"[" * 100000])

@@ -127,3 +127,15 @@ def test_disable_ends_what_was_desired(state: SetupState) -> None:
     bench.say("disable")
     bench.machine.step(1)
     assert bench.machine.desired is SetupState.DISABLED and not bench.machine.is_busy
+
+
+def test_every_change_is_published() -> None:
+    bench = StatesBench(SetupState.DISABLED)
+    bench.say("home")
+    bench.reports.states.clear()
+    bench.power.there = True
+    bench.machine.step(1)
+    assert [row[:2] for row in bench.reports.states if row[0] == "ENABLED"], bench.reports.states
+    bench.reports.states.clear()
+    bench.machine.fault("a test")
+    assert [row[0] for row in bench.reports.states] == ["FAULT"]

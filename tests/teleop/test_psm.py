@@ -358,3 +358,11 @@ def test_the_roll_of_the_alignment_itself_is_no_presence() -> None:
     harness.master.ring.set(is_busy=False)
     harness.run(0.01)
     assert not harness.record.field("operator_active") and harness.record.field("roll_range") == 0.0
+
+
+def test_the_master_is_let_go_in_the_cycle_in_which_following_begins(harness: TeleopHarness) -> None:
+    harness.state_command("enable")
+    while not harness.following:
+        harness.forget()
+        harness.step()
+    assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "unlock_orientation"]

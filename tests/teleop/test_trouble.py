@@ -236,10 +236,12 @@ def test_a_pose_that_is_no_number_never_starts(harness: TeleopHarness) -> None:
     assert harness.text("reason") == "waiting: the pose of MTMR in its reference frame is not known"
 
 
-def test_an_arm_that_is_lost_while_clutched_needs_presence_again(following: TeleopHarness) -> None:
+@pytest.mark.parametrize("before", [0, 1])
+def test_an_arm_that_is_lost_while_clutched_needs_presence_again(following: TeleopHarness, before: int) -> None:
+    """Also in the very cycle in which the clutch is released."""
     following.send("clutch", 1)
     following.slave.ring.epoch += 1
-    following.step()
+    following.run(before * 0.001)
     following.send("clutch", 0)
     following.run(0.05)
     assert not following.following

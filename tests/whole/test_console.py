@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -165,3 +166,21 @@ def test_a_teleoperation_keeps_the_pace_of_its_master(driven: Room, monkeypatch:
     late.clear()
     driven.host.step()
     assert not late, "nothing reacts to anything"
+
+
+def test_a_teleoperation_that_refuses_is_reported_once(driven: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop: Any = driven.host.loops["console"]
+    told: list[str] = []
+    monkeypatch.setattr(driven.host.node["console"].events, "report", lambda code, text, component: told.append(text))
+    for _ in range(2):
+        assert loop._desk.ask("MTMR_PSM1", "set_scale", (-1.0,))
+        driven.host.run(0.05)
+    assert len(told) == 1 and told[0].startswith("MTMR_PSM1 refuses: set_scale")
+
+
+def test_a_console_gives_its_head_sensor_back(driven: Room) -> None:
+    loop: Any = driven.host.loops["console"]
+    closed: list[bool] = []
+    loop._head = SimpleNamespace(close=lambda: closed.append(True))
+    driven.host.restart("console")
+    assert closed == [True]
