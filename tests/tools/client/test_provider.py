@@ -83,8 +83,25 @@ def made(world: World) -> Iterator[Callable[..., Place]]:
     remove_all(world.name)
 
 
+class ProviderClock:
+    """CLOCK_BOOTTIME as the test wants it."""
+
+    now_ns = 5_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
 @pytest.fixture
-def place(made: Callable[..., Place]) -> Place:
+def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
+    made = ProviderClock()
+    monkeypatch.setattr(provider, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
+    return made
+
+
+@pytest.fixture
+def place(made: Callable[..., Place], clock: ProviderClock) -> Place:
+    """Where a program is never held up, however busy the machine is."""
     return made()
 
 
@@ -258,22 +275,6 @@ def test_a_stream_of_commands_is_taken_whole(place: Place) -> None:
             place.client.send("servo_cp", (number, 0, 0, 0, 0, 0, 1))
         master.write(np.eye(4))
     assert got == list(range(30))
-
-
-class ProviderClock:
-    """CLOCK_BOOTTIME as the test wants it."""
-
-    now_ns = 5_000_000_000
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
-    made = ProviderClock()
-    monkeypatch.setattr(provider, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
-    return made
 
 
 def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], clock: ProviderClock) -> None:
