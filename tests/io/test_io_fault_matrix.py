@@ -321,54 +321,6 @@ def test_a_fault_in_the_cycle_of_the_last_bad_packet_is_told_with_the_next_good_
     assert harness.codes == [row.code]
 
 
-def test_one_bad_packet_changes_nothing_but_a_warning() -> None:
-    harness = working(braked())
-    before = harness.port.sent[-1].copy()
-    lose_packets(harness)
-    harness.run(1)
-    assert told(harness) == ["read-missed"] and not harness.record.valid
-    assert harness.record.pid_enabled[0] and harness.record.power_wanted[0] and brake_a(harness) == RELEASED_A
-    np.testing.assert_array_equal(harness.port.sent[-1], before)
-    harness.port.good = True
-    harness.run(100)
-    assert told(harness) == ["read-missed"] and harness.record.valid and harness.record.pid_enabled[0]
-
-
-def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -> None:
-    harness = working(braked())
-    lose_packets(harness)
-    sent = len(harness.port.sent)
-    harness.run(10_000)
-    assert told(harness) == ["read-missed", "bad-reads", "power off"] and not harness.record.valid
-    assert len(harness.port.sent) == sent + 10_000 and is_off(harness)
-    assert harness.record.bad_reads == 10_000 and harness.record.age_ns == pytest.approx(10_000 * 976_562, rel=1e-3)
-    harness.port.good = True
-    harness.run(10)
-    assert told(harness) == ["read-missed", "bad-reads", "power off", "the controllers answer again"]
-    assert harness.record.valid and not harness.record.pid_enabled[0] and not harness.record.power_wanted[0]
-
-
-def test_power_asked_for_without_packets_fails_at_once() -> None:
-    harness = working(braked())
-    lose_packets(harness)
-    harness.run(2000)
-    harness.core.reports.events.clear()
-    command = harness.ask("power_on")
-    harness.run(1)
-    assert command.outcome == "failed" and harness.codes == ["bad-reads"] and is_off(harness)
-
-
-def test_a_button_pressed_while_packets_are_lost_is_told_with_the_next_good_one() -> None:
-    harness = working(braked())
-    lose_packets(harness)
-    harness.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
-    harness.run(10)
-    assert told(harness) == ["read-missed"]
-    harness.port.good = True
-    harness.run(1)
-    assert told(harness) == ["read-missed", "pressed"]
-
-
 def test_power_loss_before_3_s_waits_for_them_where_nothing_is_held() -> None:
     harness = braked()
     harness.power()
@@ -446,39 +398,6 @@ def test_another_robot_goes_on() -> None:
     assert (harness.record.current_request[7:] == EFFORT / 2).all()
 
 
-BAD_NUMBERS = (np.nan, np.inf, -np.inf)
-
-
-@pytest.mark.parametrize("value", BAD_NUMBERS)
-@pytest.mark.parametrize(("in_effort", "name"), [(False, "position"), (False, "velocity"), (False, "feed_forward"),
-                                                 (True, "effort"), (True, "feed_forward")])
-def test_a_set_point_that_is_no_number_never_becomes_bits(in_effort: bool, name: str, value: float) -> None:
-    harness = working(braked())
-    harness.send(1, in_effort=in_effort, position=0.0, effort=0.0)
-    harness.run(2)
-    harness.arms[0].has_velocity[...] = True
-    harness.ask("use_setpoint_v", 1)
-    getattr(harness.arms[0], name)[4] = value
-    sent = len(harness.port.sent)
-    harness.run(20)
-    assert harness.codes == ["not-finite"] and not harness.record.pid_enabled[0]
-    for out in harness.port.sent[sent:]:
-        assert (out.reshape(-1)[[0, 1, 2, 3, 5, 6, 7]] & 0xFFFF == 0x8000).all()
-    assert np.isfinite(harness.record.current_request).all()
-
-
-def test_a_set_point_that_is_no_number_is_found_without_packets_too() -> None:
-    harness = working(braked())
-    lose_packets(harness)
-    nan_effort(harness)
-    harness.run(1)
-    assert sorted(told(harness)) == ["not-finite", "read-missed"] and not harness.record.pid_enabled[0]
-    assert zero_current(harness) and harness.record.power_wanted[0] and brake_a(harness) == ENGAGED_A
-    harness.run(30)
-    assert harness.codes == ["not-finite", "bad-reads"] and is_off(harness)
-    assert harness.record.fault[0] == NUMBERS["not-finite"], "the first stays latched"
-
-
 def test_robots_on_the_same_board_go_down_together_and_the_cause_is_told_first() -> None:
     gripper = robot("gripper", 1, 1, actuators=(actuator(1, 3),))
     harness = IoHarness(robots=(robot("PSM1", 0), gripper))
@@ -491,32 +410,3 @@ def test_robots_on_the_same_board_go_down_together_and_the_cause_is_told_first()
     assert events == [("temperature", "PSM1"), ("power off", "PSM1"), ("shared-board", "gripper"),
                       ("power off", "gripper")]
     assert (harness.port.sent[-1][:, 4] & 0x000C0000 == registers.CONTROL_POWER_OFF).all()
-
-
-def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
-    harness = working(braked())
-    harness.send(1, position=0.01)
-    harness.run(2)
-    step = harness.core.pid.step
-
-    def broken(*given):
-        found = step(*given)
-        if harness.record.pid_enabled[0]:
-            harness.core.pid.effort[2] = np.nan
-        return found
-
-    harness.core.pid.step = broken  # type: ignore[method-assign]
-    harness.run(1)
-    assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
-    harness.run(1)
-    assert zero_current(harness) and harness.record.power_wanted[0] and brake_a(harness) == ENGAGED_A
-
-
-def test_numbers_too_large_to_compute_with_stay_within_the_motors_current() -> None:
-    harness = working(braked())
-    for in_effort, arrays in ((False, {"position": 1e308}), (True, {"effort": -1e308, "feed_forward": -1e308})):
-        harness.ask("tracking_check", 0)
-        harness.send(1, in_effort=in_effort, **arrays)
-        harness.run(5)
-        assert (np.abs(harness.record.current_request[:7]) <= 1.0).all()
-        assert (np.abs(harness.currents[:7] - 0x8000) <= 5243).all()
