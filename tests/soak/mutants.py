@@ -86,6 +86,8 @@ EQUIVALENT = {
         "no clock comes that far",
     ("procs/arm/motion.py", "self.effort[...] = 0.0", "pass"): "read in effort mode only, which sets it each cycle",
     ("procs/console/goovis.py", "if self._file >= 0:", "if self._file >= 1:"): "descriptor 0 is the standard input's",
+    ("procs/io/pid.py", "self._dead = bool(np.any(outer > 0.0))", "self._dead = bool(np.any(outer != 0.0))"):
+        "no file may have a dead-band below 0",
     ("procs/io/power.py", "NEVER: Final = 1 << 62", "NEVER: Final = 1 >> 62"):
         "unchanged words are looked at each cycle: the same comes out",
     ("procs/suj/joints.py", "self._told = told", "pass"): "what is shown is written again as it is",

@@ -139,3 +139,9 @@ def test_every_change_is_published() -> None:
     bench.reports.states.clear()
     bench.machine.fault("a test")
     assert [row[0] for row in bench.reports.states] == ["FAULT"]
+
+
+@pytest.mark.parametrize(("state", "desired"), [(SetupState.POWERING, SetupState.ENABLED), *(
+    (state, state) for state in (SetupState.DISABLED, SetupState.ENABLED, SetupState.FAULT))])
+def test_who_begins_in_a_state_desires_to_stay_or_to_come_through(state: SetupState, desired: SetupState) -> None:
+    assert StatesBench(state).machine.desired is desired

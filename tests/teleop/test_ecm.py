@@ -114,3 +114,11 @@ def test_the_clutch_holds_the_camera_that_is_not_followed_too() -> None:
     harness = EcmTheatre()
     harness.send("clutch", 1)
     assert harness.slave.words() == ["hold"]
+
+
+def test_a_pose_that_is_not_known_is_waited_for_in_words() -> None:
+    harness = EcmTheatre()
+    harness.arms["MTML"].ring.set(reference_valid=False)
+    harness.state_command("enable")
+    harness.run(0.005)
+    assert not harness.following and harness.text("reason").startswith("waiting: the poses of all three arms")
