@@ -12,7 +12,7 @@
         psm.jaw.open().wait()
 
 Each read returns (value, stamp): the stamp is monotonic nanoseconds. Joints are rad and m, poses 4×4 matrices, twists
-and wrenches six numbers, linear then angular. Waits have time-outs in seconds. What the robot refuses raises `Refused`
+and wrenches six numbers, linear then angular. Waits have timeouts in seconds. What the robot refuses raises `Refused`
 with its reason; what cannot be had, or is not valid now, `TimeoutError`; what is no pose or no number, `ValueError`.
 A script that is ended with Ctrl-C says so in one line, without a traceback.
 """

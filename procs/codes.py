@@ -1,7 +1,7 @@
 """THE TABLE of codes: every warning and error of any process, whose it is, its cause and what a person can do about it.
 
 Faults of io have a number as well, which travels in `fault` of io's record (0: none) and is never reused.
-Processes give rows, not names, to what tells events: a code that is not here cannot be told.
+Processes give rows, not names, to what tells events: a code that is not here cannot be reported.
 docs/errors.md is generated from it: `python -m tools.errors_page`.
 """
 
@@ -48,7 +48,7 @@ BAD_READS: Final = Code(
     "check the cable and the controllers' supply, then power on and home", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
     "read-missed", WARNING, "io", "a read of the controllers failed; the last output is kept",
-    "once in a while is harmless; often means a bad cable, or a controller in trouble", 2, NOTHING, "s")
+    "once in a while is harmless; often means a bad cable, or a failing controller", 2, NOTHING, "s")
 CURRENT: Final = Code(
     "current", ERROR, "io", "measured motor current above its limit for more than 100 cycles",
     "look for a blocked joint or a wrong current calibration", 3, POWER_OFF, "A")
@@ -84,13 +84,13 @@ AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
 TRACKING: Final = Code(
-    "tracking", ERROR, "io", "the joint controller cannot follow its set-point",
+    "tracking", ERROR, "io", "the joint controller cannot follow its setpoint",
     "look for a collision or a too fast command; the tolerance is in the PID file", 14, STOP, JOINT)
 NOT_FINITE: Final = Code(
-    "not-finite", ERROR, "io", "a set-point or a requested current was not a finite number",
+    "not-finite", ERROR, "io", "a setpoint or a requested current was not a finite number",
     "a program sent NaN or infinity; nothing of it reached the motors", 15, STOP)
 ARM_LOST: Final = Code(
-    "arm-lost", ERROR, "io", "the arm's process has sent no set-points for too long; holding",
+    "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
     "see why the arm's process does not come back (trocar status); power off if in doubt", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process stayed away; power was switched off",
@@ -258,9 +258,9 @@ CPU_OVERLOAD: Final = Code(
     "cpu-overload", WARNING, "arm", "the machine is short of time: the arm works in every second or third period only",
     "the computer is too slow or too busy: see trocar status, docs/operating.md (real time)")
 
-# set-up joints
+# setup joints
 SUJ_FAULT: Final = Code(
-    "suj-fault", ERROR, "suj", "the set-up joints have lost power or their io; brakes hold",
+    "suj-fault", ERROR, "suj", "the setup joints have lost power or their io; brakes hold",
     "remove the cause")
 CLUTCH_RELEASED: Final = Code(
     "clutch-released", WARNING, "suj", "a clutch that a command had pressed was released after a minute",
@@ -269,21 +269,21 @@ MULTIPLEXER_CHANNEL: Final = Code(
     "multiplexer-channel", WARNING, "suj", "the interface board shows another channel than it was told to",
     "once in a while is harmless; often: check the board and its cable")
 MULTIPLEXER_STUCK: Final = Code(
-    "multiplexer-stuck", ERROR, "suj", "the interface board does not count; where the set-up arms are is not known",
+    "multiplexer-stuck", ERROR, "suj", "the interface board does not count; where the setup arms are is not known",
     "check the board, its supply and its cable")
 SETUP_POTS: Final = Code(
     "setup-pots", ERROR, "suj", "the two potentiometers of a joint differ by more than 1° or 2 mm (Si: 2°, 3 mm)",
     "look at cable and calibration")
 SETUP_MOVED: Final = Code(
-    "setup-moved", WARNING, "suj", "a set-up arm stands elsewhere although nobody clutched it",
+    "setup-moved", WARNING, "suj", "a setup arm stands elsewhere although nobody clutched it",
     "its brakes slip: have them looked at")
 SETUP_BOARD: Final = Code(
     "setup-board", WARNING, "suj", "a potentiometer board of an Si cart cannot be reached, or sends nonsense",
     "check the board's supply and distance")
 
-# tele-operations
+# teleoperations
 FAULT_SINCE: Final = Code(
-    "fault-since", ERROR, "teleop", "there was a fault since the tele-operation was asked for",
+    "fault-since", ERROR, "teleop", "there was a fault since the teleoperation was asked for",
     "trocar send console teleop_enable 1")
 ARM_ERROR: Final = Code(
     "arm-error", ERROR, "teleop", "one of its arms told an error; following has stopped",
@@ -311,7 +311,7 @@ BASE_FRAME: Final = Code(
     "show presence again")
 POSE_UNKNOWN: Final = Code(
     "pose-unknown", ERROR, "teleop", "the pose of an arm or of a base frame is not known",
-    "wait for the set-up joints, or give the arm a base frame (set_base_frame)")
+    "wait for the setup joints, or give the arm a base frame (set_base_frame)")
 MASTER_OUTSIDE: Final = Code(
     "master-outside", ERROR, "teleop", "a master is too far out to move the camera with",
     "bring the masters back in front of you and press the pedal again")
@@ -331,7 +331,7 @@ OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "nobody is seen at the console; following has stopped",
     "show presence again: pedal or head sensor")
 TELEOP_WAITING: Final = Code(
-    "teleop-waiting", WARNING, "teleop", "the tele-operation waits before it follows",
+    "teleop-waiting", WARNING, "teleop", "the teleoperation waits before it follows",
     "do what it waits for, most often move the gripper")
 
 # console, system, programs of others
@@ -342,8 +342,8 @@ HEAD_SENSOR: Final = Code(
     "head-sensor", WARNING, "console", "a head sensor came or went; without it the operator counts as absent",
     "where it went: check its cable, and who may read it")
 TELEOP_REFUSED: Final = Code(
-    "teleop-refused", WARNING, "console", "a tele-operation refused what the console asked of it",
-    "see the tele-operation's reason in trocar status")
+    "teleop-refused", WARNING, "console", "a teleoperation refused what the console asked of it",
+    "see the teleoperation's reason in trocar status")
 SYSTEM_INCOMPLETE: Final = Code(
     "system-incomplete", ERROR, "system", "the system's power_on, home or power_off did not succeed for all arms",
     "trocar status says what to do first")
@@ -354,8 +354,8 @@ SOUND_FAILED: Final = Code(
     "sound-failed", WARNING, "system", "a sound could not be made",
     "sounds only inform, nothing else is affected")
 THIRD_PARTY_ERROR: Final = Code(
-    "third-party-error", ERROR, "external", "a third-party program that is an arm tells an error",
-    "see that program; tele-operations that use it stop")
+    "third-party-error", ERROR, "third_party", "a third-party program that is an arm tells an error",
+    "see that program; teleoperations that use it stop")
 
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

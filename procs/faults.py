@@ -87,5 +87,5 @@ def _after(unit: str) -> str:
 
 def sentence(where: str, what: str, *details: str) -> str:
     """One sentence without the remedy."""
-    said = "; ".join(detail for detail in details if detail)
-    return f"{where}: {what}" + (f" ({said})" if said else "")
+    reported_text = "; ".join(detail for detail in details if detail)
+    return f"{where}: {what}" + (f" ({reported_text})" if reported_text else "")

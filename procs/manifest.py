@@ -35,7 +35,7 @@ class Proc:
     error; `instances` are those that a system has, in this order, `sizes` the named sizes of their records; `woken`: a
     command wakes it between its cycles. `phase` is where in the period its cycle lies in
     lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
-    again by the policy for deaths; held up for `late_s` it begins anew as if it had been killed, where `pause_ends` it.
+    again by the policy for deaths; held up for `late_s` it restarts as if it had been killed, where `pause_ends` it.
     `stop_s`: how long it may take to end when asked; `on_exit` is said in words for `trocar status`; `reserved` is the
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
@@ -71,9 +71,9 @@ class Proc:
 PROCS: tuple[Proc, ...] = (
     Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
          sizes=sizes.of_supervisor, restart=False, budget_us=2000),
-    Proc("external", "", 0.005, LATE_S, 0.0, "tele-operations that use it stop following; who owns it starts it again",
-         instances=lambda system: [ProcessInstance(row.name) for row in system.externals],
-         sizes=sizes.of_external, restart=False),
+    Proc("third_party", "", 0.005, LATE_S, 0.0, "teleoperations that use it stop following; its owner starts it again",
+         instances=lambda system: [ProcessInstance(row.name) for row in system.third_parties],
+         sizes=sizes.of_third_party, restart=False),
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          instances=lambda system: [ProcessInstance("boards", system.emulation.period_s)] if system.emulation else [],
          sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),

@@ -106,7 +106,7 @@ class OwnMemory:
         self.page.show("RUNNING")
 
     def report_pause(self, held_up_ns: int) -> None:
-        """It was held up for so long that it begins anew, as if it had been killed and started again."""
+        """It was held up for so long that it restarts, as if it had been killed and started again."""
         held_up = f"{self.name} was held up for {duration(held_up_ns)}"
         self._begun = held_up, held_up
         self.page.show("STARTING")

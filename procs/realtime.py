@@ -97,11 +97,11 @@ def lacking(policies: Mapping[str, str]) -> str:
     loose = [name for name, words in policies.items() if NOT_LOCKED in words]
     if not slow and not loose:
         return ""
-    said = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
-    said += [f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else []
+    reported = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
+    reported += [f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else []
     lines = limits_lines(user())
     return "\n".join((
-        *said,
+        *reported,
         f"they are late whenever this machine is busy; two lines in {LIMITS_FILE} and a new login grant both:",
         *(f"    {line}" for line in lines),
         f"or, where systemd starts the system, {SYSTEMD} in its unit; trocar doctor looks at the rest of the machine",

@@ -87,7 +87,7 @@ class Node(OwnMemory):
         self._stop = self._stop or reason
 
     def ready(self) -> None:
-        """Set-up has succeeded; whoever waits at the barrier goes on."""
+        """Setup has succeeded; whoever waits at the barrier goes on."""
         self.begin()
         if isinstance(self.clock, LockstepClock):
             self.clock.join(self._stopped)

@@ -20,10 +20,10 @@ def of_supervisor(system: SystemConfig, name: str) -> Sizes:
     return _counted("instances", [row.name for row in system.processes])
 
 
-def of_external(system: SystemConfig, name: str) -> Sizes:
-    """The buttons of somebody else's program."""
-    dims, info = _counted("inputs", list(system.external(name).inputs))
-    return dims, {**info, "type": system.external(name).type}
+def of_third_party(system: SystemConfig, name: str) -> Sizes:
+    """The buttons of a third-party program."""
+    dims, info = _counted("inputs", list(system.third_party(name).inputs))
+    return dims, {**info, "type": system.third_party(name).type}
 
 
 def of_boards(system: SystemConfig, name: str) -> Sizes:
@@ -49,17 +49,17 @@ def of_arm(system: SystemConfig, name: str) -> Sizes:
 
 
 def of_cart(system: SystemConfig, name: str) -> Sizes:
-    """The set-up arms of a patient cart."""
+    """The setup arms of a patient cart."""
     cart = system.cart(name)
     setups = {arm.name: {"row": row, "count": arm.joints, "carries": arm.carries,
                          "names": [f"{cart.name}_{arm.name}_J{joint}" for joint in range(arm.joints)]}
               for row, arm in enumerate(cart.arms)}
-    played = cart.simulation if cart.simulation != "NONE" else "EMULATED" if cart.emulated else ""
-    return {"setups": len(cart.arms)}, {"setups": setups, **({"simulation": played} if played else {})}
+    kinematic = cart.simulation if cart.simulation != "NONE" else "EMULATED" if cart.emulated else ""
+    return {"setups": len(cart.arms)}, {"setups": setups, **({"simulation": kinematic} if kinematic else {})}
 
 
 def of_console(system: SystemConfig, name: str) -> Sizes:
-    """The tele-operations of a console."""
+    """The teleoperations of a console."""
     return _counted("teleops", list(system.console(name).teleops))
 
 

@@ -80,9 +80,9 @@ def _target(link: Path) -> str:
 def _program(folder: Path) -> str:
     """What people know it by: one of our processes with its system, else the name of its program."""
     words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
-    told = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
-    if len(told) == 2:
-        return f"{told['--name']} of system {told['--system']}"
+    reported = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
+    if len(reported) == 2:
+        return f"{reported['--name']} of system {reported['--system']}"
     return (folder / "comm").read_text().strip()
 
 

@@ -1,4 +1,4 @@
-"""THE TABLE of what an arm wants of io: each wish is a field of its set-points, a flag of io's record is the answer.
+"""THE TABLE of what an arm wants of io: each wish is a field of its setpoints, a flag of io's record is the answer.
 
 A wish is NONE, OFF or ON, and counts with the others of its generation; see docs/decisions/0017-wishes.md.
 """
@@ -15,7 +15,7 @@ Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """Its field in the set-points, the flag of io's record that shows it, and the commands of io that it stands for."""
+    """Its field in the setpoints, the flag of io's record that shows it, and the commands of io that it stands for."""
 
     name: str
     shown: str
@@ -24,7 +24,7 @@ class Wish:
 
     @property
     def field(self) -> str:
-        """In the set-points."""
+        """In the setpoints."""
         return f"wish_{self.name}"
 
 
@@ -35,10 +35,10 @@ def _switch(name: str, shown: str, command: str) -> Wish:
 # In the order in which io looks at them: nothing is held or let go before there is power.
 WISHES: Final = (
     Wish("fault", "fault", ("", ()), ("clear_fault", ())),
-    Wish("power", "power_wanted", ("power_on", ()), ("power_off", (0.0,))),
+    Wish("power", "power_requested", ("power_on", ()), ("power_off", (0.0,))),
     _switch("limits", "limits_enforced", "enforce_limits"),
     _switch("tracking", "tracking_check", "tracking_check"),
-    _switch("velocity", "velocity_used", "use_setpoint_v"),
+    _switch("velocity", "use_setpoint_velocity", "use_setpoint_v"),
     _switch("pots", "pot_check", "pot_check"),
     _switch("pid", "pid_enabled", "pid_enable"),
     Wish("brakes", "brakes_released", ("brake_release", ()), ("brake_engage", ())),

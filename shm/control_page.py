@@ -53,7 +53,7 @@ CONTROL = Topic(
         Field("latency_max", "<f8", "s", "longest"),
         Field("latency_p99", "<f8", "s", "99 % are shorter"),
         Field("policy", "S32", "", "scheduling obtained, e.g. FIFO 80, other"),
-        Field("error", "S400", "", "why set-up failed"),
+        Field("error", "S400", "", "why setup failed"),
     ),
 )
 SCHEMA = schema_of(CONTROL)

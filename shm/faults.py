@@ -159,7 +159,7 @@ class Watched:
     spared = 0
 
     def __init__(self, faults: Faults, components: Sequence[str]) -> None:
-        """Names that are no components of ours have no faults: programs of somebody else."""
+        """Names that are no components of ours have no faults: third-party program."""
         self._words = faults.words
         self._places = [faults.cell(name)[1] for name in components if name in faults.components]
 

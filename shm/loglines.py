@@ -28,7 +28,7 @@ class Stamped(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """See the module."""
         local = datetime.fromtimestamp(record.created).isoformat(" ", "microseconds")
-        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_said(self, record)}"
+        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_reported(self, record)}"
 
 
 class Plain(logging.Formatter):
@@ -36,10 +36,10 @@ class Plain(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """Severity and message."""
-        return f"{record.levelname} {_said(self, record)}"
+        return f"{record.levelname} {_reported(self, record)}"
 
 
-def _said(formatter: logging.Formatter, record: logging.LogRecord) -> str:
+def _reported(formatter: logging.Formatter, record: logging.LogRecord) -> str:
     text = record.getMessage().removeprefix(f"{record.name}: ")
     return f"{text}\n{formatter.formatException(record.exc_info)}" if record.exc_info else text
 

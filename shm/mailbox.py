@@ -25,7 +25,7 @@ stop there; the lock lasts as long as that takes, so that nobody waits for the a
 owner looks there first and refuses whatever is no stop (shm/commands.py says what is one). Stopping ends what was asked
 before: a command that may move the robot is refused when it was sent before a stop, by whomever, that the owner has
 taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A stop of one thing
-among several (a robot of io, a set-up arm) is about that only.
+among several (a robot of io, a setup arm) is about that only.
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
@@ -160,7 +160,7 @@ class Mailbox:
             self._put_right(place)
 
     def _last_answer(self, place: int) -> int:
-        """Number of the last answer; 0, to begin anew, when the slot of that number says something else."""
+        """Number of the last answer; 0, to restart, when the slot of that number says something else."""
         answered = self._answered[place]
         at = self._replies[place][answered % REPLIES_DEPTH]
         return answered if answered < LAST_NUMBER and self._words[at >> 3] == answered else 0
@@ -292,7 +292,7 @@ class Mailbox:
         for about in ("", command.about(text)):
             stop = self._stops.get(about)
             if stop is not None and received.sent_ns < stop[0]:
-                return f"stopped by {stop[1].said(stop[2])}"
+                return f"stopped by {stop[1].reported(stop[2])}"
         return ""
 
     def _note_stop(self, about: str, sent_ns: int, received: Received) -> None:

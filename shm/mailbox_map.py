@@ -57,7 +57,7 @@ class Holder(NamedTuple):
     pid: int
     program: str
 
-    def said(self, person: str = "", places: int = 1) -> str:
+    def reported(self, person: str = "", places: int = 1) -> str:
         """In words; `person`: the program of the person that it acts for."""
         more = [f"pid {self.pid}"] * bool(self.pid) + [f"{places} places"] * (places > 1)
         name = (self.program or "a program") if self.pid else "a program that does not say its name"
@@ -150,4 +150,4 @@ class MailboxMap:
         """Who has these places, in words, each once; one that is dead has left its name to somebody without one."""
         signed = [self.holder(place) for place in places]
         found = Counter(who if start_time(who.pid) else NAMELESS for who in signed)
-        return ", ".join(who.said(places=count) for who, count in found.items())
+        return ", ".join(who.reported(places=count) for who, count in found.items())

@@ -1,4 +1,4 @@
-"""Rows of the topic table for those who operate: tele-operations, consoles, the system, and programs of others.
+"""Rows of the topic table for those who operate: teleoperations, consoles, the system, and programs of others.
 
 Sizes in brackets: `teleops` those of a console, `arms` those of the system, `inputs` the buttons that consoles take
 from a program; the names stand in the header's info, and but for `inputs` in the record.
@@ -16,7 +16,7 @@ TELEOP_STATE = Topic(
     fields=(
         Field("valid", "?", "", "the states of all its arms are fresh and their poses valid"),
         Field("kind", "S4", "", "PSM or ECM"),
-        Field("masters", "(2,)S40", "", "MTM; of an ECM tele-operation MTML and MTMR"),
+        Field("masters", "(2,)S40", "", "MTM; of an ECM teleoperation MTML and MTMR"),
         Field("slave", "S40", "", "PSM or ECM"),
         Field("console", "S40", "", "console it belongs to"),
         Field("state", "S24", "", "DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED"),
@@ -38,7 +38,7 @@ TELEOP_STATE = Topic(
         Field("alignment_offset", "(4,)<f8", "", "rotation from master to slave in the master's axes: x y z w"),
         Field("mtm_measured_cp", "(7,)<f8", "m, -", "pose of the master as used: x y z, quaternion x y z w"),
         Field("mtm_measured_cv", "(6,)<f8", "m/s, rad/s", "its twist, linear then angular"),
-        Field("psm_setpoint_cp", "(7,)<f8", "m, -", "set-point of the slave as used"),
+        Field("psm_setpoint_cp", "(7,)<f8", "m, -", "setpoint of the slave as used"),
         Field("goal_cp", "(7,)<f8", "m, -", "last pose sent to the slave; NaN of an ECM"),
         Field("goal_jp", "(4,)<f8", "rad|m", "last joint positions sent to an ECM; NaN of a PSM"),
         Field("jaw_goal", "<f8", "rad", "last jaw angle sent"),
@@ -64,11 +64,11 @@ CONSOLE_STATE = Topic(
         Field("operator_present", "?", "", "the operator is there"),
         Field("clutch", "?", "", "the clutch is pressed"),
         Field("camera", "?", "", "the camera pedal is pressed"),
-        Field("teleop_enabled", "?", "", "tele-operation is wanted"),
+        Field("teleop_enabled", "?", "", "teleoperation is wanted"),
         Field("origin", "<u8", "", "number of the person's command that it is wanted by, 0: of none"),
         Field("generation", "<u8", "", "fault generation of the system when the person gave that"),
         Field("program", "S16", "", "program that the person gave it with"),
-        Field("scale", "<f8", "", "last scale asked of all its tele-operations"),
+        Field("scale", "<f8", "", "last scale asked of all its teleoperations"),
         Field("teleop", "(teleops,)S40", "", "names, those of the ECM first"),
         Field("kind", "(teleops,)S4", "", "ECM or PSM"),
         Field("selected", "(teleops,)?", "", "selected: those that share an arm with another one take turns"),
@@ -111,10 +111,10 @@ FOCUS_STATE = Topic(
     ),
 )
 
-# What a program of somebody else says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
-EXTERNAL_STATE = Topic(
+# What a third-party programs says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
+THIRD_PARTY_STATE = Topic(
     "state",
-    writer="external",
+    writer="third_party",
     rate_hz=200,
     depth_s=5.0,
     fields=(
@@ -128,13 +128,13 @@ EXTERNAL_STATE = Topic(
         Field("reference_valid", "?", "", "poses and twist are known"),
         Field("reference_frame", "S24", "", "frame of the poses"),
         Field("measured_cp", "(7,)<f8", "m, -", "measured tip pose in the reference frame: x y z, quaternion x y z w"),
-        Field("setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the reference frame"),
+        Field("setpoint_cp", "(7,)<f8", "m, -", "setpoint tip pose in the reference frame"),
         Field("measured_cv", "(6,)<f8", "m/s, rad/s", "tip twist in the reference frame, linear then angular"),
         Field("gripper_valid", "?", "", "a master's gripper is seen"),
         Field("gripper_position", "<f8", "rad", "angle of a master's gripper"),
         Field("has_jaw", "?", "", "an instrument with a jaw is on"),
-        Field("jaw_setpoint_position", "<f8", "rad", "jaw set-point"),
-        Field("setpoint_position", "(8,)<f8", "rad|m", "joint set-point; of an ECM yaw, pitch, insertion, roll"),
+        Field("jaw_setpoint_position", "<f8", "rad", "jaw setpoint"),
+        Field("setpoint_position", "(8,)<f8", "rad|m", "joint setpoint; of an ECM yaw, pitch, insertion, roll"),
         Field("tool", "S40", "", "instrument, empty: none is known to be on"),
         Field("age_ns", "<i8", "ns", "age of the buttons when this record was written"),
         Field("input", "(inputs,)?", "", "buttons, true: pressed"),

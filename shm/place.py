@@ -158,7 +158,7 @@ class Place:
         head: int = self._words[self._answered]  # B1
         if head == self._seen:
             return []
-        if head < self._seen:  # no owner goes backwards; begin anew from here
+        if head < self._seen:  # no owner goes backwards; restart from here
             self._seen = head
             return []
         begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)

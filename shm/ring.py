@@ -27,7 +27,7 @@ shm/order.py says why that holds. A reader that saw any byte of a newer record t
 one that saw n in head or in the slot sees all of W2.
 
 A reader trusts nothing: every index is a remainder, every loop is bounded, and what no writer does (a head that goes
-backwards, a slot that contradicts the head) ends in False and a count, `backwards` or `torn`; see `trouble`.
+backwards, a slot that contradicts the head) ends in False and a count, `backwards` or `torn`; see `problem`.
 """
 
 from __future__ import annotations
@@ -223,11 +223,11 @@ class RingReader:
         return self._segment.gone
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What no writer of ours does, in words; empty when all is well."""
-        said = [f"{self.backwards} times the head went backwards (last good: {self.sequence})"] * bool(self.backwards)
-        said += [f"{self.torn} reads found no whole record"] * bool(self.torn)
-        return "; ".join(said)
+        odd = [f"{self.backwards} times the head went backwards (last good: {self.sequence})"] * bool(self.backwards)
+        odd += [f"{self.torn} reads found no whole record"] * bool(self.torn)
+        return "; ".join(odd)
 
     def newest(self) -> bool:
         """Copy the newest record; False when there is none, or none could be had whole (counted in `torn`)."""

@@ -15,10 +15,10 @@ from shm.messages import COMMAND as COMMAND
 from shm.messages import EVENTS as EVENTS
 from shm.messages import REPLY as REPLY
 from shm.operator_topics import CONSOLE_STATE as CONSOLE_STATE
-from shm.operator_topics import EXTERNAL_STATE as EXTERNAL_STATE
 from shm.operator_topics import FOCUS_STATE as FOCUS_STATE
 from shm.operator_topics import SYSTEM_STATE as SYSTEM_STATE
 from shm.operator_topics import TELEOP_STATE as TELEOP_STATE
+from shm.operator_topics import THIRD_PARTY_STATE as THIRD_PARTY_STATE
 from shm.rows import Field as Field
 from shm.rows import Topic as Topic
 from shm.rows import View as View
@@ -46,7 +46,7 @@ IO_STATE = Topic(
         Field("setpoint_position", "(axes,)<f8", "rad|m", "position the joint controller follows"),
         Field("setpoint_velocity", "(axes,)<f8", "rad/s|m/s", "velocity feed of the joint controller"),
         Field("setpoint_effort", "(axes,)<f8", "N·m|N", "effort the joint controller asked for, after all limits"),
-        Field("position_error", "(axes,)<f8", "rad|m", "set-point minus measured, after the dead-band"),
+        Field("position_error", "(axes,)<f8", "rad|m", "setpoint minus measured, after the dead-band"),
         Field("firmware_velocity", "(axes,)<f8", "rad/s|m/s", "from the edge times that the boards measure, predicted"),
         Field("software_velocity", "(axes,)<f8", "rad/s|m/s", "from differences of the encoder counts"),
         Field("acceleration", "(axes,)<f8", "rad/s²|m/s²", "from the edge times that the boards measure"),
@@ -60,10 +60,10 @@ IO_STATE = Topic(
         Field("amp_enabled", "(drives,)?", "", "amplifier enable requested"),
         Field("amp_on", "(drives,)?", "", "amplifier reports that it is on"),
         Field("effort_mode", "(axes,)?", "", "efforts are passed through, positions not followed"),
-        Field("at_limit", "(axes,)?", "", "the set-point was clipped to a position limit"),
+        Field("at_limit", "(axes,)?", "", "the setpoint was clipped to a position limit"),
         Field("encoder_set", "(axes,)?", "", "the encoder was set since it has power, by a bias or by itself"),
         # robots
-        Field("power_wanted", "(robots,)?", "", "power was asked for and not taken back"),
+        Field("power_requested", "(robots,)?", "", "power was asked for and not taken back"),
         Field("powered", "(robots,)?", "", "supply, relay and watchdog of all its boards are good"),
         Field("amps_on", "(robots,)?", "", "every amplifier of the robot is on"),
         Field("watchdog", "(robots,)?", "", "a board's watchdog has cut the amplifiers"),
@@ -76,17 +76,17 @@ IO_STATE = Topic(
         Field("pot_check", "(robots,)?", "", "potentiometers are compared with the encoders"),
         Field("pid_enabled", "(robots,)?", "", "the joint controller drives the motors"),
         Field("pid_generation", "(robots,)<u4", "", "counts enables of the joint controller"),
-        Field("limits_enforced", "(robots,)?", "", "set-points are clipped to the position limits"),
+        Field("limits_enforced", "(robots,)?", "", "setpoints are clipped to the position limits"),
         Field("tracking_check", "(robots,)?", "", "too large a tracking error trips the joint controller"),
-        Field("velocity_used", "(robots,)?", "", "velocity feed of set-points is used"),
-        Field("holding", "(robots,)?", "", "no fresh set-point from the arm: holding the last one"),
-        Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest set-point, -1: there was none"),
+        Field("use_setpoint_velocity", "(robots,)?", "", "velocity feed of setpoints is used"),
+        Field("holding", "(robots,)?", "", "no fresh setpoint from the arm: holding the last one"),
+        Field("setpoint_age_ns", "(robots,)<i8", "ns", "age of the arm's newest setpoint, -1: there was none"),
         Field("fault", "(robots,)<u2", "", "latched fault of the robot (0: none), a number of the fault table"),
         Field("wish_generation", "(robots,)<u4", "", "newest generation of its arm's wishes that was looked at"),
         Field("wish_void", "(robots,)?", "", "that one counts for nothing any more: a fault or a person came after it"),
         Field("wish_refused", "(robots,)S96", "", "why something of it is not so; empty: it is, or will be"),
         Field("calibration_mode", "?", "", "potentiometers and currents are being calibrated: some checks are off"),
-        Field("simulated", "(robots,)?", "", "KINEMATIC: there is no robot, positions are set-points; the rest is NaN"),
+        Field("simulated", "(robots,)?", "", "KINEMATIC: there is no robot, positions are setpoints; the rest is NaN"),
         Field("robot_valid", "(robots,)?", "", "this cycle's sample of all its boards arrived: none of them is away"),
         Field("sample_age_ns", "(robots,)<i8", "ns", "age of the last good sample of all its boards"),
         Field("board_period", "(robots,)<f8", "s", "time between the last two samples by the board's own clock"),
@@ -168,7 +168,7 @@ SETPOINT = Topic(
         Field("wish_generation", "<u4", "", "counts changes of what is wanted; 0: nothing is"),
         Field("wish_fault", "u1", "", "1: forget the latched fault"),
         Field("wish_power", "u1", "", "power"),
-        Field("wish_limits", "u1", "", "clip set-points to the position limits"),
+        Field("wish_limits", "u1", "", "clip setpoints to the position limits"),
         Field("wish_tracking", "u1", "", "trip on too large a tracking error"),
         Field("wish_velocity", "u1", "", "use the velocity feed"),
         Field("wish_pots", "u1", "", "compare potentiometers with encoders"),
@@ -198,24 +198,24 @@ ARM_STATE = Topic(
         Field("position", "(8,)<f8", "rad|m", "measured joint position"),
         Field("velocity", "(8,)<f8", "rad/s|m/s", "measured joint velocity"),
         Field("effort", "(8,)<f8", "N·m|N", "measured joint effort"),
-        Field("setpoint_position", "(8,)<f8", "rad|m", "joint set-point as the joint controller accepted it"),
-        Field("setpoint_velocity", "(8,)<f8", "rad/s|m/s", "joint set-point velocity"),
-        Field("setpoint_effort", "(8,)<f8", "N·m|N", "joint set-point effort"),
+        Field("setpoint_position", "(8,)<f8", "rad|m", "joint setpoint as the joint controller accepted it"),
+        Field("setpoint_velocity", "(8,)<f8", "rad/s|m/s", "joint setpoint velocity"),
+        Field("setpoint_effort", "(8,)<f8", "N·m|N", "joint setpoint effort"),
         Field("has_jaw", "?", "", "an instrument with a jaw is on"),
         Field("jaw_position", "<f8", "rad", "measured jaw angle"),
         Field("jaw_velocity", "<f8", "rad/s", "measured jaw velocity"),
         Field("jaw_effort", "<f8", "N·m", "measured jaw effort"),
-        Field("jaw_setpoint_position", "<f8", "rad", "jaw set-point"),
-        Field("jaw_setpoint_effort", "<f8", "N·m", "jaw set-point effort"),
+        Field("jaw_setpoint_position", "<f8", "rad", "jaw setpoint"),
+        Field("jaw_setpoint_effort", "<f8", "N·m", "jaw setpoint effort"),
         Field("gripper_valid", "?", "", "a master's gripper is seen, whether the arm has power or not"),
         Field("gripper_position", "<f8", "rad", "angle of a master's gripper, from its potentiometer"),
         Field("gripper_velocity", "<f8", "rad/s", "its velocity, smoothed"),
         Field("measured_cp", "(7,)<f8", "m, -", "measured tip pose in the reference frame: x y z, quaternion x y z w"),
-        Field("setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the reference frame"),
+        Field("setpoint_cp", "(7,)<f8", "m, -", "setpoint tip pose in the reference frame"),
         Field("local_measured_cp", "(7,)<f8", "m, -", "measured tip pose in the arm's base"),
-        Field("local_setpoint_cp", "(7,)<f8", "m, -", "set-point tip pose in the arm's base"),
+        Field("local_setpoint_cp", "(7,)<f8", "m, -", "setpoint tip pose in the arm's base"),
         Field("measured_cv", "(6,)<f8", "m/s, rad/s", "tip twist in the reference frame, linear then angular"),
-        Field("setpoint_cv", "(6,)<f8", "m/s, rad/s", "twist of the set-point tip in the reference frame"),
+        Field("setpoint_cv", "(6,)<f8", "m/s, rad/s", "twist of the setpoint tip in the reference frame"),
         Field("local_measured_cv", "(6,)<f8", "m/s, rad/s", "twist of the tip in its own axes"),
         Field("body_measured_cf", "(6,)<f8", "N, N·m", "force and torque at the tip, in its axes or, absolute, the "
               "reference frame's, that the measured efforts amount to"),
@@ -270,14 +270,14 @@ ARM_STATE = Topic(
     ),
 )
 
-# The set-up joints of a patient cart: every set-up arm carries an arm of the system and gives it its base frame.
+# The setup joints of a patient cart: every setup arm carries an arm of the system and gives it its base frame.
 SUJ_STATE = Topic(
     "state",
     writer="suj",
     rate_hz=500,
     depth_s=3.0,
     fields=(
-        Field("valid", "?", "", "the poses of all set-up arms are valid"),
+        Field("valid", "?", "", "the poses of all setup arms are valid"),
         Field("state", "S16", "", "operating state as published: DISABLED, ENABLED, FAULT"),
         Field("sub_state", "S40", "", "internal state"),
         Field("desired_state", "S16", "", "state asked for"),
@@ -285,7 +285,7 @@ SUJ_STATE = Topic(
         Field("is_homed", "?", "", "homed, and enabled"),
         Field("is_busy", "?", "", "a transition is under way"),
         Field("simulated", "?", "", "there are no potentiometers: positions are those of the file, or as asked for"),
-        Field("reference_arm", "S24", "", "set-up arm whose arm's tip the others' base frames are given in"),
+        Field("reference_arm", "S24", "", "setup arm whose arm's tip the others' base frames are given in"),
         Field("lift", "<f8", "", "velocity asked of the lift, -1 to 1"),
         Field("rounds", "<u8", "", "complete readings of all potentiometers since start"),
         # setups: in the order of the file; `setups` of the header's info has their names and joints
@@ -349,7 +349,7 @@ SUPERVISOR_STATE = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, EXTERNAL_STATE, EVENTS, COMMAND, REPLY,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY,
     AUDIT,
 )
 

@@ -34,8 +34,8 @@ def robot(actuators: str, count: int, *, name: str = "PSM1", attributes: str = '
 
 
 def config(inside: str, version: int | None = 4) -> bytes:
-    said = f' Version="{version}"' if version is not None else ""
-    return f'<?xml version="1.0" encoding="utf-8"?>\n<Config{said}>\n{inside}</Config>\n'.encode()
+    reported = f' Version="{version}"' if version is not None else ""
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<Config{reported}>\n{inside}</Config>\n'.encode()
 
 
 def three(unit: str | None = "deg", **more: str) -> str:
@@ -75,7 +75,7 @@ def only(data: bytes | str, name: str = "old.xml") -> dict:  # type: ignore[type
 
 
 def outcomes(result: Converted) -> dict[str, str]:
-    """The outcome of every key that is told."""
+    """The outcome of every key that is reported."""
     return {change.key: change.outcome for change in result.changes}
 
 

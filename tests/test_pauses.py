@@ -44,14 +44,14 @@ def clock() -> PausedClock:
     return PausedClock()
 
 
-@pytest.mark.parametrize(("late_ns", "told_ns"), [(0, 0), (-MS, 0), (LIMIT, 0), (LIMIT + 1, LIMIT + 1)])
+@pytest.mark.parametrize(("late_ns", "reported_ns"), [(0, 0), (-MS, 0), (LIMIT, 0), (LIMIT + 1, LIMIT + 1)])
 def test_only_what_is_later_than_planned_by_more_than_the_limit_is_a_pause(
-    clock: PausedClock, late_ns: int, told_ns: int
+    clock: PausedClock, late_ns: int, reported_ns: int
 ) -> None:
     pauses = Pauses(LIMIT, clock)
     pauses.begin()
     clock.now_ns += 10 * MS + late_ns
-    assert pauses.next(10 * MS) == told_ns
+    assert pauses.next(10 * MS) == reported_ns
 
 
 def test_small_delays_do_not_add_up(clock: PausedClock) -> None:

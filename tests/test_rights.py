@@ -29,11 +29,11 @@ def test_all_is_well_where_everybody_got_what_it_asked_for() -> None:
 
 
 def test_what_is_lacking_is_told_with_who_lacks_it_and_what_grants_it() -> None:
-    told = lacking({"IO1": "no FIFO, not locked", "PSM1": "FIFO 60, not locked", "console": "no FIFO"}).splitlines()
-    assert told[0].endswith(": IO1, console") and told[1].endswith(": IO1, PSM1")
-    assert "/etc/security/limits.d/trocar.conf" in told[2]
-    assert told[3:5] == [f"    {user()} - rtprio 98", f"    {user()} - memlock unlimited"]
-    assert "LimitRTPRIO=98" in told[5] and "LimitMEMLOCK=infinity" in told[5]
+    reported = lacking({"IO1": "no FIFO, not locked", "PSM1": "FIFO 60, not locked", "console": "no FIFO"}).splitlines()
+    assert reported[0].endswith(": IO1, console") and reported[1].endswith(": IO1, PSM1")
+    assert "/etc/security/limits.d/trocar.conf" in reported[2]
+    assert reported[3:5] == [f"    {user()} - rtprio 98", f"    {user()} - memlock unlimited"]
+    assert "LimitRTPRIO=98" in reported[5] and "LimitMEMLOCK=infinity" in reported[5]
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody without rights")

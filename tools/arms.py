@@ -23,7 +23,7 @@ POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 SIMULATED_SLOWER = 10.0  # simulated time may pass this much slower than real time
 PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 WORDS = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
 
 
@@ -46,20 +46,20 @@ class ArmBringUp:
     asked: list[str] = field(default_factory=list)
     deadline_ns: int = 0
     _waits: str = ""
-    _told: str = ""
+    _reported: str = ""
     _since_ns: int = 0
 
     def step(self, now_ns: int) -> None:
         """Look, and ask for the next thing once."""
         if not self.watch.look():
-            self._check_time(now_ns, self.watch.trouble() or "it has not shown its state")
+            self._check_time(now_ns, self.watch.problem() or "it has not shown its state")
             return
         state, busy = self.watch.state, self.watch.busy
         if reached(WORDS[self.goal], state, self.watch.homed, busy):
-            trouble = self.watch.trouble()  # the record of a process that died or hangs stands for ever
-            trouble = trouble or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
-            if trouble:
-                self._check_time(now_ns, trouble)
+            problem = self.watch.problem()  # the record of a process that died or hangs stands for ever
+            problem = problem or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
+            if problem:
+                self._check_time(now_ns, problem)
             else:
                 self.over = True
         elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
@@ -122,41 +122,41 @@ class ArmBringUp:
         waits = "" if self.over else self.waits
         if waits != self._waits:
             self._waits, self._since_ns = waits, now_ns
-        if not waits or waits == self._told or now_ns - self._since_ns < PATIENCE_NS:
+        if not waits or waits == self._reported or now_ns - self._since_ns < PATIENCE_NS:
             return ""
-        self._told = waits
+        self._reported = waits
         return f"{self.watch.name} waits: {waits}"
 
 
-def untold(text: str) -> None:
+def unreported(text: str) -> None:
     """News that nobody wants to hear."""
 
 
 def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say,
-          tell: Tell = untold) -> dict[str, str]:
+          report: Report = unreported) -> dict[str, str]:
     """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
 
-    All that it asks of them is one command: no step of it is carried out after a fault. `tell` is given what an arm
+    All that it asks of them is one command: no step of it is carried out after a fault. `report` is given what an arm
     waits for, once it has waited for a second.
     """
     slow, whole = SIMULATED_SLOWER if is_simulated(system) else 1.0, begin(system)
     with contextlib.ExitStack() as stack:
-        climbs = [
+        bring_ups = [
             ArmBringUp(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
                        stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
             for name in names
         ]
-        for bring_up in climbs:
+        for bring_up in bring_ups:
             bring_up.remote.on_behalf(whole)
-        while not all(bring_up.over for bring_up in climbs):
-            for bring_up in climbs:
+        while not all(bring_up.over for bring_up in bring_ups):
+            for bring_up in bring_ups:
                 if not bring_up.over:
                     bring_up.step(monotonic_ns())
-            for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in climbs]):
-                tell(news)
-            say(", ".join(bring_up.line() for bring_up in climbs), sum(c.over for c in climbs) / len(climbs))
+            for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
+                report(news)
+            say(", ".join(bring_up.line() for bring_up in bring_ups), sum(c.over for c in bring_ups) / len(bring_ups))
             pause(POLL_S)
-        return {bring_up.watch.name: bring_up.problem for bring_up in climbs}
+        return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups}
 
 
 def power_on(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
@@ -176,6 +176,6 @@ def power_off(system: str, names: Sequence[str] = (), timeout: float = 0.0, say:
 
 def _all(system: str, names: Sequence[str], goal: str, timeout: float, say: Say) -> None:
     problems = bring(system, powered_names(system, names), goal, timeout, say)
-    said = [f"{name}: {problem}" for name, problem in problems.items() if problem]
-    if said:
-        raise Problem("; ".join(said))
+    reported = [f"{name}: {problem}" for name, problem in problems.items() if problem]
+    if reported:
+        raise Problem("; ".join(reported))

@@ -110,12 +110,12 @@ class BusClient:
         line = self._child.stdout.readline()
         if not line:
             raise Problem(f"port {self.port}: the process that speaks to the boards ended")
-        said: dict[str, Any] = json.loads(line)
-        if "misuse" in said:
-            raise Misuse(said["misuse"])
-        if "error" in said:
-            raise Problem(said["error"])
-        return said
+        reported: dict[str, Any] = json.loads(line)
+        if "misuse" in reported:
+            raise Misuse(reported["misuse"])
+        if "error" in reported:
+            raise Problem(reported["error"])
+        return reported
 
     def close(self) -> None:
         """End the process that speaks to the boards."""

@@ -43,7 +43,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("home", "tools.verbs.power:home", "Power on where needed and home the arms.", moves=True),
     Verb("power-off", "tools.verbs.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "tools.verbs.send:send", "Send any command to a component.", moves=True, raw=True),
-    Verb("stream", "tools.verbs.stream:stream", "Follow joint set-points from a CSV file.", moves=True),
+    Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "tools.verbs.pid:show", "Print the gains in use."),
         Verb("set", "tools.verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
@@ -150,9 +150,9 @@ def guarded(function: Callable[..., Any]) -> Callable[..., None]:
         try:
             code = function(*arguments, **named)
         except Misuse as error:
-            code = _said(error, MISUSED)
+            code = _reported(error, MISUSED)
         except (Problem, SegmentError, RingError, MailboxFull, TimeoutError) as error:
-            code = _said(error, WRONG)
+            code = _reported(error, WRONG)
         except BrokenPipeError:  # the reader of our output has seen enough
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  # the interpreter flushes it at exit
             code = FINE
@@ -161,7 +161,7 @@ def guarded(function: Callable[..., Any]) -> Callable[..., None]:
     return run
 
 
-def _said(error: Exception, code: int) -> int:
+def _reported(error: Exception, code: int) -> int:
     print(f"trocar: {error}", file=sys.stderr, flush=True)
     return code
 

@@ -77,7 +77,7 @@ class _Ending:
 
     def _holders(self) -> list[str]:
         """Control pages that processes hold which we cannot see, as in another container; a user's programs may."""
-        others = instances_of_kind(self.system, "external")
+        others = instances_of_kind(self.system, "third_party")
         pages = [segment_name(*parts) for parts in names_of(self.system) if parts[2] == "control"
                  and parts[1] not in others]
         return [f"whoever holds {path_of(page)} (fuser -v)" for page in pages if held(page)]

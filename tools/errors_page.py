@@ -24,8 +24,8 @@ OF_IO = """
 
 Faults of I/O have a number, which stands in `fault` of I/O's record while the fault is latched. Their events have the
 robot, the axis (from 0, brakes after the actuators), the measured value and what was allowed. All faults of one cycle
-are told, each once until the latch is cleared; the first that switches something off is latched. Powering on clears the
-latch; until then the joint controller cannot be switched on.
+are reported, each once until the latch is cleared; the first that switches something off is latched. Powering on
+clears the latch; until then the joint controller cannot be switched on.
 
 | number | code | I/O does |
 |---|---|---|

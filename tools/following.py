@@ -1,4 +1,4 @@
-"""Sending joint set-points at a steady rate and measuring how well the arm follows them."""
+"""Sending joint setpoints at a steady rate and measuring how well the arm follows them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Tracking:
 
 
 class Follower:
-    """Sends set-points to one homed arm; compares each measured sample with the row in force at its time."""
+    """Sends setpoints to one homed arm; compares each measured sample with the row in force at its time."""
 
     def __init__(self, watch: Watch, remote: Remote, has_jaw: bool, time: SystemTime) -> None:
         """`watch` must have read a record: joints and names are taken from it. `time` is the system's."""
@@ -86,7 +86,7 @@ class Follower:
             why = self._watch.last_error()
             raise Problem(f"{self._watch.name} went to {self._watch.state}" + (f": {why}" if why else ""))
         if not fresh and self._watch.age_s > FRESH_S:
-            raise Problem(f"{self._watch.name} does not show what it does: {self._watch.trouble()}")
+            raise Problem(f"{self._watch.name} does not show what it does: {self._watch.problem()}")
 
     def _compare(self, stamp_ns: int) -> None:
         if stamp_ns >= self._now_ns:

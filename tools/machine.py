@@ -141,18 +141,18 @@ def ports(found: Iterable[SocketHolder]) -> MachineFinding:
 def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> MachineFinding:
     """Ethernet interfaces, and whether one has an address among those of real boards."""
     cards = [folder for folder in sorted((root / "sys/class/net").glob("*")) if _text(folder / "type") == ETHERNET]
-    told, reaches = [], False
+    reported, reaches = [], False
     for card in cards:
         own = [row.address for row in addresses.get(card.name, []) if row.family.name == "AF_INET"]
         reaches |= any(ipaddress.ip_address(address) in BOARDS_NET for address in own)
-        told.append(" ".join((card.name, _text(card / "operstate") or "?", *own)))
+        reported.append(" ".join((card.name, _text(card / "operstate") or "?", *own)))
     if not cards:
         return MachineFinding("network", NOTE, "no Ethernet interface: real boards need one, or FireWire",
                               "lspci | grep -i ethernet")
     if reaches:
-        return MachineFinding("network", OK, "; ".join(told))
+        return MachineFinding("network", OK, "; ".join(reported))
     free = next((card.name for card in cards if not addresses.get(card.name)), cards[0].name)
-    return MachineFinding("network", NOTE, f"{'; '.join(told)}: none in {BOARDS_NET}, where boards on UDP are",
+    return MachineFinding("network", NOTE, f"{'; '.join(reported)}: none in {BOARDS_NET}, where boards on UDP are",
                           f"sudo ip address add 169.254.0.1/16 dev {free}")
 
 

@@ -1,4 +1,4 @@
-/* master: be the master of a tele-operation from C, where the libraries of most haptic devices are. An example to take
+/* master: be the master of a teleoperation from C, where the libraries of most haptic devices are. An example to take
    from; it says a slow circle, and a gripper that is opened and closed once (which shows presence). Nothing but libc:
        cc -std=c11 -O2 -Wall -Wextra -pedantic -Werror -o master tools/master.c -lm      (glibc before 2.34: and -lrt)
        ./master SYSTEM ARM [SECONDS]            ARM is of type MTM_GENERIC; until the system ends, or so long

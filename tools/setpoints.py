@@ -1,4 +1,4 @@
-"""Joint set-points from a CSV file: positions, then velocities, then efforts of all joints in each row."""
+"""Joint setpoints from a CSV file: positions, then velocities, then efforts of all joints in each row."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ClippedRows:
 
 
 def read_setpoints(path: Path, joints: int, has_jaw: bool) -> Setpoints:
-    """Set-points for an arm of `joints` joints, with a jaw column behind them where the arm has a jaw.
+    """Setpoints for an arm of `joints` joints, with a jaw column behind them where the arm has a jaw.
 
     Columns are one, two or three blocks (positions, velocities, efforts) of as many columns; a header is skipped.
     """

@@ -114,8 +114,8 @@ def _of_others() -> str:
     """What is to be said of systems of other users."""
     listed = (*names_of(foreign=True), *names_of())
     found = sorted({system for system, instance, what in listed if (instance, what) == (SUPERVISOR, "document")})
-    said = [why for system in found if (why := forbidden(system))]
-    return f" ({'. '.join(said)})" if said else ""
+    reported = [why for system in found if (why := forbidden(system))]
+    return f" ({'. '.join(reported)})" if reported else ""
 
 
 def _there_are(names: list[str]) -> str:

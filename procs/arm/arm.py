@@ -1,4 +1,4 @@
-"""An arm, stepped once a cycle: io's record and commands in, set-points, state record, events and io commands out.
+"""An arm, stepped once a cycle: io's record and commands in, setpoints, state record, events and io commands out.
 
 What all arms have is here; a PSM, ECM or MTM adds what is its own by the methods under "what an arm may have of its
 own". It has no clock and no shared memory: time is the `now_ns` argument, records are arrays given to it.
@@ -17,7 +17,7 @@ from procs import codes
 from procs.arm.cartesian import Cartesian
 from procs.arm.cartesian_commands import CartesianCommands
 from procs.arm.commands import ArmCommandRow, ArmCommands, Table
-from procs.arm.control import SAID_NS, Control
+from procs.arm.control import REPORT_NS, Control
 from procs.arm.io_requests import IoRequests
 from procs.arm.joint_commands import JointCommands
 from procs.arm.joints import JointSpace, joints, kinematic_home
@@ -34,7 +34,7 @@ from procs.arm.stages.homing import Biased, Calibrating, Homing
 from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from procs.arm.stages.stage import Stage
 from procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
-from procs.arm.supervision import UNWATCHED, Generations, power_lost, trouble
+from procs.arm.supervision import UNWATCHED, Generations, power_lost, problem
 from procs.arm_types import ARM_TYPES
 from procs.document import system as document
 from procs.faults import FaultReport
@@ -62,7 +62,7 @@ class Surroundings:
     fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
     power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
     gripper: int = -1  # axis of its gripper in io's record, -1: none
-    setup_base: SetupBase | None = None  # the set-up joints that carry it
+    setup_base: SetupBase | None = None  # the setup joints that carry it
     reading: Callable[[], ToolReading] = ToolReading  # what io has last read from the memory of its instruments
     motors: Sequence[float] = ()  # the largest efforts of its actuators, none: not known
     faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
@@ -132,7 +132,7 @@ class ArmLogic:
     def home(self) -> Array:
         """Where homing takes the joints (size,): nowhere, to zero where the arm's file asks; a KINEMATIC arm in."""
         control = self.control
-        if control.is_played:
+        if control.is_kinematic:
             return kinematic_home(control.arm, control.joints)
         return np.zeros(control.joints.size) if control.arm.homing_zero_position else self.io.setpoint.copy()
 
@@ -225,7 +225,7 @@ class ArmLogic:
         control.step_efforts()
         if motion.mode is Mode.EFFORT:
             self.shape_efforts()
-            if machine.state in AT_HOME and not control.is_played:
+            if machine.state in AT_HOME and not control.is_kinematic:
                 control.guard.step(io.position, io.velocity, motion)
         control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())
         control.io_requests.step(now_ns)
@@ -246,7 +246,7 @@ class ArmLogic:
         return self.machine.fault_text if self.state is ArmState.FAULT else self._stages[self.state].waits
 
     def _start(self) -> None:
-        """The first fresh record of io: take over what a predecessor left, or begin anew."""
+        """The first fresh record of io: take over what a predecessor left, or restart."""
         self._started = True
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
@@ -273,13 +273,13 @@ class ArmLogic:
                 self.machine.forget_wish("io does not answer")
             self._epoch = io.epoch
             return
-        found = trouble(state, io, self._epoch, control.driving, self._around.fault_report,
+        found = problem(state, io, self._epoch, control.driving, self._around.fault_report,
                         self._around.power_report)
         if found.code is not None:
             self.machine.fault(found)
 
     def _rest_on(self, setup: SetupBase) -> None:
-        """The set-up joints put the base somewhere else, or are not to be trusted any more."""
+        """The setup joints put the base somewhere else, or are not to be trusted any more."""
         self.control.cartesian.set_base(setup.base)
         if setup.frame:
             self.control.record.show_frame(setup.frame)
@@ -294,7 +294,7 @@ class ArmLogic:
         if pressed and self.state is ArmState.HOMED:
             self.machine.fire(ArmEvent.PRESSED)
         elif pressed:
-            self.control.report(codes.NOT_READY, "arm not ready yet, manipulator clutch ignored", SAID_NS)
+            self.control.report(codes.NOT_READY, "arm not ready yet, manipulator clutch ignored", REPORT_NS)
 
     def _resume(self) -> None:
         """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""
@@ -323,7 +323,7 @@ class ArmLogic:
         return bool(homed and self.control.homed_generation and self.io.valid and self.is_ready())
 
     def _is_off(self) -> bool:
-        return not self.io.fresh or self.io.power_wanted.item() is False
+        return not self.io.fresh or self.io.power_requested.item() is False
 
     def _io_refused(self, text: str) -> None:
         self.control.report(codes.IO_REFUSED, text)

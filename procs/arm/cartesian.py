@@ -67,7 +67,7 @@ class Cartesian:
         self._setpoint_motion = io.rows[3:5, :n]
         self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
         if kinematics is not None:
-            self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the set-point for a moment, see update
+            self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the setpoint for a moment, see update
         self._free = joints.free
         self._is_short = n < 6
         self._damping = DAMPING * np.eye(min(n, 6))
@@ -111,7 +111,7 @@ class Cartesian:
         wanted = self._setpoint_motion.tobytes()
         is_new = wanted != self._setpoint_done  # an arm that holds needs this once
         if not is_new and self._is_done and not self._io.changed and self.absolute is self._shown_absolute:
-            return  # a played robot at rest
+            return  # a kinematic robot at rest
         self.valid = self._is_done = True
         self._shown_absolute = self.absolute
         self._valid[...] = True
@@ -157,7 +157,7 @@ class Cartesian:
     def _show_wrench(self, kinematics: Kinematics) -> None:
         """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
         self._is_squared = False
-        if not any(self._effort.tolist()):  # a played robot
+        if not any(self._effort.tolist()):  # a kinematic robot
             self._body_wrench[...] = self._spatial_wrench[...] = 0.0
             return
         body, effort = kinematics.body, self._effort

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import SAID_NS, Control
+from procs.arm.control import REPORT_NS, Control
 from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
@@ -60,7 +60,7 @@ class CartesianCommands:
             return
         why = self._safe(control.here)
         if why:
-            raise control.refusal(codes.NOT_INSERTED, name, why, SAID_NS)
+            raise control.refusal(codes.NOT_INSERTED, name, why, REPORT_NS)
 
     # poses
 
@@ -110,7 +110,7 @@ class CartesianCommands:
         own[...] = found
         if not why:
             return control.follow(name, Space.CARTESIAN, velocity)
-        control.report(codes.AT_LIMIT, f"{name}: at its limit: {why}", SAID_NS)
+        control.report(codes.AT_LIMIT, f"{name}: at its limit: {why}", REPORT_NS)
         control.follow(name, Space.CARTESIAN)
         return f"at its limit: {why}"
 

@@ -14,7 +14,7 @@ from enum import Enum
 from typing import Final
 
 from procs import codes
-from procs.arm.control import SAID_NS, Control
+from procs.arm.control import REPORT_NS, Control
 from procs.arm.motion import Mode
 from procs.arm.states import ArmState
 from procs.requests import CommandRefused, Handler, Request, carry_out
@@ -88,7 +88,7 @@ class ArmCommands:
         if row.ready is not Ready.ALWAYS:
             if state is not ArmState.HOMED:
                 reason = f"arm not ready, it is in {state} and must be in {ArmState.HOMED}"
-                raise control.refusal(codes.NOT_READY, request.name, reason, SAID_NS)
+                raise control.refusal(codes.NOT_READY, request.name, reason, REPORT_NS)
             if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
                 raise CommandRefused("there is no instrument, so no tip")
             if row.ready is Ready.JAW and not control.joints.has_jaw:

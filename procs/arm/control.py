@@ -30,7 +30,7 @@ from procs.requests import ANSWERED, CommandRefused, Reports, Request
 Array = NDArray[np.float64]
 
 EPISODE_NS: Final = 500_000_000
-SAID_NS: Final = 2_000_000_000
+REPORT_NS: Final = 2_000_000_000
 STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
 SEEN_NS: Final = 20_000_000  # who streams goals has seen by then that the tip or the base is another one
 NEVER_NS: Final = 1 << 62
@@ -41,16 +41,16 @@ class Clipping:
     """Who was told already that joints were clipped: once an episode."""
 
     def __init__(self, size: int) -> None:
-        self._told = np.zeros(size, dtype=np.bool_)
-        self._last_ns = -SAID_NS
+        self._reported = np.zeros(size, dtype=np.bool_)
+        self._last_ns = -REPORT_NS
 
     def is_news(self, outside: NDArray[np.bool_], now_ns: int) -> bool:
         """These joints (size,) are clipped, and that of one of them has just begun."""
         if now_ns - self._last_ns >= EPISODE_NS:
-            self._told[...] = False
+            self._reported[...] = False
         self._last_ns = now_ns
-        news = bool((outside & ~self._told).any())
-        self._told |= outside
+        news = bool((outside & ~self._reported).any())
+        self._reported |= outside
         return news
 
 
@@ -72,7 +72,7 @@ class Control:
         self.gravity = Weight(arm)
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""
-        self.is_played = arm.simulation != "NONE"
+        self.is_kinematic = arm.simulation != "NONE"
         """KINEMATIC: io plays the robot."""
         self.must_bias = True
         self.homed_generation = 0
@@ -83,7 +83,7 @@ class Control:
         """When a goal of a stream of poses was last followed."""
         self._moves: dict[str, tuple[Request, str]] = {}
         """Under way, with what of the goal was clipped."""
-        self._said_ns: dict[Code, int] = {}
+        self._reported_ns: dict[Code, int] = {}
         self._episodes_ns: dict[Code, int] = {}
         self.use(joints)
 
@@ -122,8 +122,8 @@ class Control:
 
     def report(self, code: Code, text: str, every_ns: int = 0) -> None:
         """A warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
-        if self.now_ns - self._said_ns.get(code, -NEVER_NS) >= every_ns:
-            self._said_ns[code] = self.now_ns
+        if self.now_ns - self._reported_ns.get(code, -NEVER_NS) >= every_ns:
+            self._reported_ns[code] = self.now_ns
             self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name)
 
     def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0) -> CommandRefused:
@@ -180,7 +180,7 @@ class Control:
         is_streamed = self.motion.is_streamed(self.now_ns, jaw=jaw)
         why = stream.objection(self.joints, self.goal, self.here, self.now_ns, is_streamed=is_streamed)
         if why:
-            raise self.refusal(codes.STREAM_JUMP, name, why, SAID_NS)
+            raise self.refusal(codes.STREAM_JUMP, name, why, REPORT_NS)
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""

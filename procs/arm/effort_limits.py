@@ -21,7 +21,7 @@ NO_MOTOR: Final = 1e-9  # N·m or N, of one that may have no current: it can be 
 
 
 def motor_efforts(robot: Robot) -> tuple[float, ...]:
-    """The largest effort of every actuator, N·m or N; none where the robot is only played."""
+    """The largest effort of every actuator, N·m or N; none where the robot is kinematic."""
     if not all(actuator.effort_to_current for actuator in robot.actuators):
         return ()
     return tuple(abs(actuator.maximum_current / actuator.effort_to_current) for actuator in robot.actuators)

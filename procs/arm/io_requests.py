@@ -1,4 +1,4 @@
-"""What the arm wants of io: wishes, which go out with every set-point until io's record shows them; and orders.
+"""What the arm wants of io: wishes, which go out with every setpoint until io's record shows them; and orders.
 
 A wish is a level: nothing is sent again, nothing is lost with an io process that dies. What has an outcome (the encoder
 bias, an encoder that is set, a memory that is read) is an order and goes through io's mailbox.
@@ -46,7 +46,7 @@ class Switch:
 
     @property
     def code(self) -> int:
-        """As the set-points have it."""
+        """As the setpoints have it."""
         return NONE if self.wanted is None or self._flag is None else ON if self.wanted else OFF
 
 
@@ -143,7 +143,7 @@ class IoRequests:
         return bool(self._samples and counted and io.biased.item() and not io.biasing.item())
 
     def step(self, now_ns: int) -> None:
-        """Put the wishes into the set-points, and send what is due; nothing is sent to an io that does not answer."""
+        """Put the wishes into the setpoints, and send what is due; nothing is sent to an io that does not answer."""
         for answer in self._sender.poll():
             self._heard(answer)
         if self._is_new:

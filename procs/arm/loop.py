@@ -1,4 +1,4 @@
-"""An arm's process: io's newest record and the commands in, the set-points and the arm's state out, once a cycle."""
+"""An arm's process: io's newest record and the commands in, the setpoints and the arm's state out, once a cycle."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
 
 
 def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
-    """What the set-up joints that carry the arm say of its base; None: it stands by itself."""
+    """What the setup joints that carry the arm say of its base; None: it stands by itself."""
     if not arm.base_from:
         return None
     record = node.input(arm.base_from, late_s=SETUP_LATE_S)
@@ -181,7 +181,7 @@ class ArmLoop(runtime.Loop):
 
     @property
     def may_rest(self) -> bool:
-        """A played robot at rest: each cycle is as the one before."""
+        """A kinematic robot at rest: each cycle is as the one before."""
         return self._unchanged > AT_REST
 
     def periods(self, is_overloaded: bool, now_ns: int) -> int:
@@ -202,10 +202,10 @@ class ArmLoop(runtime.Loop):
         return self.node.tick(periods=self.periods(self.node.is_overloaded, self.node.now_ns))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """io's newest record and the commands in, the set-points and the arm's state out."""
+        """io's newest record and the commands in, the setpoints and the arm's state out."""
         io = self._io
         self._unchanged += 1
-        if self.arm.io.changed or self._mailbox.has_news or not self.arm.control.is_played:
+        if self.arm.io.changed or self._mailbox.has_news or not self.arm.control.is_kinematic:
             self._unchanged = 0
         io.take()
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))

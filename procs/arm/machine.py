@@ -1,4 +1,4 @@
-"""The operating state of an arm: the table of `states.py` at work, `state_command`, and what is told about it."""
+"""The operating state of an arm: the table of `states.py` at work, `state_command`, and what is reported about it."""
 
 from __future__ import annotations
 

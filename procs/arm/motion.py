@@ -39,7 +39,7 @@ class Space(IntEnum):
 
 
 class Motion:
-    """The set-point generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
+    """The setpoint generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
 
     def __init__(self, joints: JointSpace, jerk_time_s: float = 0.0) -> None:
         """`jerk_time_s`: see `Trajectory`."""

@@ -47,16 +47,16 @@ class ArmReadings:
         self.input = field("input")
         self.age_ns = flag("sample_age_ns")
         self.at_limit, self.in_effort, self.encoder_set = axis("at_limit"), axis("effort_mode"), axis("encoder_set")
-        self.power_wanted, self.powered, self.amps_on = flag("power_wanted"), flag("powered"), flag("amps_on")
+        self.power_requested, self.powered, self.amps_on = flag("power_requested"), flag("powered"), flag("amps_on")
         self.biased, self.biasing, self.bias_generation = flag("biased"), flag("biasing"), flag("bias_generation")
         self.pid_enabled, self.pid_generation = flag("pid_enabled"), flag("pid_generation")
         self.limits_enforced, self.tracking_check = flag("limits_enforced"), flag("tracking_check")
-        self.velocity_used, self.pot_check = flag("velocity_used"), flag("pot_check")
+        self.use_setpoint_velocity, self.pot_check = flag("use_setpoint_velocity"), flag("pot_check")
         self.brakes_released = flag("brakes_released")
         self.fault, self.holding = flag("fault"), flag("holding")
         self.wish_generation, self.wish_void, self.wish_refused = (
             flag("wish_generation"), flag("wish_void"), flag("wish_refused"))
-        # (6, axes): position, velocity, effort, measured and then as set-point
+        # (6, axes): position, velocity, effort, measured and then as setpoint
         self._actuator = contiguous_view([axis(name) for name in ROWS])
         self._read = np.zeros((6, joints.axes))
         self.has_power = self.valid = False
@@ -90,7 +90,7 @@ class ArmReadings:
         self._read[...] = self._actuator
         raw = self._read.tobytes()
         self.changed = raw != self._raw
-        if not self.changed:  # a played robot at rest
+        if not self.changed:  # a kinematic robot at rest
             return
         self._raw = raw
         np.matmul(self._read, self._motion_map, out=self.rows)

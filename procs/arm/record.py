@@ -1,4 +1,4 @@
-"""An arm's own records, filled each cycle: its state, and the set-points for io."""
+"""An arm's own records, filled each cycle: its state, and the setpoints for io."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ArmRecord:
         self._jaw_rows[...] = 0.0
         self._jaw = joints.has_jaw
         self._copies = [(self._joint_rows[:, :n], rows[:, :n])]
-        if joints.has_jaw:  # the jaw has no set-point velocity
+        if joints.has_jaw:  # the jaw has no setpoint velocity
             self._copies += [(self._jaw_rows[:4], rows[:4, n]), (self._jaw_rows[4:], rows[5:, n])]
 
     def show_frame(self, name: str) -> None:
@@ -114,7 +114,7 @@ class SetpointRecord:
     """Fills the `setpoint` record that io follows, in actuator space."""
 
     def __init__(self, field: Fields, axes: int) -> None:
-        """`field` gives the arrays of the arm's set-point record."""
+        """`field` gives the arrays of the arm's setpoint record."""
         self._mode, self._has_velocity = field("mode"), field("has_velocity")
         self._bias_generation, self._pid_generation = field("bias_generation"), field("pid_generation")
         self._rows = contiguous_view([field("position")[:axes], field("velocity")[:axes]])

@@ -82,7 +82,7 @@ def beginning(before: PreviousState | None, io: ArmReadings) -> Beginning:
     if before is None or before.sub_state == ArmState.DISABLED:
         return Beginning(ArmState.DISABLED)
     if before.sub_state == ArmState.POWERING and not io.problem:
-        return Beginning(ArmState.POWERING if io.power_wanted.item() else ArmState.DISABLED)
+        return Beginning(ArmState.POWERING if io.power_requested.item() else ArmState.DISABLED)
     if before.sub_state == ArmState.FAULT:
         return Beginning(ArmState.FAULT, reason="there was a fault before the arm process was restarted")
     return Beginning(ArmState.FAULT, reason="power was lost while the arm process was away")

@@ -22,7 +22,7 @@ class Settings:
     """What needs no readiness."""
 
     def __init__(self, control: Control, base_from: str) -> None:
-        """`base_from`: the set-up joints that give the base frame, "" where commands do."""
+        """`base_from`: the setup joints that give the base frame, "" where commands do."""
         self._control, self._base_from = control, base_from
         self.table: Table = {
             "trajectory_j/set_ratio": ArmCommandRow(self._set_ratio),

@@ -1,6 +1,6 @@
-"""Where the set-up joints put an arm's base: their newest record, as long as it is fresh.
+"""Where the setup joints put an arm's base: their newest record, as long as it is fresh.
 
-A record that is too old is none: set-up joints whose process has died may have been moved since.
+A record that is too old is none: setup joints whose process has died may have been moved since.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class SetupBase:
     """The base frame of one arm. After `update`: `base` (4, 4), None while it is unknown, and its `frame`."""
 
     def __init__(self, record: Input, place: int) -> None:
-        """`place` is that of the set-up arm in the record."""
+        """`place` is that of the setup arm in the record."""
         self._record = record
         self._valid = record.field("base_valid")[place : place + 1].reshape(())
         self._frame = record.field("reference_frame")[place : place + 1].reshape(())
@@ -62,8 +62,8 @@ class SetupBase:
 
 
 def place_of(info: dict[str, Any], name: str) -> int:
-    """The place of a set-up arm in its process's record, from the header's info; ValueError names what there is."""
+    """The place of a setup arm in its process's record, from the header's info; ValueError names what there is."""
     known = list(info.get("setups", {}))
     if name not in known:
-        raise ValueError(f"no set-up arm {name}; there are {', '.join(known) or 'none'}")
+        raise ValueError(f"no setup arm {name}; there are {', '.join(known) or 'none'}")
     return known.index(name)

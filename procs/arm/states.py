@@ -50,7 +50,7 @@ class ArmEvent(StrEnum):
     ROLL = "roll"  # the roll has to be found
     STOPPED = "stopped"  # it stands at its stop
     SET = "set"  # its encoder is set
-    PROBLEM = "problem"  # time-out, lost power, fault of the joint controller, silent or restarted io
+    PROBLEM = "problem"  # timeout, lost power, fault of the joint controller, silent or restarted io
 
 
 COMMANDS = (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.HOME, ArmEvent.UNHOME, ArmEvent.PAUSE, ArmEvent.RESUME)

@@ -2,7 +2,7 @@
 
 A goal that comes within 0.1 s of the one before belongs to a stream and is followed as it is. Any other one, the first
 of a stream or the first after a gap, is followed if a joint at its largest velocity (that of moves at ratio 1, whatever
-the ratio: it is about moves) could have come from the set-point in the time since the last goal, 0.1 s at most: a
+the ratio: it is about moves) could have come from the setpoint in the time since the last goal, 0.1 s at most: a
 longer gap is no licence to go further. After a refusal that time is the stream's own period, so that its goals stay
 refused until they are where the arm is.
 """
@@ -39,5 +39,5 @@ class Stream:
         if excess[axis] <= 0.0:
             return ""
         far, unit = abs(goal[axis] - here[axis]), joints.unit(axis)
-        return (f"{joints.name(axis)} is {far:.3g} {unit} from the set-point; where a stream begins, or after a gap in "
+        return (f"{joints.name(axis)} is {far:.3g} {unit} from the setpoint; where a stream begins, or after a gap in "
                 f"it, {far - excess[axis]:.3g} {unit} is allowed: move there first (move_jp, move_cp)")

@@ -18,7 +18,7 @@ MUST_HAVE_POWER = frozenset((*UP, ArmState.PAUSED))
 
 @dataclass(frozen=True, slots=True)
 class Generations:
-    """The encoder bias and the enable of the joint controller that our set-points are meant for."""
+    """The encoder bias and the enable of the joint controller that our setpoints are meant for."""
 
     bias: int
     pid: int
@@ -34,7 +34,7 @@ def power_lost() -> FaultReport:
     return FaultReport(codes.POWER_LOST, "detected power loss (actuators)")
 
 
-def trouble(
+def problem(
     state: ArmState, io: ArmReadings, epoch: int, driving: Generations | None,
             fault_report: Callable[[int], FaultReport],
     power_report: Callable[[], FaultReport],

@@ -48,7 +48,7 @@ class BoardFaults:
         self._plant.push(robot, efforts)
 
     def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
-        """Put a robot's actuators somewhere, rad or m, at rest; `SUJ/PSM1`: a set-up arm whose brakes let it go."""
+        """Put a robot's actuators somewhere, rad or m, at rest; `SUJ/PSM1`: a setup arm whose brakes let it go."""
         joints, _, arm = robot.rpartition("/")  # IO1/SUJ/PSM1, where several buses have a SUJ
         if joints and joints in self._world.setup_joints:
             self._world.setup_joints[joints].place(arm, positions.tolist())

@@ -89,7 +89,7 @@ class PacketFaults:
     def _look(self) -> None:
         self.next_ns = self._kept[0][0] if self._kept else NEVER
         self.active = bool(self._kept) or any(self._loss) or any(
-            mishap.count or mishap.rate for kinds in self._kinds for mishap in kinds.values())
+            packet_fault.count or packet_fault.rate for kinds in self._kinds for packet_fault in kinds.values())
 
     # -- what is to happen ---------------------------------------------------------------------------------------------
 

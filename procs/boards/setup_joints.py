@@ -1,4 +1,4 @@
-"""Classic set-up joints: passive arms whose joints have two potentiometers each, brakes, and one of them a lift.
+"""Classic setup joints: passive arms whose joints have two potentiometers each, brakes, and one of them a lift.
 
 They move when somebody moves them, and only while a current holds their brakes off. A host sees them through the
 interface board: six primary potentiometers of every arm, six secondary ones, and four other voltages.
@@ -86,7 +86,7 @@ class SetupJointsPlant:
 
     def _arm(self, name: str) -> EmulatedSetupArm:
         if name not in self._arms:
-            raise KeyError(f"{name or 'no name'}: no such set-up arm; there are {', '.join(self._arms)}")
+            raise KeyError(f"{name or 'no name'}: no such setup arm; there are {', '.join(self._arms)}")
         return self._arms[name]
 
     def _settle(self, name: str, positions: Sequence[float]) -> None:
@@ -138,7 +138,7 @@ def _middle(arm: EmulatedSetupArm) -> list[float]:
 
 
 def fit(system: SystemConfig, wiring: Wiring, buses: Sequence[EmulatedBus]) -> dict[str, SetupJointsPlant]:
-    """Hang the set-up joints of a system on their boards; by the name of their robot."""
+    """Hang the setup joints of a system on their boards; by the name of their robot."""
     fitted: dict[str, SetupJointsPlant] = {}
     if system.emulation is None:
         return fitted

@@ -29,13 +29,13 @@ def find(sensor: HidSensor, devices: Path = DEVICES, nodes: Path = NODES) -> Pat
 class Goovis:
     """Opened when it is there, looked for every second while it is not."""
 
-    def __init__(self, sensor: HidSensor, tell: Callable[[str], None],
+    def __init__(self, sensor: HidSensor, emit: Callable[[str], None],
                  search: Callable[[HidSensor], Path | None] = find) -> None:
-        """`tell` is given a sentence whenever it comes or goes."""
-        self._sensor, self._tell, self._search = sensor, tell, search
+        """`emit` is given a sentence whenever it comes or goes."""
+        self._sensor, self._report, self._search = sensor, emit, search
         self._file = -1
         self._worn = False
-        self._again_ns, self._said = 0, ""
+        self._again_ns, self._reported = 0, ""
 
     def present(self, now_ns: int) -> bool:
         """Whether it is worn, by its newest report."""
@@ -72,9 +72,9 @@ class Goovis:
         self._say("the head sensor is gone: the operator counts as absent")
 
     def _say(self, text: str) -> None:
-        if text != self._said:
-            self._said = text
-            self._tell(text)
+        if text != self._reported:
+            self._reported = text
+            self._report(text)
 
     def close(self) -> None:
         """Give it back."""

@@ -21,7 +21,7 @@ class HeadSensor(Protocol):
 
 
 class InputLine:
-    """One digital input of an io, or button of somebody else's program."""
+    """One digital input of an io, or button of a third-party program."""
 
     __slots__ = ("_age", "_index", "_input", "_record", "name")
 

@@ -1,6 +1,6 @@
-"""What a console decides: from pedals, presence and selection to what each of its tele-operations is asked for.
+"""What a console decides: from pedals, presence and selection to what each of its teleoperations is asked for.
 
-A tele-operation runs when it is wanted, selected and its turn: those of the endoscope while the camera pedal is
+A teleoperation runs when it is wanted, selected and its turn: those of the endoscope while the camera pedal is
 pressed, the others while it is not. Its turn and the operator there (not needed for the endoscope): `enable`; its turn
 and nobody there: `align_MTM`; in all other cases `disable`. Nothing here knows of shared memory, or of time but what
 it is told.
@@ -20,7 +20,7 @@ from shm.origins import NOBODY, Origin
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
 DISABLED: Final = "DISABLED"
 OPERATOR, CLUTCH, CAMERA = "operator_present", "clutch", "camera"
-PAYLOADS: Final = {RELEASED: 0.0, PRESSED: 1.0, CLICKED: 2.0}  # as the commands of tele-operations have them
+PAYLOADS: Final = {RELEASED: 0.0, PRESSED: 1.0, CLICKED: 2.0}  # as the commands of teleoperations have them
 BEEPS: Final = {  # s, Hz, how often
     (CLUTCH, PRESSED): (0.1, 700.0, 1), (CLUTCH, RELEASED): (0.1, 700.0, 1), (CLUTCH, CLICKED): (0.05, 2000.0, 2),
     (CAMERA, PRESSED): (0.1, 1000.0, 1), (CAMERA, RELEASED): (0.1, 1000.0, 1), (CAMERA, CLICKED): (0.05, 2500.0, 2),
@@ -34,12 +34,12 @@ class ConsoleOutbox(Protocol):
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
             origin: Origin = NOBODY) -> bool:
-        """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
+        """Ask a teleoperation for something, on behalf of a person; false: it could not be told."""
 
     def free(self, teleop: str) -> None:
-        """Ask another console to unselect a tele-operation of its own."""
+        """Ask another console to unselect a teleoperation of its own."""
 
-    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+    def emit(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
         """An event."""
 
     def button(self, name: str, kind: int) -> None:
@@ -56,10 +56,10 @@ class ConsoleOutbox(Protocol):
 
 
 class Logic:
-    """One console; `members` are the tele-operations of all consoles, in the order of the document."""
+    """One console; `members` are the teleoperations of all consoles, in the order of the document."""
 
     def __init__(self, name: str, members: Sequence[Selectable], desk: ConsoleOutbox, scale: float) -> None:
-        """Nobody there, no pedal pressed, tele-operation not wanted, selected what can be side by side."""
+        """Nobody there, no pedal pressed, teleoperation not wanted, selected what can be side by side."""
         self.name, self.scale, self.is_scaled = name, scale, False
         self.mine = tuple(member for member in members if member.console == name)
         self._members, self._desk = tuple(members), desk
@@ -71,9 +71,9 @@ class Logic:
         self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
         self.operator = self.clutch = self.camera = self.wanted = False
         self.origin: Origin = NOBODY
-        """The person's command by which tele-operation is wanted."""
+        """The person's command by which teleoperation is wanted."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
-        self._untold: dict[str, float] = {}  # what has become of the clutch, for who could not be told
+        self._unreported: dict[str, float] = {}  # what has become of the clutch, for who could not be told
         self._awaiting = ""  # to be selected as soon as other consoles have let go
 
     # -- what happens --------------------------------------------------------------------------------------------------
@@ -89,14 +89,14 @@ class Logic:
         if kind == PRESSED and button != CLUTCH:
             self._pick_up()
         self._desk.button(button, kind)
-        self.update(0)  # tele-operations are stopped before anything else is told
+        self.update(0)  # teleoperations are stopped before anything else is told
         if button == CLUTCH:
             # those at rest first: what they have a master do that others share must not undo what these want of it
             for member in sorted(self.mine, key=lambda member: self.asked[member.name] in (ENABLE, ALIGN)):
                 if kind == CLICKED:
                     self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
                 else:
-                    self._tell_clutch(member.name, PAYLOADS[kind])
+                    self._report_clutch(member.name, PAYLOADS[kind])
             if kind == CLICKED and (chosen := tapped(self.mine, self.selected)):
                 self.select(chosen)
         duration_s, frequency_hz, count = BEEPS.get((button, kind), (0.0, 0.0, 0))
@@ -110,27 +110,27 @@ class Logic:
             self.press(OPERATOR, RELEASED)
 
     def faults_until(self, generation: int) -> None:
-        """The last fault of an arm was this one: tele-operation that was wanted before it no longer is."""
+        """The last fault of an arm was this one: teleoperation that was wanted before it no longer is."""
         if self.wanted and self.origin.generation < generation:
             self._desk.report(codes.TELEOP_DISABLED, f"{self.name}: {codes.TELEOP_DISABLED.cause}")
             self.enable(False)
 
     def enable(self, on: bool, origin: Origin = NOBODY) -> None:
-        """Tele-operation is wanted, by whom, or not; being asked for is a sign of presence, too."""
+        """Teleoperation is wanted, by whom, or not; being asked for is a sign of presence, too."""
         self.wanted, self.origin = on, origin
         if on:
             self.lapsed.clear()
             self._pick_up()
-        self._desk.tell("teleop_enabled", component=self.name, value=float(on))
-        self._desk.status(f"{self.name}: tele-operation {'enabled' if on else 'disabled'}")
+        self._desk.emit("teleop_enabled", component=self.name, value=float(on))
+        self._desk.status(f"{self.name}: teleoperation {'enabled' if on else 'disabled'}")
         self.update(0)
 
     def set_scale(self, scale: float) -> None:
-        """One scale for all tele-operations of the console."""
+        """One scale for all teleoperations of the console."""
         self.scale, self.is_scaled = scale, True
         for member in self.mine:
             self._desk.ask(member.name, "set_scale", (scale,))
-        self._desk.tell("scale", component=self.name, value=scale)
+        self._desk.emit("scale", component=self.name, value=scale)
 
     def select(self, teleop: str) -> bool:
         """Select it and unselect what shares an arm with it, elsewhere too; true: it is, false: others must let go."""
@@ -149,7 +149,7 @@ class Logic:
         self._pick_up()
         if teleop not in self.selected:
             self.selected.add(teleop)
-            self._desk.tell("selected", teleop, teleop)
+            self._desk.emit("selected", teleop, teleop)
         self.update(0)
         return True
 
@@ -158,7 +158,7 @@ class Logic:
         self._awaiting = "" if self._awaiting == teleop else self._awaiting
         if teleop in self.selected:
             self.selected.discard(teleop)
-            self._desk.tell("unselected", teleop, teleop)
+            self._desk.emit("unselected", teleop, teleop)
         self.update(0)
 
     def knows(self, teleop: str) -> bool:
@@ -173,9 +173,9 @@ class Logic:
         """Its process was started again: it is told how things are and runs when presence is shown again."""
         self.asked[teleop] = ""
         self.lapsed.add(teleop)
-        self._untold.pop(teleop, None)
+        self._unreported.pop(teleop, None)
         if self.clutch:
-            self._tell_clutch(teleop, PAYLOADS[PRESSED])
+            self._report_clutch(teleop, PAYLOADS[PRESSED])
         if self.is_scaled:
             self._desk.ask(teleop, "set_scale", (self.scale,))
 
@@ -185,7 +185,7 @@ class Logic:
         self._again_ns[teleop] = now_ns + REFUSED_NS
 
     def shows(self, teleop: str, desired: str) -> None:
-        """The desired state that a tele-operation shows; DISABLED although asked to run: an error has stopped it."""
+        """The desired state that a teleoperation shows; DISABLED although asked to run: an error has stopped it."""
         if desired == DISABLED and self.asked[teleop] in (ENABLE, ALIGN):
             self.fallen.add(teleop)
         else:
@@ -198,7 +198,7 @@ class Logic:
     # -- what follows --------------------------------------------------------------------------------------------------
 
     def word(self, member: Selectable) -> str:
-        """What a tele-operation is to be asked for now."""
+        """What a teleoperation is to be asked for now."""
         turn = self.camera if member.kind == ECM else not self.camera
         if not (turn and self.wanted and member.name in self.selected):
             return DISABLE
@@ -220,14 +220,14 @@ class Logic:
         if self._awaiting:
             self.select(self._awaiting)
         self.update(now_ns)
-        for teleop, value in list(self._untold.items()):
-            self._tell_clutch(teleop, value)
+        for teleop, value in list(self._unreported.items()):
+            self._report_clutch(teleop, value)
 
-    def _tell_clutch(self, teleop: str, value: float) -> None:
+    def _report_clutch(self, teleop: str, value: float) -> None:
         if self._desk.ask(teleop, "clutch", (value,)):
-            self._untold.pop(teleop, None)
+            self._unreported.pop(teleop, None)
         else:
-            self._untold[teleop] = value
+            self._unreported[teleop] = value
 
     def _yield(self) -> None:
         """Two consoles selected at once what shares an arm: the one that stands first keeps it."""
@@ -238,5 +238,5 @@ class Logic:
                 if other.name in self.elsewhere and self._members.index(other) < self._members.index(member):
                     self.selected.discard(member.name)
                     self._desk.status(f"{member.name} unselected to free {shared_arm(member, other)}")
-                    self._desk.tell("unselected", member.name, member.name)
+                    self._desk.emit("unselected", member.name, member.name)
                     break

@@ -1,4 +1,4 @@
-"""The process of a console: pedals and presence in, orders to its tele-operations out."""
+"""The process of a console: pedals and presence in, orders to its teleoperations out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shm.faults import Watched
 
 
 def first_scale(system: SystemConfig, console: str) -> float:
-    """The scale its tele-operations begin with: that of its first PSM one."""
+    """The scale its teleoperations begin with: that of its first PSM one."""
     rows = [system.teleop(name) for name in system.console(console).teleops]
     return next((row.scale for row in sorted(rows, key=lambda row: not isinstance(row, TeleopPsmConfig))), 0.2)
 
@@ -70,7 +70,7 @@ class ConsoleLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Run one console until asked to stop; its tele-operations then stop following by themselves."""
+    """Run one console until asked to stop; its teleoperations then stop following by themselves."""
     runtime.run("console", ConsoleLoop)
 
 

@@ -1,4 +1,4 @@
-"""Whom a console talks to: tele-operations, other consoles and the system by mailbox, people by events."""
+"""Whom a console talks to: teleoperations, other consoles and the system by mailbox, people by events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Mailboxes:
     """The desk of `procs.console.logic` on shared memory."""
 
     def __init__(self, node: Node, members: Sequence[Selectable]) -> None:
-        """Takes a place in every mailbox that is needed; `members` are the tele-operations of all consoles."""
+        """Takes a place in every mailbox that is needed; `members` are the teleoperations of all consoles."""
         running = {row.name for row in node.document.processes}
         self._node = node
         mine = [member.name for member in members if member.console == node.name and member.name in running]
@@ -36,13 +36,13 @@ class Mailboxes:
         self._others = [(node.reads(name, "state"), [m.name for m in members if m.console == name]) for name in others]
         self._system = node.commands("system") if "system" in running else None
         self._under_way: dict[tuple[str, int], str] = {}
-        self._told: dict[str, str] = {}
+        self._reported: dict[str, str] = {}
 
     # -- what the logic asks for ---------------------------------------------------------------------------------------
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
             origin: Origin = NOBODY) -> bool:
-        """Ask a tele-operation for something, on behalf of a person; false: it could not be told."""
+        """Ask a teleoperation for something, on behalf of a person; false: it could not be told."""
         client = self._teleops.get(teleop)
         if client is not None:
             client.on_behalf(origin)
@@ -52,10 +52,10 @@ class Mailboxes:
         return bool(number)
 
     def free(self, teleop: str) -> None:
-        """Ask another console to unselect a tele-operation of its own."""
+        """Ask another console to unselect a teleoperation of its own."""
         _send(self._consoles.get(self._homes.get(teleop, "")), "unselect_teleop", (), teleop)
 
-    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+    def emit(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
         """An event."""
         self._node.events.emit(event, text, component=component, value=value)
 
@@ -78,7 +78,7 @@ class Mailboxes:
     # -- what comes back -----------------------------------------------------------------------------------------------
 
     def listen(self, logic: Logic, now_ns: int) -> None:
-        """Refusals, tele-operations that were started again, and what other consoles have selected."""
+        """Refusals, teleoperations that were started again, and what other consoles have selected."""
         for teleop, client in self._teleops.items():
             for reply in client.poll():
                 word = self._under_way.pop((teleop, reply.id), "")
@@ -100,8 +100,8 @@ class Mailboxes:
             logic.elsewhere = {name for ring, names in self._others for name in _selected(ring, names)}
 
     def _complain(self, teleop: str, reason: str) -> None:
-        if self._told.get(teleop) != reason:
-            self._told[teleop] = reason
+        if self._reported.get(teleop) != reason:
+            self._reported[teleop] = reason
             self._node.events.report(codes.TELEOP_REFUSED, f"{teleop} refuses: {reason}", teleop)
 
 

@@ -1,4 +1,4 @@
-"""Which tele-operations may run side by side: two of one type never share an arm, in whatever console they are."""
+"""Which teleoperations may run side by side: two of one type never share an arm, in whatever console they are."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PAIR: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Selectable:
-    """A tele-operation: the masters stand first among its arms."""
+    """A teleoperation: the masters stand first among its arms."""
 
     name: str
     console: str
@@ -53,7 +53,7 @@ def at_load(members: Sequence[Selectable]) -> set[str]:
 
 
 def tapped(members: Sequence[Selectable], selected: Collection[str]) -> str:
-    """What a quick tap selects: of the first MTM by name with exactly two PSM tele-operations the other one, or ""."""
+    """What a quick tap selects: of the first MTM by name with exactly two PSM teleoperations the other one, or ""."""
     by_master: dict[str, list[Selectable]] = defaultdict(list)
     for member in members:
         if member.kind == PSM:

@@ -114,7 +114,7 @@ class ArmConfig:
     base_frame: Matrix | None = None
     reference_frame: str = ""
     base_from: str = ""  # the process `suj` that gives its base frame; "": none
-    base_setup: str = ""  # the set-up arm there that carries it
+    base_setup: str = ""  # the setup arm there that carries it
     use_setpoint_v: bool = True
     calibration_mode: bool = False
     jerk_time_s: float = 0.0  # of moves: acceleration takes so long to come up to its limit; 0: no jerk limit

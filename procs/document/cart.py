@@ -1,6 +1,6 @@
-"""Set-up joints as the document has them: a patient cart whose set-up arms carry arms of the system.
+"""Setup joints as the document has them: a patient cart whose setup arms carry arms of the system.
 
-A set-up arm stands where its joints put it: world · FK(q) · tip is the base of the arm it carries, in the cart.
+A setup arm stands where its joints put it: world · FK(q) · tip is the base of the arm it carries, in the cart.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ CLASSIC, SI, FIXED = "Classic", "Si", "Fixed"
 
 @dataclass(frozen=True, slots=True)
 class CartArm:
-    """One set-up arm; the first joint is prismatic (m), the others turn (rad)."""
+    """One setup arm; the first joint is prismatic (m), the others turn (rad)."""
 
     name: str
     carries: str = ""  # the system's arm that takes its base frame from here
@@ -45,7 +45,7 @@ class Cart:
     simulation: str  # NONE or KINEMATIC
     period_s: float
     arms: tuple[CartArm, ...]
-    reference: str = "ECM"  # set-up arm whose arm's tip the others' base frames are given in
+    reference: str = "ECM"  # setup arm whose arm's tip the others' base frames are given in
     io: str = ""  # Classic: instance of the io process of its interface board
     robot: str = ""  # its robot there: an analog input and a current for every plug
     base_board: str = ""  # Si: Bluetooth address of the base's potentiometer board

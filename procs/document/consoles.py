@@ -1,4 +1,4 @@
-"""Consoles and tele-operations as the document has them: who drives whom, and which inputs the operator has.
+"""Consoles and teleoperations as the document has them: who drives whom, and which inputs the operator has.
 
 Angles in rad, times in s; defaults are those of the original's `configure_parameter`.
 """
@@ -97,7 +97,7 @@ class HidSensor:
 
 @dataclass(frozen=True, slots=True)
 class Console:
-    """One place for an operator; without wired inputs it is told by its emulate_* commands."""
+    """One place for an operator; without wired inputs it is reported by its emulate_* commands."""
 
     name: str
     input_type: str  # PEDALS_ONLY, PEDALS_ISI_HEAD_SENSOR, …, SIMULATED, COMPONENTS

@@ -53,7 +53,7 @@ class BusConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class Likeness:
+class ModelVariation:
     """How an emulated robot differs from its files: what a controller does not know of a real one."""
 
     robot: str
@@ -67,7 +67,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedSetupArm:
-    """One passive arm of Classic set-up joints; rad, and m for the first joint."""
+    """One passive arm of Classic setup joints; rad, and m for the first joint."""
 
     name: str
     plug: int  # 1 to 4
@@ -80,7 +80,7 @@ class EmulatedSetupArm:
 
 @dataclass(frozen=True, slots=True)
 class EmulatedSetupJoints:
-    """Classic set-up joints, and which bits of their board their interface hangs on."""
+    """Classic setup joints, and which bits of their board their interface hangs on."""
 
     name: str  # of their robot
     io: str

@@ -30,12 +30,12 @@ from procs.document.decoding import decode
 from procs.document.emulated import BusConfig as BusConfig
 from procs.document.emulated import Controller as Controller
 from procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
-from procs.document.emulated import Likeness as Likeness
+from procs.document.emulated import ModelVariation as ModelVariation
 from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
 from procs.document.gains import PidAxis as PidAxis
 from procs.document.tasks import TaskRow as TaskRow
-from procs.document.third_party import External as External
+from procs.document.third_party import ThirdParty as ThirdParty
 
 T = TypeVar("T")
 
@@ -151,7 +151,7 @@ class DigitalOutput:
     high_s: float = 0.0  # for how long it stays high, then it turns by itself
     low_s: float = 0.0
     pwm_hz: float = 0.0
-    high_when_idle: str = ""  # a robot: without set-points for it, or with its controller off, the pin goes high
+    high_when_idle: str = ""  # a robot: without setpoints for it, or with its controller off, the pin goes high
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class InstrumentReader:
 
 @dataclass(frozen=True, slots=True)
 class PidConfig:
-    """The joint controller of one robot; `arm` is the instance whose set-points it follows."""
+    """The joint controller of one robot; `arm` is the instance whose setpoints it follows."""
 
     robot: str
     arm: str
@@ -185,7 +185,7 @@ class IoConfig:
     robots: tuple[Robot, ...]
     pids: tuple[PidConfig, ...]
     digital_inputs: tuple[DigitalInput, ...]
-    setpoint_timeout_s: float = 0.03  # without a fresh set-point of the arm for this long, hold
+    setpoint_timeout_s: float = 0.03  # without a fresh setpoint of the arm for this long, hold
     arm_lost_s: float = 3.0  # then an error is raised, still holding
     arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
     current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
@@ -206,7 +206,7 @@ class EmulationConfig:
     seed: int = 1
     pot_noise_v: float = 0.0
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
-    likenesses: tuple[Likeness, ...] = ()
+    model_variations: tuple[ModelVariation, ...] = ()
     setup_joints: tuple[EmulatedSetupJoints, ...] = ()
     # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
     ios: tuple[IoConfig, ...] | None = None
@@ -245,7 +245,7 @@ class SystemConfig:
     consoles: tuple[Console, ...] = ()
     teleop_psms: tuple[TeleopPsmConfig, ...] = ()
     teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
-    externals: tuple[External, ...] = ()
+    third_parties: tuple[ThirdParty, ...] = ()
     focuses: tuple[Focus, ...] = ()  # one at most
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
@@ -262,7 +262,7 @@ class SystemConfig:
         return _named(self.arms, name)
 
     def cart(self, name: str) -> Cart:
-        """The set-up joints `name`; KeyError when there are none of that name."""
+        """The setup joints `name`; KeyError when there are none of that name."""
         return _named(self.carts, name)
 
     def console(self, name: str) -> Console:
@@ -270,13 +270,13 @@ class SystemConfig:
         return _named(self.consoles, name)
 
     def teleop(self, name: str) -> TeleopPsmConfig | TeleopEcmConfig:
-        """The tele-operation `name`; KeyError when there is none."""
+        """The teleoperation `name`; KeyError when there is none."""
         rows: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*self.teleop_ecms, *self.teleop_psms)
         return _named(rows, name)
 
-    def external(self, name: str) -> External:
-        """The place of somebody else's program `name`; KeyError when there is none."""
-        return _named(self.externals, name)
+    def third_party(self, name: str) -> ThirdParty:
+        """The place of a third-party program `name`; KeyError when there is none."""
+        return _named(self.third_parties, name)
 
     def focus_of(self, name: str) -> Focus:
         """The focus controller `name`; KeyError when there is none."""
@@ -284,8 +284,8 @@ class SystemConfig:
 
     def inputs(self, name: str) -> tuple[str, ...]:
         """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""
-        if any(row.name == name for row in self.externals):
-            return self.external(name).inputs
+        if any(row.name == name for row in self.third_parties):
+            return self.third_party(name).inputs
         return tuple(row.name for row in self.io(name).digital_inputs)
 
     def process(self, name: str) -> Process:

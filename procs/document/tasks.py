@@ -57,7 +57,7 @@ class Sample:
     setpoint_velocity: Floats
     setpoint_effort: Floats  # N·m or N, what was sent to the motors in the cycle before
     effort_mode: Flags  # efforts of the arm are passed through instead of following positions
-    at_limit: Flags  # the set-point was clipped to the limits
+    at_limit: Flags  # the setpoint was clipped to the limits
     stamp_ns: int = 0  # monotonic clock when the sample arrived
     enabled: bool = False  # the joint controller is on; while it is off, contributions count as 0
 

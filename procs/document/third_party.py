@@ -1,4 +1,4 @@
-"""Places that programs of somebody else take: an arm that is not ours, or the pedals of a console."""
+"""Places that third-party programs take: an arm that is not ours, or the pedals of a console."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from procs.document.arms import Matrix
 
 
 @dataclass(frozen=True, slots=True)
-class External:
-    """One place; what the program has to say there is the record `state` of the kind `external`.
+class ThirdParty:
+    """One place; what the program has to say there is the record `state` of the kind `third_party`.
 
     `inputs` are the buttons that consoles take from it.
     """

@@ -1,6 +1,6 @@
 """What moves the lens of an endoscope: two outputs that focus in and out while their pins are low, two pedals, a lock.
 
-Nothing here knows of shared memory; time is what it is told.
+Nothing here knows of shared memory; time is what it is given.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class LensOutbox(Protocol):
     def write(self, way: int, high: bool) -> None:
         """Set the output of a way."""
 
-    def tell(self, event: str, on: bool) -> None:
+    def report(self, event: str, on: bool) -> None:
         """An event."""
 
 
@@ -43,7 +43,7 @@ class Lens:
         self.locked = on
         if on:
             self.rest()
-        self._desk.tell("locked", on)
+        self._desk.report("locked", on)
 
     def ask(self, way: int, on: bool, until_ns: int = 0) -> str:
         """Begin to focus, until then at most (0: for as long as it takes), or end that; why not, "": it does."""
@@ -82,4 +82,4 @@ class Lens:
     def _set(self, way: int, on: bool) -> None:
         self.focusing[way] = on
         self._written_ns[way] = -AGAIN_NS  # with the next cycle's look at the pins
-        self._desk.tell(f"focusing_{NAMES[way]}", on)
+        self._desk.report(f"focusing_{NAMES[way]}", on)

@@ -45,7 +45,7 @@ class Wires:
         """See Desk."""
         self._client.send("set_output", (float(high),), self._row.outputs[way])
 
-    def tell(self, event: str, on: bool) -> None:
+    def report(self, event: str, on: bool) -> None:
         """See Desk."""
         self._node.events.emit(event, component=self._node.name, value=float(on))
 

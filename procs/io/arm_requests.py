@@ -1,6 +1,6 @@
-"""What arms want of io, by level: wishes come with their set-points and are looked at every cycle until they are so.
+"""What arms want of io, by level: wishes come with their setpoints and are looked at every cycle until they are so.
 
-    nothing changes by a wish that is none, by generation 0, and by set-points that are not fresh
+    nothing changes by a wish that is none, by generation 0, and by setpoints that are not fresh
     TAKEN   a generation other than the one before: what of it is not yet so is tried in every cycle
     SO      all of it is so: nothing but what voids it can change that
     VOID    a person's command to the robot, or a fault that switched something off, came after it: it counts no more
@@ -32,7 +32,7 @@ class WishState:
 
     taken: int = 0  # the newest generation
     open: bool = False  # something of the newest generation is not yet so
-    told: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
+    reported: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
     refusals: list[str] = field(default_factory=list)  # of this cycle
 
 
@@ -42,11 +42,11 @@ class WishCommand:
     pid = place = 0
 
     def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: WishState,
-                 tell: Callable[[WishCommand, str, str], None]) -> None:
+                 report: Callable[[WishCommand, str, str], None]) -> None:
         self.command: CommandRow = ROWS[order[0]]
         self.name, self.values = order[0], np.array(order[1])
         self.text, self.id, self.origin = robot, generation, origin
-        self._state, self._tell = state, tell
+        self._state, self._report = state, report
 
     @property
     def needs_person(self) -> bool:
@@ -72,19 +72,19 @@ class WishCommand:
 
     def _say(self, outcome: str, reason: str) -> None:
         what = self.name, outcome, reason
-        if what not in self._state.told:  # brakes let go over many cycles
-            self._state.told.add(what)
-            self._tell(self, outcome, reason)
+        if what not in self._state.reported:  # brakes let go over many cycles
+            self._state.reported.add(what)
+            self._report(self, outcome, reason)
 
 
 class ArmRequests:
     """The wishes of all arms of an io."""
 
     def __init__(self, robots: Robots, record: IoRecord, follow: SetpointTracker,
-                 tell: Callable[[WishCommand, str, str], None] | None) -> None:
-        """`tell` hears what became of each, once."""
+                 report: Callable[[WishCommand, str, str], None] | None) -> None:
+        """`report` hears what became of each, once."""
         self._robots, self._record, self._follow = robots, record, follow
-        self._tell = tell or (lambda asked, outcome, reason: None)
+        self._report = report or (lambda asked, outcome, reason: None)
         self._flags: list[NDArray[Any]] = [getattr(record, wish.shown) for wish in WISHES]
         self._states = [WishState() for _ in robots.names]
         self._cut = record.wish_refused.dtype.itemsize
@@ -111,7 +111,7 @@ class ArmRequests:
         record, state = self._record, self._states[robot]
         if generation not in (0, state.taken):
             record.wish_generation[robot], record.wish_void[robot], record.wish_refused[robot] = generation, False, b""
-            state.taken, state.open, state.told = generation, True, set()
+            state.taken, state.open, state.reported = generation, True, set()
 
     def _open(self, follower: TrackedRobot) -> Iterator[WishCommand]:
         robot, fields, record = follower.robot, follower.source.wishes, self._record
@@ -123,7 +123,7 @@ class ArmRequests:
             order = wish.on if wanted == ON else wish.off if wanted == OFF else ("", ())
             if wanted == NONE or not order[0] or bool(flag[robot]) is (wanted == ON):
                 continue
-            yield WishCommand(self._robots.names[robot], order, state.taken, origin, state, self._tell)
+            yield WishCommand(self._robots.names[robot], order, state.taken, origin, state, self._report)
             state.open |= bool(flag[robot]) is not (wanted == ON)
         refused = shorten("; ".join(dict.fromkeys(state.refusals)), self._cut)
         if refused != record.wish_refused[robot]:

@@ -90,7 +90,7 @@ class AxisDrive:
 
     def _advance(self, robot: int, test: AxisDriveRun, now_ns: int) -> None:
         record, axes = self._record, self._robots.slices[robot]
-        if not (record.amps_on[robot] and record.power_wanted[robot]) or record.pid_enabled[robot]:
+        if not (record.amps_on[robot] and record.power_requested[robot]) or record.pid_enabled[robot]:
             self.stop(robot, "power went off, or the joint controller on")
             return
         moved = self._samples.position[axes] - test.start

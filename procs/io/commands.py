@@ -108,7 +108,7 @@ class IoCommands:
         for robot, command in list(self._powering):
             if record.amps_on[robot] and record.powered[robot]:
                 command.done()
-            elif not record.power_wanted[robot]:
+            elif not record.power_requested[robot]:
                 command.fail(self._why(robot, "power was switched off"))
             else:
                 continue
@@ -148,7 +148,7 @@ class IoCommands:
     def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:
             raise CommandRefused("power-on is under way and asked for often enough")
-        if not self._record.power_wanted[robot]:
+        if not self._record.power_requested[robot]:
             self._record.fault[robot] = 0
         self._power.on(robot, self._now_ns)
         command.accept()

@@ -64,11 +64,11 @@ class RobotIo:
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
-                 tell: Callable[[WishCommand, str, str], None] | None = None) -> None:
+                 report: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
-        up in the middle of this cycle. `tell` hears what became of arms' wishes. `gains` and `instruments` give the
+        up in the middle of this cycle. `report` hears what became of arms' wishes. `gains` and `instruments` give the
         fields of these records; None: nobody looks.
         """
         self.io, self.record, self.reports = io, record, IoReports()
@@ -97,7 +97,7 @@ class RobotIo:
         self._buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
-        wishes = ArmRequests(robots, record, self._follow, tell)
+        wishes = ArmRequests(robots, record, self._follow, report)
         self._commands = IoCommands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
                                     self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
                                     cells, wishes)
@@ -135,7 +135,7 @@ class RobotIo:
         read_ns = self._now_ns()
         with np.errstate(all="ignore"):
             self._port.ask_all()
-            # Set-points are taken while the boards sample: that costs no time, least of all between read and write.
+            # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
             self._follow.receive(read_ns)
             self.good = good = self._port.read_all()
             now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
@@ -189,7 +189,7 @@ class RobotIo:
         self._bias.step()
 
     def _show_validity(self, good: bool, now_ns: int) -> None:
-        """Which robots were sampled in this cycle; those with a board that is away are told, and switched off."""
+        """Which robots were sampled in this cycle; those with a board that is away are reported, and switched off."""
         record, away = self.record, self._port.away
         if not good:
             record.valid[...] = record.robot_valid[...] = False
@@ -199,8 +199,8 @@ class RobotIo:
         else:
             if (away != self._away).any():
                 self._who_is_away_changed(away)
-            # what was told already is told again to a robot that was asked to power on meanwhile
-            again = self._lacking & record.power_wanted & (record.fault == 0)
+            # what was reported already is reported again to a robot that was asked to power on meanwhile
+            again = self._lacking & record.power_requested & (record.fault == 0)
             if again.any():
                 for robot in np.flatnonzero(again).tolist():
                     self._trip_away(robot)
@@ -239,8 +239,8 @@ class RobotIo:
             self.reports.warn(codes.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
         if age_ns <= self._oldest_ns:
             return
-        # what was told already is told again to a robot that was asked to power on meanwhile
-        again = self.record.power_wanted & (self.record.fault == 0)
+        # what was reported already is reported again to a robot that was asked to power on meanwhile
+        again = self.record.power_requested & (self.record.fault == 0)
         if not self._lost or again.any():
             blamed = self._blamed()
             for robot in range(len(self.robots.names)):

@@ -1,6 +1,6 @@
-"""What commands and faults need of a robot's devices: those on boards have it, and those that are only played.
+"""What commands and faults need of a robot's devices: those on boards have it, and those that are kinematic.
 
-The real ones are in the modules of their names, the played ones of KINEMATIC robots in `kinematic.py`.
+The real ones are in the modules of their names, the kinematic ones of KINEMATIC robots in `kinematic.py`.
 """
 
 from __future__ import annotations

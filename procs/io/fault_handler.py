@@ -30,8 +30,8 @@ class FaultHandler:
         self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
         self._power, self._bias, self._brakes, self._cells = power, bias, brakes, cells
         self._wishes = wishes
-        self._told: list[set[tuple[int, int]]] = [set() for _ in robots.names]
-        """Number and axis of what was told of each robot since its latch was cleared."""
+        self._reported: list[set[tuple[int, int]]] = [set() for _ in robots.names]
+        """Number and axis of what was reported of each robot since its latch was cleared."""
 
     def act(self, now_ns: int) -> None:
         """On everything found so far."""
@@ -40,11 +40,11 @@ class FaultHandler:
             trip = trips.pop(0)
             robot, fault, record = trip.robot, trip.fault, self._record
             if not record.fault[robot]:
-                self._told[robot].clear()
+                self._reported[robot].clear()
             what = fault.number, trip.axis
-            if fault.action == codes.NOTHING or what not in self._told[robot]:
-                self._told[robot].add(what)
-                self._tell(trip)
+            if fault.action == codes.NOTHING or what not in self._reported[robot]:
+                self._reported[robot].add(what)
+                self._report(trip)
             if fault.action == codes.NOTHING:
                 continue
             if not record.fault[robot]:
@@ -58,10 +58,10 @@ class FaultHandler:
                 self._bias.stop(robot)
                 self._power.off(robot, open_relays=fault.action == codes.CUT)
                 for other in self._robots.sharing(robot):
-                    if record.power_wanted[other]:
+                    if record.power_requested[other]:
                         self._reports.trip(codes.SHARED_BOARD, other)
 
-    def _tell(self, trip: IoFaultReport) -> None:
+    def _report(self, trip: IoFaultReport) -> None:
         fault, robots, name = trip.fault, self._robots, self._robots.names[trip.robot]
         axis, boards, unit = "", trip.boards, fault.unit
         if trip.axis >= 0:

@@ -32,7 +32,7 @@ class JointGains:
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
         """Other values for `keys` of one axis, or of `ALL` of a robot, from this cycle on; all of it or nothing.
 
-        Returns why not, or "". `who` is told with it.
+        Returns why not, or "". `who` is reported with it.
         """
         axes = self._robots.slices[robot]
         count = axes.stop - axes.start

@@ -1,6 +1,6 @@
 """Outputs that go high when nobody drives their robot any more.
 
-One of them switches the lift of a Classic cart's set-up joints off: a lift that moves must not go on when the process
+One of them switches the lift of a Classic cart's setup joints off: a lift that moves must not go on when the process
 that moves it has died.
 """
 

@@ -39,7 +39,7 @@ class MemoryReading:
 
     begun_ns: int
     due_ns: int  # when the board is to be spoken to next
-    told_ns: int = 0  # when it was told to read; 0: it is to be told
+    reported_ns: int = 0  # when it was told to read; 0: it is to be reported
     ready: bool = False  # it is done: the bytes are to be fetched
     status: int = 0  # its register, as it said so
     silent: int = 0
@@ -91,15 +91,15 @@ class InstrumentReaders:
                 try:
                     self._speak(reader, reading, now_ns)
                 except PortError:
-                    reading.told_ns = 0  # told again next time
+                    reading.reported_ns = 0  # told again next time
                 return
 
     def _speak(self, reader: int, reading: MemoryReading, now_ns: int) -> None:
         board = self._boards[reader]
-        if not reading.told_ns:
+        if not reading.reported_ns:
             control = instrument.READ | instrument.RECORD_AT << instrument.ADDRESS_SHIFT
             self._port.write_quadlet(board, registers.DALLAS, control)
-            reading.told_ns = now_ns
+            reading.reported_ns = now_ns
             return
         if reading.ready:
             self._fetch(reader, reading, now_ns)
@@ -110,9 +110,9 @@ class InstrumentReaders:
         reading.due_ns, reading.status = now_ns, int(answer[0])
         result = reading.status >> instrument.RESET_SHIFT & 3
         reading.silent = reading.silent + 1 if result == instrument.SILENT else 0
-        reading.ready = result == instrument.ANSWERED and now_ns - reading.told_ns >= LEAST_NS
+        reading.ready = result == instrument.ANSWERED and now_ns - reading.reported_ns >= LEAST_NS
         if not reading.ready:
-            reading.told_ns = 0
+            reading.reported_ns = 0
         if reading.silent >= TIMES:
             self._end(reader, ABSENT, "no instrument answers", None, now_ns)
 
@@ -122,7 +122,7 @@ class InstrumentReaders:
         if quads is None:  # the bytes are still there next time
             return
         before, reading.record = reading.record, quads.astype(">u4").tobytes()
-        reading.told_ns, reading.ready, reading.due_ns = 0, False, now_ns
+        reading.reported_ns, reading.ready, reading.due_ns = 0, False, now_ns
         if reading.record == before:
             self._believe(reader, before, now_ns)
 

@@ -1,12 +1,12 @@
-"""KINEMATIC robots: no boards, no motors; every actuator goes where its set-point is, at once and exactly.
+"""KINEMATIC robots: no boards, no motors; every actuator goes where its setpoint is, at once and exactly.
 
-Commands, power states, set-points and their freshness, limits and generations are those of real robots, and so is the
+Commands, power states, setpoints and their freshness, limits and generations are those of real robots, and so is the
 record; it says `simulated`, and what only hardware could measure (currents, temperatures, potentiometers, board time)
 is NaN in it. Differences, as in the reference:
 
     power_on      is there at once, and the joint controller with it, at position 0 and without tracking check
-    position      the set-point after its limits; it stays where the joint controller is off or passes efforts through
-    velocity      step of the set-point over the time between its stamps, 0 when the newest is 20 ms old
+    position      the setpoint after its limits; it stays where the joint controller is off or passes efforts through
+    velocity      step of the setpoint over the time between its stamps, 0 when the newest is 20 ms old
     effort        0: nothing is there to exert any
 """
 
@@ -32,10 +32,10 @@ from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.requests import Request
 from shm.faults import NoFaults, OwnCell
 
-MOVING_NS: Final = 20_000_000  # without a newer set-point for this long, nothing moves
+MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
 
 
-class PlayedPower:
+class KinematicPower:
     """Power of robots that need none: a flag, and the joint controller with it."""
 
     def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker, pid: Pid) -> None:
@@ -47,7 +47,7 @@ class PlayedPower:
     def on(self, robot: int, now_ns: int) -> None:
         """On at once, held at position 0."""
         record, axes = self._record, self._robots.slices[robot]
-        if record.power_wanted[robot]:
+        if record.power_requested[robot]:
             return
         self._show(robot, True)
         record.position[axes] = 0.0
@@ -62,13 +62,13 @@ class PlayedPower:
 
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Off at once; there are no relays."""
-        if self._record.power_wanted[robot]:
+        if self._record.power_requested[robot]:
             self._reports.status("power off", self._robots.names[robot])
         self._show(robot, False)
 
     def _show(self, robot: int, on: bool) -> None:
         record = self._record
-        record.power_wanted[robot] = record.powered[robot] = record.amps_on[robot] = on
+        record.power_requested[robot] = record.powered[robot] = record.amps_on[robot] = on
 
 
 class ExactPositions:
@@ -104,7 +104,7 @@ class NoGains:
 
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
         """Why not."""
-        return "it is KINEMATIC: it is where its set-points are, and no gain would change that"
+        return "it is KINEMATIC: it is where its setpoints are, and no gain would change that"
 
 
 class NoReaders:
@@ -143,8 +143,8 @@ class KinematicIo:
 
     def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[SetpointSource], *,
                  gains: Field | None = None, cells: Sequence[OwnCell] = (),
-                 tell: Callable[[WishCommand, str, str], None] | None = None) -> None:
-        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `tell` hears what became of arms' wishes.
+                 report: Callable[[WishCommand, str, str], None] | None = None) -> None:
+        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` hears what became of arms' wishes.
 
         The robots are where a predecessor left them in `record`.
         """
@@ -161,10 +161,10 @@ class KinematicIo:
             record.effort_mode))
         self.gains = JointGains(robots, here, self.pid, self.reports, gains)
         self._follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
-        power, bias, brakes = (PlayedPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
+        power, bias, brakes = (KinematicPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
-        wishes = ArmRequests(robots, record, self._follow, tell)
+        wishes = ArmRequests(robots, record, self._follow, report)
         self._commands = IoCommands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes,
                                     NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
         self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, power, bias, brakes, cells,
@@ -177,7 +177,7 @@ class KinematicIo:
         self.stamp_ns = now_ns()
         """When the newest cycle began: the stamp of the record."""
         for name in robots.names:
-            self.reports.status("KINEMATIC: no boards and no motors, it goes where its set-points are", name)
+            self.reports.status("KINEMATIC: no boards and no motors, it goes where its setpoints are", name)
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
@@ -198,7 +198,7 @@ class KinematicIo:
         record.write_ns[...] = self._now_ns()
 
     def _move(self, now_ns: int) -> None:
-        """Actuators that follow positions are at their set-points from now on."""
+        """Actuators that follow positions are at their setpoints from now on."""
         record, pid, step = self.record, self.pid, self._step
         np.greater(pid.enabled, pid.effort_mode, out=self._driven)
         step.fill(0.0)

@@ -25,7 +25,7 @@ SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
 
 
 class RingSource:
-    """The set-point ring of an arm as a `SetpointSource`."""
+    """The setpoint ring of an arm as a `SetpointSource`."""
 
     def __init__(self, ring: RingReader) -> None:
         self._ring, self.newest = ring, ring.newest
@@ -43,7 +43,7 @@ class RingSource:
 
 
 class IoLoop(runtime.Loop):
-    """One bus: its port, its robots, who sends them set-points, and who is told."""
+    """One bus: its port, its robots, who sends them setpoints, and who is told."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
@@ -59,14 +59,14 @@ class IoLoop(runtime.Loop):
         self._others = {topic: node.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(node.reads(pid.arm, "setpoint")) for pid in io.pids]
         now_ns, record, gains = node.clock.now_ns, IoRecord(self._out.field), self._others["gains"].field
-        tell = self._mailbox.audit.write if self._mailbox.audit is not None else None
+        report = self._mailbox.audit.write if self._mailbox.audit is not None else None
         self._core: RobotIo | KinematicIo
         if port is None:
-            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells, tell=tell)
+            self._core = KinematicIo(io, now_ns, record, sources, gains=gains, cells=cells, report=report)
         else:
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
                                  instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
-                                 tell=tell)
+                                 report=report)
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""
@@ -81,8 +81,8 @@ class IoLoop(runtime.Loop):
         """See runtime.Loop."""
         core, port = self._core, self._port
         core.cycle(self._mailbox.drain(wall_ns))
-        if core.reports.events:  # before the record: who sees a fault there finds what is told of it
-            _tell(self.node, core.reports.events, self._consoles)
+        if core.reports.events:  # before the record: who sees a fault there finds what is reported of it
+            _report(self.node, core.reports.events, self._consoles)
         self._out.publish(core.stamp_ns)
         if port is not None and core.good:
             self.node.latency(port.send_ns - port.recv_ns)
@@ -100,7 +100,7 @@ def main() -> None:
     runtime.run("io", IoLoop)
 
 
-def _tell(node: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
+def _report(node: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
     for event in events:
         node.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
                          component=event.component, axis=event.axis, value=event.value, limit=event.limit,

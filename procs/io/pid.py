@@ -1,16 +1,16 @@
 """The joint controller: one PID law over n actuators at once, in place.
 
-Per actuator with measured p, v and set-point sp, fv:
+Per actuator with measured p, v and setpoint sp, fv:
 
     e = sp − p, shortened by the dead-band (soft up to the outer one); inside it e = 0 and there is no damping
-    ve = fv − v, fv the low-passed velocity feed, 0 unless set-points carry velocity and it is used
+    ve = fv − v, fv the low-passed velocity feed, 0 unless setpoints carry velocity and it is used
     I = clamp(I · forget + e, ± i_limit)                      per cycle, no time step
     D = observed disturbance: t = u_before + m·g·v, S += (t − S)·g·dt, D = S − m·g·v
     u = D + Kp·e + Kd·ve + Ki·I, clamped to ± pid_max_output when that is ≥ 0 (0, the default of files: no effort)
     f = u + offset + feed-forward + contribution, clamped to the effort limits
 
 The contribution is what in-cycle tasks add. In effort mode f = requested effort + feed-forward + contribution. A
-disabled actuator has f = 0 and its set-point follows p, so that enabling starts without a step. Enabling clears
+disabled actuator has f = 0 and its setpoint follows p, so that enabling starts without a step. Enabling clears
 integral, observer and velocity filter. What is not finite counts as too large a tracking error, and an effort that is
 not finite leaves as 0.
 """
@@ -41,7 +41,7 @@ class Pid:
     ) -> None:
         """`axes` in actuator order, None where there is no controller (never enabled); `effort_limit` (n,) symmetric.
 
-        `arrays` lets set-point position, velocity, effort, position error and effort mode live in somebody else's
+        `arrays` lets setpoint position, velocity, effort, position error and effort mode live in somebody else's
         memory (a ring's record). `dt_s` is the period the observer integrates with.
         """
         n = len(axes)
@@ -107,7 +107,7 @@ class Pid:
     def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
         """Other gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
 
-        What the controller remembers goes on with the effort it had: the integral is rescaled, the observed disturbance
+        What the controller remembers resumes with the effort it had: the integral is rescaled, the observed disturbance
         stays. What acts on the present error (gains, dead-bands, offset, limits) acts with its new value at once, and
         an integral or observer that is switched off lets go.
         """
@@ -141,7 +141,7 @@ class Pid:
         self._modes_changed()
 
     def carry_velocity(self, axes: slice | Flags, on: bool) -> None:
-        """Whether the set-point velocities are to be used; starts the filter afresh when they are not."""
+        """Whether the setpoint velocities are to be used; starts the filter afresh when they are not."""
         self._has_velocity[axes] = float(on)
         if not on:
             self._filtered[axes] = 0.0
@@ -163,7 +163,7 @@ class Pid:
         """One cycle on the measured values (n,): fills `effort` and `position_error`.
 
         Returns None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance;
-        those whose set-point was clipped `at_limit` are exempt. The caller decides what to switch off.
+        those whose setpoint was clipped `at_limit` are exempt. The caller decides what to switch off.
         """
         e, u = self.position_error, self._f
         np.subtract(self.setpoint_position, position, e)

@@ -81,9 +81,9 @@ class Power:
 
     def on(self, robot: int, now_ns: int) -> None:
         """Begin the power sequence; while it runs or after it, asking again changes nothing."""
-        if self._record.power_wanted[robot]:
+        if self._record.power_requested[robot]:
             return
-        self._record.power_wanted[robot] = True
+        self._record.power_requested[robot] = True
         self._supplies[robot] = Supply(SUPPLY, now_ns)
         self.reached[robot] = False
         self._wake_ns, self.changed = 0, True
@@ -92,7 +92,7 @@ class Power:
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
         """Close the relay and switch the motor supply on for a while, amplifiers off; returns why not, or ""."""
-        if self._record.power_wanted[robot]:
+        if self._record.power_requested[robot]:
             return "it is powered"
         self._supplies[robot] = Supply(ALONE, now_ns, until_ns=now_ns + round(for_s * 1e9))
         self._wake_ns, self.changed = 0, True
@@ -101,15 +101,15 @@ class Power:
     def off(self, robot: int, open_relays: bool = False) -> None:
         """Amplifiers off; motor supply off on boards that no other robot wants powered."""
         record, robots = self._record, self._robots
-        was_on = bool(record.power_wanted[robot])
-        record.power_wanted[robot] = record.amps_on[robot] = False
+        was_on = bool(record.power_requested[robot])
+        record.power_requested[robot] = record.amps_on[robot] = False
         self._supplies[robot] = Supply()
         self.reached[robot] = False
         self._outputs.disable_amps(robots.of_robot[robot])
         self._brakes.engage(robot)
         free = robots.on_board[robot].copy()
         for other in robots.sharing(robot):
-            if record.power_wanted[other]:
+            if record.power_requested[other]:
                 free &= ~robots.on_board[other]
         self._outputs.cut_power(free, open_relays)
         self._wake_ns, self.changed = 0, True
@@ -130,7 +130,7 @@ class Power:
         self.changed = True
         for robot in range(len(self._supplies)):
             self._show(robot)
-            if self._record.power_wanted[robot]:
+            if self._record.power_requested[robot]:
                 self._advance(robot, now_ns)
                 self._judge(robot, now_ns)
             elif self._supplies[robot].state == ALONE:
@@ -142,7 +142,7 @@ class Power:
         every, some = int(np.bitwise_and.reduce(words)), int(np.bitwise_or.reduce(words))
         bad = registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT
         powered = every & GOOD == GOOD and not some & bad and len(words) > 0
-        if powered != record.powered[robot] and record.power_wanted[robot]:
+        if powered != record.powered[robot] and record.power_requested[robot]:
             self._reports.status("powered" if powered else "power lost", self._robots.names[robot])
         record.powered[robot] = powered
         if record.watchdog[robot] and not some & registers.STATUS_WATCHDOG:
@@ -151,7 +151,7 @@ class Power:
         record.power_fault[robot] = bool(some & registers.STATUS_MV_FAULT)
         record.relay[robot] = bool(every & registers.STATUS_RELAY_FEEDBACK)
         amps = self._samples.amp_on[self._robots.of_robot[robot][self._switched[robot]]] > 0.5
-        record.amps_on[robot] = bool(amps.all()) and len(words) > 0 and bool(record.power_wanted[robot])
+        record.amps_on[robot] = bool(amps.all()) and len(words) > 0 and bool(record.power_requested[robot])
 
     def _advance(self, robot: int, now_ns: int) -> None:
         supply, record = self._supplies[robot], self._record

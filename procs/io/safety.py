@@ -69,7 +69,7 @@ class Safety:
         it cut shows as off in the same sample; what is latched from before goes with the enable.
         """
         robots, record, n = self._robots, self._record, self._robots.axes
-        wanted = record.power_wanted[robots.robot_of_drive]
+        wanted = record.power_requested[robots.robot_of_drive]
         powered = record.powered[robots.robot_of_drive]
         idle = np.where(powered & (not robots.io.calibration_mode), IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
@@ -170,8 +170,8 @@ class Safety:
         self._counting = True
         self._apart_s[apart] += self._samples.period_s[apart]
         late = apart & (~(self._apart_s <= self._latency) | ~np.isfinite(self._samples.pot_error))
-        # what goes on after it was told is told again to a robot that was given power meanwhile
-        again = (self._record.power_wanted & (self._record.fault == 0))[self._robots.robot_of_axis]
+        # what goes on after it was reported is reported again to a robot that was given power meanwhile
+        again = (self._record.power_requested & (self._record.fault == 0))[self._robots.robot_of_axis]
         for axis in np.flatnonzero(late & (~self._pot_reported | again)).tolist():
             self._pot_reported[axis] = True
             robot, place = self._robots.place(axis)

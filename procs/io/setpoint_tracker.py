@@ -1,6 +1,6 @@
-"""Set-points of the arms: taken when fresh and meant for us, held when not.
+"""Setpoints of the arms: taken when fresh and meant for us, held when not.
 
-A set-point counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of
+A setpoint counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of
 the joint controller. It says of every actuator whether its effort is applied or its position followed; what it says
 beside that is not looked at. Without a fresh one the last accepted position is held, with its feed-forward (gravity)
 and without its velocity; where efforts were applied, the joint controller takes over at the measured position.
@@ -25,11 +25,11 @@ from procs.io.robots import Robots
 from procs.wishes import WISHES
 from shm.origins import Origin
 
-DRIVE: Final = 1  # mode of a set-point that asks for something
+DRIVE: Final = 1  # mode of a setpoint that asks for something
 
 
 class WishFields:
-    """What the arm wants of io, in its set-point record; see procs/wishes.py."""
+    """What the arm wants of io, in its setpoint record; see procs/wishes.py."""
 
     def __init__(self, field: Field) -> None:
         """`field` gives the arrays of the record."""
@@ -45,7 +45,7 @@ class WishFields:
 
 
 class SetpointSource(Protocol):
-    """The newest set-point record of one arm; scalars are arrays of shape (), the others (8,)."""
+    """The newest setpoint record of one arm; scalars are arrays of shape (), the others (8,)."""
 
     mode: NDArray[Any]
     has_velocity: NDArray[Any]
@@ -69,7 +69,7 @@ class SetpointSource(Protocol):
 
 @dataclass(slots=True)
 class TrackedRobot:
-    """One controlled robot and where its set-points come from."""
+    """One controlled robot and where its setpoints come from."""
 
     robot: int
     axes: slice
@@ -77,11 +77,11 @@ class TrackedRobot:
     source: SetpointSource
     is_fresh: bool = False  # the newest record is
     stamp_ns: int = 0
-    fresh_ns: int = 0  # stamp of the last fresh set-point, or when the controller was enabled
+    fresh_ns: int = 0  # stamp of the last fresh setpoint, or when the controller was enabled
     resting: bool = True  # nothing is asked for
     velocity: bool = False
-    in_effort: bytes = b""  # as the newest set-point had it; empty: none of the actuators
-    own: bool = True  # the present set-point is ours (enable, take-over): limits do not move it
+    in_effort: bytes = b""  # as the newest setpoint had it; empty: none of the actuators
+    own: bool = True  # the present setpoint is ours (enable, take-over): limits do not move it
     lost: bool = False
     off: bool = False
 
@@ -111,7 +111,7 @@ class SetpointTracker:
         self._of_robot = {f.robot: f for f in self.followers}
 
     def stamp_ns(self, robot: int) -> int:
-        """Stamp of the newest set-point that was taken of the robot's arm; 0: none."""
+        """Stamp of the newest setpoint that was taken of the robot's arm; 0: none."""
         return self._of_robot[robot].stamp_ns if robot in self._of_robot else 0
 
     def controlled(self, robot: int) -> bool:
@@ -136,7 +136,7 @@ class SetpointTracker:
             record.pid_generation[robot] += 1
 
     def enforce_limits(self, robot: int, on: bool) -> str:
-        """Clip set-points from now on; what is held does not move. Returns why not, or ""."""
+        """Clip setpoints from now on; what is held does not move. Returns why not, or ""."""
         axes = self._robots.slices[robot]
         if on and not (np.any(self._robots.lower[axes]) or np.any(self._robots.upper[axes])):
             return "all its position limits are 0"
@@ -149,11 +149,11 @@ class SetpointTracker:
         return ""
 
     def use_velocity(self, robot: int, on: bool) -> None:
-        """Use the velocity feed of set-points."""
-        self._record.velocity_used[robot] = on
+        """Use the velocity feed of setpoints."""
+        self._record.use_setpoint_velocity[robot] = on
 
     def receive(self, now_ns: int) -> None:
-        """Newest set-points of all arms, then what the joint controller is to follow."""
+        """Newest setpoints of all arms, then what the joint controller is to follow."""
         record = self._record
         for follower in self.followers:
             source = follower.source
@@ -181,7 +181,7 @@ class SetpointTracker:
         source, record, robot, axes = follower.source, self._record, follower.robot, follower.axes
         if record.holding[robot]:
             record.holding[robot] = follower.lost = follower.off = False
-            self._reports.status(f"set-points of {follower.arm} are back", self._robots.names[robot])
+            self._reports.status(f"setpoints of {follower.arm} are back", self._robots.names[robot])
         count = axes.stop - axes.start
         meant = (source.bias_generation.item() == record.bias_generation[robot]
                  and source.pid_generation.item() == record.pid_generation[robot])
@@ -192,7 +192,7 @@ class SetpointTracker:
         incoming = self._incoming
         incoming[0, axes] = source.position[:count]
         incoming[3, axes] = source.feed_forward[:count]
-        velocity = bool(source.has_velocity.item() and record.velocity_used[robot])
+        velocity = bool(source.has_velocity.item() and record.use_setpoint_velocity[robot])
         if velocity:
             incoming[1, axes] = source.velocity[:count]
         if velocity != follower.velocity:
@@ -218,13 +218,13 @@ class SetpointTracker:
         np.copyto(incoming[2, axes], source.effort[:count], where=in_effort)
 
     def _stale(self, follower: TrackedRobot, now_ns: int) -> None:
-        """No fresh set-point: hold; say so once, and again when the arm stays away."""
+        """No fresh setpoint: hold; say so once, and again when the arm stays away."""
         record, robot = self._record, follower.robot
         silent_ns = now_ns - follower.fresh_ns
         if not record.holding[robot] and silent_ns > self._timeout_ns:
             record.holding[robot] = True
             self._rest(follower)
-            self._reports.status(f"no set-point of {follower.arm}; holding", self._robots.names[robot])
+            self._reports.status(f"no setpoint of {follower.arm}; holding", self._robots.names[robot])
         if silent_ns > self._lost_ns and not follower.lost:
             follower.lost = True
             self._reports.trip(codes.ARM_LOST, robot, value=silent_ns * 1e-9, limit=self._io.arm_lost_s)
@@ -259,7 +259,7 @@ class SetpointTracker:
         self._limit(follower)
 
     def _limit(self, follower: TrackedRobot) -> None:
-        """Limits of one robot; a set-point of our own that lies outside them stays where it is."""
+        """Limits of one robot; a setpoint of our own that lies outside them stays where it is."""
         axes, robots = follower.axes, self._robots
         free = self._pid.effort_mode[axes] | (not self._record.limits_enforced[follower.robot])
         low, high = np.where(free, -np.inf, robots.lower[axes]), np.where(free, np.inf, robots.upper[axes])

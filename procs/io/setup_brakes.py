@@ -1,4 +1,4 @@
-"""Brakes of the set-up joints that carry an Si arm: let go while a clutch button is pressed and the arm has power.
+"""Brakes of the setup joints that carry an Si arm: let go while a clutch button is pressed and the arm has power.
 
 Their buttons and their brake hang on the controllers of the arm, by the names of the original's files: NAME_SUJ_clutch,
 NAME_SUJ_clutch_2 and NAME_SUJ_brake (high: let go). I/O does it by itself, on the buttons as they are: a brake that a
@@ -57,12 +57,12 @@ class SetupBrakes:
         pressed = bool(record.input[brake.inputs].any())
         let_go = pressed and bool(record.amps_on[robot])
         if pressed and not brake.pressed and not let_go:
-            self._reports.status("the arm needs power before the brakes of its set-up joints let go",
+            self._reports.status("the arm needs power before the brakes of its setup joints let go",
                                  self._robots.names[robot])
         brake.pressed = pressed
         if let_go != brake.let_go:
             brake.let_go, brake.writes = let_go, WRITES
-            self._reports.status(f"brakes of the set-up joints {'let go' if let_go else 'hold'}",
+            self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}",
                                  self._robots.names[robot])
         if brake.writes:
             brake.writes -= 1
@@ -79,4 +79,4 @@ class SetupBrakes:
         try:
             self._outputs.set(brake.output, brake.let_go)
         except PortError as error:
-            self._reports.status(f"brakes of the set-up joints: {error}", self._robots.names[brake.robot])
+            self._reports.status(f"brakes of the setup joints: {error}", self._robots.names[brake.robot])

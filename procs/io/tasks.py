@@ -132,7 +132,7 @@ class Tasks:
         return True
 
     def _switched(self, each: Attached) -> None:
-        """The joint controller went on or off: times are told when it goes off, and counted anew."""
+        """The joint controller went on or off: times are reported when it goes off, and counted anew."""
         each.was_enabled = each.sample.enabled
         if not each.was_enabled:
             self._reports.status(f"in-cycle task {each.label}: {_times(each)}", each.name)

@@ -41,7 +41,7 @@ class Timing:
         if now_ns - self._start_ns < START_NS:
             return
         if period_s > RATIO * self._period_s:
-            for robot, wanted in enumerate(self._record.power_wanted.tolist()):
+            for robot, wanted in enumerate(self._record.power_requested.tolist()):
                 if wanted:
                     self._reports.trip(codes.PERIOD, robot, value=period_s, limit=RATIO * self._period_s)
         elif work_s > self._period_s and now_ns - self._warned_ns >= REPEAT_NS:

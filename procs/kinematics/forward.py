@@ -55,7 +55,7 @@ class Kinematics:
     def update(self, q: Array) -> None:
         """Tip pose and body Jacobian at q into `tip` and `body`."""
         raw = q.tobytes()
-        if raw == self._updated:  # a played robot is where it was told to be
+        if raw == self._updated:  # a kinematic robot is where it was told to be
             return
         self._updated = raw
         pinocchio.computeJointJacobians(self._model, self._data, q)

@@ -50,15 +50,15 @@ class BluetoothBoards:
         found = []
         for line in self._lines(now_ns):
             try:
-                said = json.loads(line)
-                address = str(said["board"]).upper()
+                reported = json.loads(line)
+                address = str(reported["board"]).upper()
             except (ValueError, KeyError, TypeError):
                 continue
-            if "reading" in said:
+            if "reading" in reported:
                 self._problems[address] = ""
-                found.append((address, str(said["reading"]).encode()))
+                found.append((address, str(reported["reading"]).encode()))
             else:
-                self._problems[address] = str(said.get("problem", ""))
+                self._problems[address] = str(reported.get("problem", ""))
         return found
 
     def _lines(self, now_ns: int) -> list[bytes]:

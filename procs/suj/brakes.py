@@ -1,4 +1,4 @@
-"""Brakes of a Classic cart: a current lets those of one set-up arm go, along a ramp of 8 A/s up and down."""
+"""Brakes of a Classic cart: a current lets those of one setup arm go, along a ramp of 8 A/s up and down."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RAMP_A_S: Final = 8.0
 
 
 class SetupArmBrakes:
-    """`current` (n,) is what is asked of the brakes of each set-up arm, A; they hold where `engaged`."""
+    """`current` (n,) is what is asked of the brakes of each setup arm, A; they hold where `engaged`."""
 
     def __init__(self, arms: tuple[CartArm, ...]) -> None:
         """All engaged, without current."""

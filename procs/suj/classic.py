@@ -1,6 +1,6 @@
-"""Classic set-up joints: potentiometers behind a multiplexer, brakes that clutch buttons let go, one lift.
+"""Classic setup joints: potentiometers behind a multiplexer, brakes that clutch buttons let go, one lift.
 
-A set-up arm is known when three whole rounds of the multiplexer have passed since it came to rest; it is lost as soon
+A setup arm is known when three whole rounds of the multiplexer have passed since it came to rest; it is lost as soon
 as somebody clutches it, the lift moves it or the samples stop.
 """
 
@@ -36,7 +36,7 @@ class Classic:
 
     def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
                  setpoint: Fields, fault_text: Callable[[int], str], multiplexer: Multiplexer | None = None) -> None:
-        """`field` and `setpoint` give the arrays of the state record and of the set-points."""
+        """`field` and `setpoint` give the arrays of the state record and of the setpoints."""
         n = len(cart.arms)
         self._name, self._arms, self._setups, self._board = cart.name, cart.arms, setups, board
         self._reports, self._fault_text = reports, fault_text
@@ -89,7 +89,7 @@ class Classic:
     @property
     def is_powered(self) -> bool:
         """Power is on, or on its way."""
-        return self._board.power_wanted and not self._board.has_fault
+        return self._board.power_requested and not self._board.has_fault
 
     def is_on(self) -> bool:
         """Powered, and io takes our currents."""
@@ -98,7 +98,7 @@ class Classic:
             board.drive()
         return board.powered and board.amps_on and board.pid_enabled
 
-    def trouble(self, now_ns: int, *, powering: bool) -> str:
+    def problem(self, now_ns: int, *, powering: bool) -> str:
         """What is wrong, "" when all is well."""
         board = self._board
         if not board.is_fresh(now_ns):
@@ -209,7 +209,7 @@ class Classic:
             self._setups.lose(place, moved=False)
         self._is_away = True
         if self._board.is_fresh(now_ns):
-            text = f"{self._name}: the multiplexer does not count; where the set-up arms are is not known"
+            text = f"{self._name}: the multiplexer does not count; where the setup arms are is not known"
             self._reports.report(codes.MULTIPLEXER_STUCK, text, self._name)
 
     def _read(self, place: int) -> None:

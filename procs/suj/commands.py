@@ -1,4 +1,4 @@
-"""What set-up joints do when asked; refusals say why."""
+"""What setup joints do when asked; refusals say why."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
 
 
 class Movable(Protocol):
-    """Set-up arms that people can move."""
+    """Setup arms that people can move."""
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
         """Let an arm go, or not."""
@@ -35,7 +35,7 @@ class SetupCommands:
 
     def __init__(self, cart: Cart, setups: Setups, machine: SetupStates, movable: Movable | None,
                  lifting: Lifting | None, refer: Callable[[int], None]) -> None:
-        """`refer(place)` makes a set-up arm the reference; None: nobody can move them, there is no lift."""
+        """`refer(place)` makes a setup arm the reference; None: nobody can move them, there is no lift."""
         self._cart, self._setups, self._machine = cart, setups, machine
         self._movable, self._lifting, self._refer = movable, lifting, refer
         self._now_ns = 0
@@ -61,7 +61,7 @@ class SetupCommands:
 
     def _stand(self, request: Request) -> None:
         if self._cart.simulation != "KINEMATIC" or self._cart.kind == FIXED:
-            raise CommandRefused("set-up joints have no motors; only KINEMATIC ones go where they are told")
+            raise CommandRefused("setup joints have no motors; only KINEMATIC ones go where they are told")
         place = self._place(request)
         joints = self._setups.arms[place].joints
         if len(request.values) != joints or not np.all(np.abs(request.values) <= FURTHEST):
@@ -81,9 +81,9 @@ class SetupCommands:
     def _clutch(self, request: Request) -> None:
         place, on = self._place(request), switch(request)
         if self._movable is None:
-            raise CommandRefused("nobody can move these set-up arms, so there is nothing to clutch")
+            raise CommandRefused("nobody can move these setup arms, so there is nothing to clutch")
         if on and self._machine.state is not SetupState.ENABLED:
-            raise CommandRefused(f"the set-up joints are {self._machine.state}; enable them first")
+            raise CommandRefused(f"the setup joints are {self._machine.state}; enable them first")
         self._movable.clutch(place, on, self._now_ns)
 
     def _lift(self, request: Request) -> None:
@@ -93,5 +93,5 @@ class SetupCommands:
         if self._lifting is None or not any(arm.lifts for arm in self._cart.arms):
             raise CommandRefused("there is no lift")
         if velocity and self._machine.state is not SetupState.ENABLED:
-            raise CommandRefused(f"the set-up joints are {self._machine.state}; enable them first")
+            raise CommandRefused(f"the setup joints are {self._machine.state}; enable them first")
         self._lifting.lift(velocity, self._now_ns)

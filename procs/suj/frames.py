@@ -1,8 +1,8 @@
 """Base frames of the carried arms: their poses in the cart, seen from the tip of the reference arm.
 
-    C = (local of the reference set-up arm · tip of the arm it carries)⁻¹       base of the others = C · local
+    C = (local of the reference setup arm · tip of the arm it carries)⁻¹       base of the others = C · local
 
-The reference arm itself stands in the cart, frame "Cart"; so do all where nothing hangs on the reference set-up arm.
+The reference arm itself stands in the cart, frame "Cart"; so do all where nothing hangs on the reference setup arm.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Frames:
         self._known: tuple[int, str, bytes] | None = None
 
     def update(self, reference: int, frame: str, tip: Array | None) -> None:
-        """`reference`: place of the reference set-up arm, -1: none; `frame`: that of the tip of the arm it carries.
+        """`reference`: place of the reference setup arm, -1: none; `frame`: that of the tip of the arm it carries.
 
         `frame` "" : it carries none. `tip` (4, 4): in that arm's base, None: unknown.
         """

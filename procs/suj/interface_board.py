@@ -40,7 +40,7 @@ class InterfaceBoard:
         first = sum(len(r.actuators) for r in io.robots[:place])
         self._volts = records.field("pot_voltage")[first : first + PLUGS]
         self._flags = {name: records.field(name)[place : place + 1].reshape(()) for name in (
-            "power_wanted", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")}
+            "power_requested", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")}
         self._input = records.field("input")
         self._valid = records.field("robot_valid")[place : place + 1].reshape(())
         self.write_ns = records.field("write_ns")
@@ -50,7 +50,7 @@ class InterfaceBoard:
                          for n in (*(f"SUJ_clutch_{plug + 1}" for plug in range(PLUGS)), "motor_up", "motor_down")]
         self.pressed: NDArray[np.bool_] = np.zeros(PLUGS, dtype=bool)
         self.up = self.down = False
-        self.power_wanted = self.powered = self.amps_on = self.pid_enabled = False
+        self.power_requested = self.powered = self.amps_on = self.pid_enabled = False
         self.pid_generation = self.bias_generation = self.fault = 0
         self.stamp_ns = self.epoch = 0
         self._lost = records.lost
@@ -103,7 +103,7 @@ class InterfaceBoard:
         self._orders.send("power_on", (), self.robot)
 
     def drive(self) -> None:
-        """Currents of the brakes are taken from our set-points from now on."""
+        """Currents of the brakes are taken from our setpoints from now on."""
         self._orders.send("pid_enable", (1.0,), self.robot)
 
     def power_off(self) -> None:

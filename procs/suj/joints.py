@@ -1,4 +1,4 @@
-"""Set-up joints of one patient cart, a cycle at a time: state, readings, poses, base frames, record."""
+"""Setup joints of one patient cart, a cycle at a time: state, readings, poses, base frames, record."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SetupJoints:
         self._before = _text(self._shown["sub_state"].item())
         self._was_homed = bool(self._shown["is_homed"].item())
         self._begun_ns = 0
-        self._told: tuple[object, ...] = ()
+        self._reported: tuple[object, ...] = ()
         self._reference = self._first_reference(_text(self._shown["reference_arm"].item()))
         if classic is None:
             field("brake_current").fill(np.nan)
@@ -57,15 +57,15 @@ class SetupJoints:
         name = before if before in names else self._cart.reference
         return names.index(name) if name in names else -1
 
-    def _settle(self, told: bool) -> None:
-        """At first nothing is known but what was told: by a predecessor, or by the file."""
+    def _settle(self, reported: bool) -> None:
+        """At first nothing is known but what was reported: by a predecessor, or by the file."""
         for place, arm in enumerate(self._cart.arms):
-            if told and self._before and self._setups.take_over(place):
+            if reported and self._before and self._setups.take_over(place):
                 continue
             self._setups.lose(place, moved=True)
-            if told and arm.pose is not None:
+            if reported and arm.pose is not None:
                 self._setups.put(place, np.array(arm.pose))
-            elif told and arm.position:
+            elif reported and arm.position:
                 self._setups.harness(place, np.array(arm.position))
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
@@ -119,11 +119,11 @@ class SetupJoints:
 
     def _show(self) -> None:
         machine, shown = self.machine, self._shown
-        told = (machine.state, machine.desired, machine.is_homed, machine.is_busy, self._reference,
-                self._setups.valid.tobytes(), machine.waits)
-        if told == self._told:
+        reported = (machine.state, machine.desired, machine.is_homed, machine.is_busy, self._reference,
+                    self._setups.valid.tobytes(), machine.waits)
+        if reported == self._reported:
             return
-        self._told = told
+        self._reported = reported
         shown["valid"][...] = self._setups.valid.all()
         shown["state"][...] = machine.published.encode()
         shown["sub_state"][...] = machine.state.encode()

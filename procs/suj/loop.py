@@ -1,4 +1,4 @@
-"""The process of set-up joints: where the cart's arms stand, as base frames for the arms they carry."""
+"""The process of setup joints: where the cart's arms stand, as base frames for the arms they carry."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ BEHIND_IO_NS: Final = 120_000
 
 
 class IoMailbox:
-    """io's mailbox: what is refused is told, once in a row."""
+    """io's mailbox: what is refused is reported, once in a row."""
 
     def __init__(self, client: LoopClient, node: runtime.Node) -> None:
         """`client` is our place in it."""
-        self._client, self._node, self._told = client, node, ""
+        self._client, self._node, self._reported = client, node, ""
 
     def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on comes from this command of a person."""
         self._client.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
-        """Queue a command; a full mailbox is no error here, the multiplexer notices and begins anew."""
+        """Queue a command; a full mailbox is no error here, the multiplexer notices and restarts."""
         self._client.send(name, values, text)
 
     def poll(self) -> None:
         """Look at the replies."""
         for reply in self._client.poll():
-            if reply.outcome == "refused" and reply.text != self._told:
-                self._told = reply.text
+            if reply.outcome == "refused" and reply.text != self._reported:
+                self._reported = reply.text
                 self._node.events.report(codes.IO_REFUSED, f"{self._node.name}: io refuses: {reply.text}",
                                          self._node.name)
 
 
 def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
-    """Whether a clutch button of an Si set-up arm is pressed: they are buttons of the arms they carry."""
+    """Whether a clutch button of an Si setup arm is pressed: they are buttons of the arms they carry."""
     pressed = np.zeros(len(cart.arms), dtype=bool)
     found = []
     for place, setup in enumerate(cart.arms):
@@ -73,7 +73,7 @@ def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_
 
 
 def tips(node: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
-    """The arms of the system that the set-up arms carry."""
+    """The arms of the system that the setup arms carry."""
     running = {row.name for row in node.document.processes}
     return [CarriedTip(arm.carries, node.input(arm.carries, late_s=SETUP_LATE_S)) if arm.carries in running else None
             for arm in cart.arms]

@@ -1,4 +1,4 @@
-"""The operating state of set-up joints: DISABLED, POWERING, ENABLED, FAULT, and what is answered to state commands."""
+"""The operating state of setup joints: DISABLED, POWERING, ENABLED, FAULT, and what is answered to state commands."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SetupPower(Protocol):
     def is_on(self) -> bool:
         """Powered, with all that it takes to move brakes."""
 
-    def trouble(self, now_ns: int, *, powering: bool) -> str:
+    def problem(self, now_ns: int, *, powering: bool) -> str:
         """What is wrong while power should be there or come; "" when all is well."""
 
 
@@ -53,7 +53,7 @@ class NoPower:
         """Always."""
         return True
 
-    def trouble(self, now_ns: int, *, powering: bool) -> str:
+    def problem(self, now_ns: int, *, powering: bool) -> str:
         """Nothing."""
         return ""
 
@@ -99,7 +99,7 @@ class SetupStates:
         if word not in WORDS:
             reason = f"state_command {word!r}: allowed are {', '.join(WORDS)}"
             if word in ("pause", "resume"):
-                reason = f"{word}: set-up joints never move by themselves, so there is nothing to pause"
+                reason = f"{word}: setup joints never move by themselves, so there is nothing to pause"
             self._reports.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
             request.refuse(reason)
             self.publish()
@@ -125,9 +125,9 @@ class SetupStates:
         """Look at the power, go on, and answer what has come to its end."""
         self._now_ns = now_ns
         if self.state in (SetupState.POWERING, SetupState.ENABLED):
-            trouble = self._power.trouble(now_ns, powering=self.state is SetupState.POWERING)
-            if trouble:
-                self.fault(trouble)
+            problem = self._power.problem(now_ns, powering=self.state is SetupState.POWERING)
+            if problem:
+                self.fault(problem)
             elif self.state is SetupState.POWERING and self._power.is_on():
                 self._set(SetupState.ENABLED)
         if self._pending is not None and not self.is_busy:

@@ -19,7 +19,7 @@ SI_LIMITS: Final = (0.003, np.radians(2.0))
 
 
 class Potentiometers:
-    """Those of one set-up arm."""
+    """Those of one setup arm."""
 
     def __init__(self, arm: CartArm, limits: tuple[float, float]) -> None:
         """`limits`: how far the two of a joint may be apart, prismatic and turning."""
@@ -52,7 +52,7 @@ class Potentiometers:
 
 
 class PotReadings:
-    """Readings of set-up arms at rest, and what is told of them."""
+    """Readings of setup arms at rest, and what is reported of them."""
 
     def __init__(self, setups: Setups, limits: tuple[float, float], reports: Reports) -> None:
         """`limits` as in `Potentiometers`."""

@@ -1,4 +1,4 @@
-"""The tip of the arm on the reference set-up arm, from that arm's own record."""
+"""The tip of the arm on the reference setup arm, from that arm's own record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The set-up arms of one cart: where their joints are, and where that puts the arms they carry."""
+"""The setup arms of one cart: where their joints are, and where that puts the arms they carry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROOM: Final = 8
 
 
 class Setups:
-    """All set-up arms, by their places; positions and flags are those of the record.
+    """All setup arms, by their places; positions and flags are those of the record.
 
     `local` (n, 4, 4) are the poses of the carried arms' bases in the cart, `valid` (n,) says which of them count.
     `changes` counts changes of either.
@@ -39,9 +39,9 @@ class Setups:
         self.changes = 0
 
     def place(self, name: str) -> int:
-        """The place of a set-up arm; ValueError names what there is."""
+        """The place of a setup arm; ValueError names what there is."""
         if name not in self.names:
-            raise ValueError(f"no set-up arm {name or 'without a name'}; there are {', '.join(self.names)}")
+            raise ValueError(f"no setup arm {name or 'without a name'}; there are {', '.join(self.names)}")
         return self.names.index(name)
 
     def harness(self, place: int, joints: Array) -> None:

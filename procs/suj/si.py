@@ -1,6 +1,6 @@
-"""Si set-up joints: potentiometers that small boards read and tell over Bluetooth; brakes are the arms' own.
+"""Si setup joints: potentiometers that small boards read and tell over Bluetooth; brakes are the arms' own.
 
-Each set-up arm has a board for all its joints but the first; those hang on the board of the base, one for every arm.
+Each setup arm has a board for all its joints but the first; those hang on the board of the base, one for every arm.
 A reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
 """
 
@@ -68,7 +68,7 @@ class Si:
         self._base_ns = self._begun_ns = 0
         self._stamps_ns = [0] * n
         self._settled = [0] * n
-        self._told = [""] * n
+        self._reported = [""] * n
         self._until_ns = [0] * n
         self._primary, self._secondary = field("primary_voltage"), field("secondary_voltage")
         self._rounds = field("rounds")
@@ -113,13 +113,13 @@ class Si:
             return  # its first joint is not known
         if values.shape[1] < arm.joints - 1:
             text = f"{arm.name}: its board has {values.shape[1]} potentiometers, {arm.joints - 1} are expected"
-            self._tell(place, text)
+            self._report(place, text)
             return
         readings = np.column_stack((base[:, arm.base_pot], values[:, : arm.joints - 1]))
         self._stamps_ns[place] = now_ns
         self._rounds += np.uint64(1)
         self._primary[place, : arm.joints], self._secondary[place, : arm.joints] = readings
-        self._tell(place, "")
+        self._report(place, "")
         self._settled[place] += not self._clutched[place]
         if self._settled[place] < SETTLED:
             return
@@ -132,21 +132,21 @@ class Si:
         reasons = [f"{who}: {self._link.problem(address) or 'no reading comes'}" for who, address, stamp in (
             ("base", self._base, self._base_ns), (arm.name, arm.board.upper(), self._stamps_ns[place])) if not stamp
             or self._link.problem(address)]
-        self._tell(place, f"{arm.name}: not known where it is ({'; '.join(reasons) or 'its board is silent'})")
+        self._report(place, f"{arm.name}: not known where it is ({'; '.join(reasons) or 'its board is silent'})")
 
-    def _tell(self, place: int, text: str) -> None:
-        """Once for every new trouble, and when it is over."""
-        if text == self._told[place]:
+    def _report(self, place: int, text: str) -> None:
+        """Once for every new problem, and when it is over."""
+        if text == self._reported[place]:
             return
         if text:
             self._reports.report(codes.SETUP_BOARD, text, self._arms[place].name)
-        elif self._told[place]:
+        elif self._reported[place]:
             self._reports.status(f"{self._arms[place].name}: its potentiometer board answers", self._arms[place].name)
-        self._told[place] = text
+        self._reported[place] = text
 
 
 class EmulatedBoards:
-    """Boards that are played: every set-up arm stands where the file says (`simulated_position`), or with all joints 0.
+    """Boards that are played: every setup arm stands where the file says (`simulated_position`), or with all joints 0.
 
     `turn` moves one, as hands would.
     """

@@ -45,7 +45,7 @@ class Child:
 
     @property
     def ready(self) -> bool:
-        """Set-up has succeeded and the process runs."""
+        """Setup has succeeded and the process runs."""
         return self.popen is not None and self.page.state == "RUNNING"
 
     def start(self) -> None:
@@ -136,5 +136,5 @@ def _in_words(code: int, page: ControlPage) -> str:
             return f"killed by {signal.Signals(-code).name}"
         except ValueError:
             return f"killed by signal {-code}"
-    said = bytes(page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
-    return f"exit code {code}" + (f": {said}" if said else "")
+    reported = bytes(page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+    return f"exit code {code}" + (f": {reported}" if reported else "")

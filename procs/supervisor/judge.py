@@ -62,7 +62,7 @@ class Judge:
         self._last_ns: int | None = None
 
     def forget(self, names: Iterable[str]) -> None:
-        """The silence of these has another cause than themselves: it begins anew."""
+        """The silence of these has another cause than themselves: it restarts."""
         for name in names:
             self._silences.pop(name, None)
 

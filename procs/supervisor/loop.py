@@ -351,7 +351,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Exit code 0: stopped as asked, 1: configuration, set-up or a death without return."""
+    """Exit code 0: stopped as asked, 1: configuration, setup or a death without return."""
     chosen = arguments()
     loglines.begin(sys.stderr)
     name = chosen.system or "trocar"

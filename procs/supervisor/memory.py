@@ -88,7 +88,7 @@ def clear_left_over(name: str) -> int:
 def _orphans(name: str) -> list[str]:
     found = []
     for system, instance, what in names_of(name):
-        if what == "control" and not _is_external(system, instance):
+        if what == "control" and not _is_third_party(system, instance):
             page = segment_name(system, instance, what)
             try:
                 with Segment(page) as segment:
@@ -100,8 +100,8 @@ def _orphans(name: str) -> list[str]:
     return found
 
 
-def _is_external(system: str, instance: str) -> bool:
-    """Whether it is somebody else's program, which has nothing to do with the next system of this name."""
+def _is_third_party(system: str, instance: str) -> bool:
+    """Whether it is a third-party program, which has nothing to do with the next system of this name."""
     try:
         with Segment(segment_name(system, instance, "state")) as segment:
             return segment.header.info.get("kind") in THIRD_PARTY

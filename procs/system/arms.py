@@ -15,7 +15,7 @@ ENABLED, FAULT = "ENABLED", "FAULT"
 
 
 class ArmOnRing:
-    """One arm or the set-up joints of a cart."""
+    """One arm or the setup joints of a cart."""
 
     def __init__(self, name: str, record: Input, client: LoopClient) -> None:
         """Nothing is known until `look`."""

@@ -54,8 +54,8 @@ class Step:
 
     def _reached(self) -> bool:
         arm = self.arm
-        told = self.goal != POWER_OFF or DISABLE in self._asked
-        return told and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
+        reported = self.goal != POWER_OFF or DISABLE in self._asked
+        return reported and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
 
     def _next(self) -> str:
         arm = self.arm

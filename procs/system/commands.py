@@ -37,7 +37,7 @@ class SystemCommands:
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in, and go on with what is under way."""
+        """Carry out what came in, and resume with what is under way."""
         self._now_ns = now_ns
         for request in requests:
             carry_out(request, self._table[request.name])

@@ -51,8 +51,8 @@ class SystemLoop(runtime.Loop):
             arm.look(now_ns)
         self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
         self._centre.step(now_ns)
-        if trouble := self._sound.step(monotonic_ns()):
-            self.node.events.report(codes.SOUND_FAILED, trouble, self.node.name)
+        if problem := self._sound.step(monotonic_ns()):
+            self.node.events.report(codes.SOUND_FAILED, problem, self.node.name)
         self._record.fill(self._commands, self._centre)
         self._state.publish(now_ns)
 

@@ -23,7 +23,7 @@ class SystemRecord:
         changing = ("arm_fresh", "arm_state", "arm_homed", "arm_busy", "task", "waiting", "volume", "beeps", "errors",
                     "warnings")
         self._fields = {name: field(name) for name in changing}
-        self._told = [""] * len(arms)
+        self._reported = [""] * len(arms)
         field("calibration_mode")[...] = calibration_mode
         field("arm")[...] = [arm.name.encode() for arm in arms]
         field("sound")[...] = shorten(sound.name, field("sound").dtype.itemsize)
@@ -34,7 +34,7 @@ class SystemRecord:
         for place, arm in enumerate(self._arms):
             fields["arm_fresh"][place], fields["arm_state"][place] = arm.is_fresh, arm.state.encode()
             fields["arm_homed"][place], fields["arm_busy"][place] = arm.is_homed, arm.is_busy
-            self._tell(place, arm)
+            self._report(place, arm)
         for name, value in (("volume", commands.volume), ("beeps", commands.beeps), ("errors", centre.errors),
                             ("warnings", centre.warnings)):
             fields[name][...] = value
@@ -42,10 +42,10 @@ class SystemRecord:
         waiting = bring_up.waiting if bring_up is not None else ""
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
-    def _tell(self, place: int, arm: ArmOnRing) -> None:
+    def _report(self, place: int, arm: ArmOnRing) -> None:
         """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""
         state = ENABLED if arm.state == ENABLED and arm.is_homed else FAULT if arm.state == FAULT else ""
         state = state if arm.is_fresh else ""
-        if state != self._told[place]:
-            self._told[place] = state
+        if state != self._reported[place]:
+            self._reported[place] = state
             self._events.emit("arm_current_state", state, component=arm.name, state=state)

@@ -84,8 +84,8 @@ class Sound:
         if self._now is not None:
             if self._now.poll() is None and now_ns - self._begun_ns < GIVE_UP_NS:
                 return ""
-            if trouble := self._ended(self._now):
-                return trouble
+            if problem := self._ended(self._now):
+                return problem
         if not self._waiting:
             return ""
         command, content = self._waiting.popleft()

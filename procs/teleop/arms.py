@@ -1,4 +1,4 @@
-"""An arm as a tele-operation sees it, by its record and its events, and asks it, by its mailbox."""
+"""An arm as a teleoperation sees it, by its record and its events, and asks it, by its mailbox."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ERROR: Final = 3  # severity of events
 POSITION: Final = 1  # control mode
 IN_HAND: Final = b"MANUAL"  # internal state
 MOST_GOALS: Final = 1000  # under way at once; answers to so many were lost
-# Set-up joints may carry a base while somebody follows; what goes further from one record to the next is another base.
+# Setup joints may carry a base while somebody follows; what goes further from one record to the next is another base.
 BASE_STEP_M: Final = 0.005
 BASE_STEP_RAD: Final = 0.1
 
@@ -68,7 +68,7 @@ class TeleopArm:
         self._goals: set[int] = set()
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
-        self._enabled = self._is_homed = self._told = self._is_busy = False
+        self._enabled = self._is_homed = self._reported = self._is_busy = False
 
     # what is seen
 
@@ -85,8 +85,8 @@ class TeleopArm:
             self.is_in_hand = self._sub_state.item() == IN_HAND
             self._look_at_base()
             pose, setpoint = self._pose, self._setpoint_pose
-            self._told = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
-            if self._told:
+            self._reported = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
+            if self._reported:
                 self.measured[...], self.setpoint[...] = pose, setpoint
         for answer in self._sender.poll():
             self._hear(answer)
@@ -127,20 +127,20 @@ class TeleopArm:
     @property
     def has_pose(self) -> bool:
         """Its poses are known."""
-        return self._told
+        return self._reported
 
     @property
-    def is_played(self) -> bool:
+    def is_kinematic(self) -> bool:
         """There is no robot: forces do not move it, only who tells it where to be."""
         return bool(self._simulated)
 
     @property
     def is_held(self) -> bool:
-        """Somebody has it hold or follow joint positions; one that is only played is moved like that."""
+        """Somebody has it hold or follow joint positions; one that is kinematic is moved like that."""
         return bool(self._mode.item() == POSITION and not self._simulated)
 
     @property
-    def told(self) -> str:
+    def reported(self) -> str:
         """Its state in words."""
         return bytes(self._sub_state.item()).decode(errors="replace") or "not there"
 
@@ -156,7 +156,7 @@ class TeleopArm:
 
     @property
     def jaw(self) -> float:
-        """Set-point of the jaw."""
+        """Setpoint of the jaw."""
         return float(self._jaw)
 
     @property
@@ -207,7 +207,7 @@ class TeleopArm:
         self.is_moving, self.has_arrived = bool(self._move), False
 
     def hold(self) -> None:
-        """Stay at the set-point, if it is ready for commands."""
+        """Stay at the setpoint, if it is ready for commands."""
         if self.is_ready and not self.is_silent:
             self.send("hold")
 
@@ -236,28 +236,28 @@ class TeleopArm:
 
 
 class BaseFrame:
-    """Where the slave's base stands, when something else carries it: the tip of another arm, or of a set-up arm."""
+    """Where the slave's base stands, when something else carries it: the tip of another arm, or of a setup arm."""
 
     doubt = ""
 
     def __init__(self, name: str, record: Input, setup: int | None = None) -> None:
-        """`setup`: the place of the set-up arm, if `record` is that of set-up joints."""
+        """`setup`: the place of the setup arm, if `record` is that of setup joints."""
         self.name, self._record = name, record
         self._measured = record.field("measured_cp")
         self._known = record.field("reference_valid" if setup is None else "base_valid")
         if setup is not None:
             self._measured, self._known = self._measured[setup], self._known[setup : setup + 1]
         self._pose = np.zeros(7)
-        self._told = False
+        self._reported = False
 
     def look(self, now_ns: int) -> None:
         """Once a cycle."""
         if self._record.look(now_ns):
-            self._told = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
-            if self._told:
+            self._reported = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
+            if self._reported:
                 self._pose[...] = self._measured
 
     @property
     def pose(self) -> Array | None:
         """(7,); None: not known."""
-        return self._pose if self._told and self._record.fresh else None
+        return self._pose if self._reported and self._record.fresh else None

@@ -31,7 +31,7 @@ class Camera:
         self._first_joints = np.zeros(4)
 
     def begin(self, left: Array, right: Array, joints: Array) -> None:
-        """Hold the scene from here on: positions (3,) of the masters, the ECM's set-point (4,)."""
+        """Hold the scene from here on: positions (3,) of the masters, the ECM's setpoint (4,)."""
         self._first_joints[...] = self.goal[...] = joints
         span, centre, up, side = _scene(left, right)
         self._width, self._depth = 0.5 * float(side @ span), 0.5 * float(_unit(centre) @ span)

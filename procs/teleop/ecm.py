@@ -125,7 +125,7 @@ class TeleopEcm(Teleop):
         settled = self.now_ns - self._let_go_ns > LET_GO_NS
         again = self._was_refused and not self.slave.refuses_goals
         if again or (settled and (left.is_held or right.is_held)):
-            self.go(TeleopState.SETTING)  # somebody else had one hold meanwhile: begin anew from here
+            self.go(TeleopState.SETTING)  # somebody else had one hold meanwhile: restart from here
             return
         if self.slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True
@@ -140,7 +140,7 @@ class TeleopEcm(Teleop):
         turned = float(np.abs(goal - self._turned).max()) > NEW_TURN
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
                                         self._first_turns, strict=True):
-            if master.is_played:
+            if master.is_kinematic:
                 continue  # a force would only end the move that somebody has it make
             self._wrench[:3] = force
             master.send("body/servo_cf", self._wrench)

@@ -1,4 +1,4 @@
-"""The process of one tele-operation: records of its arms and the console in, commands to the arms out, once a cycle."""
+"""The process of one teleoperation: records of its arms and the console in, commands to the arms out, once a cycle."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def jaw_range(node: runtime.Node, psm: str) -> JawRange:
 
 
 def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
-    """What carries the slave, if the file says so: an arm, or a set-up arm of set-up joints."""
+    """What carries the slave, if the file says so: an arm, or a setup arm of setup joints."""
     name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
         return None
@@ -42,13 +42,13 @@ def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
 
 
 def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
-    """The tele-operation of this process, on `record`; `faults` of its arms."""
+    """The teleoperation of this process, on `record`; `faults` of its arms."""
     row = node.document.teleop(node.name)
     there = row.console in {process.name for process in node.document.processes}
     operator = Operator(row.console, node.input(row.console) if there else None)
 
     def arm(name: str) -> TeleopArm:
-        make = ThirdPartyArm if any(row.name == name for row in node.document.externals) else TeleopArm
+        make = ThirdPartyArm if any(row.name == name for row in node.document.third_parties) else TeleopArm
         return make(name, node.input(name), node.reads(name, "events"), node.commands(name))
 
     if isinstance(row, PsmRow):
@@ -60,7 +60,7 @@ def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
 
 
 class TeleopLoop(runtime.Loop):
-    """One tele-operation with its rings and mailbox."""
+    """One teleoperation with its rings and mailbox."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
@@ -94,7 +94,7 @@ class TeleopLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Run one tele-operation until asked to stop; its slave then holds."""
+    """Run one teleoperation until asked to stop; its slave then holds."""
     runtime.run("teleop", TeleopLoop)
 
 

@@ -1,4 +1,4 @@
-"""A tele-operation's own record; arrays are resolved once, texts written when they change."""
+"""A teleoperation's own record; arrays are resolved once, texts written when they change."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class TeleopRecord:
         self.valid = field("valid")
         self._state, self._desired, self._reason = field("state"), field("desired_state"), field("reason")
         self._following, self._clutched, self._busy = field("following"), field("clutched"), field("is_busy")
-        self._told: tuple[str, str, str] | None = None
+        self._reported: tuple[str, str, str] | None = None
         self._room = self._reason.dtype.itemsize
 
     def show(self, state: str, desired: str, reason: str, *, following: bool, clutched: bool) -> None:
         """What both kinds have."""
         self._following[...], self._clutched[...] = following, clutched
-        if self._told != (state, desired, reason):
-            self._told = (state, desired, reason)
+        if self._reported != (state, desired, reason):
+            self._reported = (state, desired, reason)
             self._state[...], self._desired[...] = state.encode(), desired.encode()
             self._reason[...] = shorten(reason, self._room)
             self._busy[...] = state != desired

@@ -1,4 +1,4 @@
-"""What tele-operations of PSMs and of ECMs have in common: states, the arms they need, commands, the record.
+"""What teleoperations of PSMs and of ECMs have in common: states, the arms they need, commands, the record.
 
 Stepped once a cycle, then publish the record. No clock and no shared memory: time is the `now_ns` argument, records
 are arrays given to it. Nothing here waits: what arms are asked for is seen in their records and answers.
@@ -27,7 +27,7 @@ from shm.origins import NOBODY, Origin
 Fields = Callable[[str], NDArray[Any]]
 
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
-SAID_NS: Final = 2_000_000_000
+REPORT_NS: Final = 2_000_000_000
 RELEASED, PRESSED, CLICKED = 0.0, 1.0, 2.0
 
 
@@ -52,7 +52,7 @@ class TeleopCommandRow:
 
 
 class Teleop:
-    """One tele-operation; a kind adds its commands, what it does in each state and what the clutch does."""
+    """One teleoperation; a kind adds its commands, what it does in each state and what the clutch does."""
 
     words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
@@ -72,7 +72,7 @@ class Teleop:
         self.reason = ""
         self.now_ns = self.entered_ns = self._last_ns = 0
         self.passed_s = 0.0
-        self._said_ns = -SAID_NS
+        self._reported_ns = -REPORT_NS
         self._asked: set[tuple[str, str]] = set()
         self._recovering = False
         """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
@@ -183,7 +183,7 @@ class Teleop:
 
     def _miss_arm(self, arm: TeleopArm) -> None:
         missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
-        self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.told}", arm.name)
+        self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.reported}", arm.name)
 
     def _interrupt(self, code: Code, text: str, component: str) -> None:
         """What is known of an arm holds no longer, its process is gone or was."""
@@ -211,7 +211,7 @@ class Teleop:
         if self.now_ns - self.entered_ns > SETTING_NS:
             for arm in missing:
                 self.stop(codes.ARM_SETUP_TIMEOUT,
-                          f"timed out while setting up {arm.name} state, it is {arm.told}", arm.name)
+                          f"timed out while setting up {arm.name} state, it is {arm.reported}", arm.name)
             return
         if silent or held:
             names = ", ".join(arm.name for arm in missing)
@@ -224,7 +224,7 @@ class Teleop:
             word = "home" if arm.is_enabled else "enable"
             if (arm.name, word) not in self._asked and arm.send("state_command", (), word):
                 self._asked.add((arm.name, word))
-        wanted = ", ".join(f"{arm.name} is {arm.told}" for arm in missing)
+        wanted = ", ".join(f"{arm.name} is {arm.reported}" for arm in missing)
         self.reason = f"waiting: {wanted}; must be ENABLED and homed"
 
     # changes
@@ -273,13 +273,13 @@ class Teleop:
     def wait(self, reason: str) -> None:
         """Why it does not follow yet: shown, and every now and then a warning."""
         self.reason = reason
-        if reason and self.now_ns - self._said_ns >= SAID_NS:
-            self._said_ns = self.now_ns
+        if reason and self.now_ns - self._reported_ns >= REPORT_NS:
+            self._reported_ns = self.now_ns
             self.events.report(codes.TELEOP_WAITING, f"{self.name}: {reason}", self.name)
 
     def settle(self) -> None:
-        """A new state: its first reason to wait is told when it has lasted."""
-        self._said_ns = self.now_ns
+        """A new state: its first reason to wait is reported when it has lasted."""
+        self._reported_ns = self.now_ns
 
     # commands
 

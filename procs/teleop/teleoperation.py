@@ -50,7 +50,7 @@ class PoseMapping:
         self._first_base: list[float] | None = None
 
     def begin(self, master: Array, slave: Array, base: Array | None = None) -> None:
-        """Follow from here on: the master's measured pose, the slave's set-point, its base frame where one moves."""
+        """Follow from here on: the master's measured pose, the slave's setpoint, its base frame where one moves."""
         self._first_master, self._first_slave = master.tolist(), slave.tolist()
         self._first_base = None if base is None else base.tolist()
         self.goal[...] = slave
@@ -191,7 +191,7 @@ class JawMapping:
         return self._factor * gripper + self._offset
 
     def begin(self, jaw: float) -> None:
-        """Go on from the jaw's set-point, slowly until the gripper is caught up with."""
+        """Go on from the jaw's setpoint, slowly until the gripper is caught up with."""
         self.ghost = (jaw - self._offset) / self._factor
         self._catching_up, self._has_gripper = True, False
 

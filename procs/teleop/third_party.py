@@ -1,4 +1,4 @@
-"""An arm that is a program of somebody else: nothing that it says is believed before it is looked at."""
+"""An arm that is a third-party program: nothing that it says is believed before it is looked at."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ThirdPartyArm(TeleopArm):
     """The same as an arm, and `doubt`: why its pose is not believed now.
 
     A pose that cannot be reached from the one before is a fault, and so is a twist too fast, a number that is none or a
-    gripper that comes and goes: following ends, and begins anew only after STEADY_NS without a fault.
+    gripper that comes and goes: following ends, and restarts only after STEADY_NS without a fault.
     """
 
     sets_pace = False  # its records come when it likes
@@ -57,12 +57,12 @@ class ThirdPartyArm(TeleopArm):
         if self.whole and self.stamp_ns != self._last_stamp_ns:
             wrong = self._what_is_wrong()
             if wrong:
-                if now_ns >= self._steady_ns:  # the first: it is told once, however many follow
+                if now_ns >= self._steady_ns:  # the first: it is reported once, however many follow
                     self.fault = self.doubt = wrong
                 self._steady_ns = now_ns + STEADY_NS
             self._last_stamp_ns, self._last_seen_ns = self.stamp_ns, now_ns
         if now_ns < self._steady_ns:
-            self._told = False
+            self._reported = False
         elif self.doubt:
             self.doubt = ""
 

@@ -1,4 +1,4 @@
-"""An io process as an arm sees it, on a fake clock: flags that follow commands, joints that follow set-points."""
+"""An io process as an arm sees it, on a fake clock: flags that follow commands, joints that follow setpoints."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class FakeIo:
     def restart(self) -> None:
         """kill -9 and a new process: no power, another epoch, the encoders keep counting."""
         self.drop_power()
-        self.flag("power_wanted", False)
+        self.flag("power_requested", False)
         self.flag("fault", 0)
         self.epoch += 1
 
@@ -223,12 +223,12 @@ class FakeIo:
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
             case "power_on":
-                if self.flag("fault") or self.flag("power_wanted"):
+                if self.flag("fault") or self.flag("power_requested"):
                     return
-                self.flag("power_wanted", True)
+                self.flag("power_requested", True)
                 self._power_left = self.power_cycles
             case "power_off":
-                self.flag("power_wanted", False)
+                self.flag("power_requested", False)
                 for flag in ("powered", "amps_on", "pid_enabled"):
                     self.flag(flag, False)
             case "bias_encoders":
@@ -246,7 +246,7 @@ class FakeIo:
                 self.flag("brakes_released", name == "brake_release" and self.flag("pid_enabled"))
             case _:
                 flags = {"enforce_limits": "limits_enforced", "tracking_check": "tracking_check",
-                         "pot_check": "pot_check", "use_setpoint_v": "velocity_used"}
+                         "pot_check": "pot_check", "use_setpoint_v": "use_setpoint_velocity"}
                 self.flag(flags[name], bool(values[0]))
 
     def _power_and_bias(self) -> None:
@@ -256,7 +256,7 @@ class FakeIo:
                 self.reading = ToolReading("READ" if self.memory else "ABSENT", self.memory, self._now_ns)
         if self._power_left and not self.never_powers:
             self._power_left -= 1
-            if not self._power_left and self.flag("power_wanted"):
+            if not self._power_left and self.flag("power_requested"):
                 self.flag("powered", True)
                 self.flag("amps_on", True)
         if self._bias_left and not self.never_biases:

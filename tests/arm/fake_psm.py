@@ -54,7 +54,7 @@ class SwitchedPsm(ArmHarness):
         self.run(0.01)
 
     @property
-    def told(self) -> list[str]:
+    def reported(self) -> list[str]:
         return [e[1].removeprefix("PSM1: ") for e in self.reports.of("status") if "engaging" in e[1]]
 
     @property

@@ -41,8 +41,8 @@ def test_what_a_motor_gives_is_its_current_by_its_constant() -> None:
     assert system is not None
     efforts = motor_efforts(system.ios[0].robots[0])
     assert efforts[:3] == pytest.approx((1.34 / 0.40408938, 1.34 / 0.40408938, 0.67 / 0.067828432))
-    played = load_system(PROJECT_CONFIGS / "systems" / "kinematic.yaml").system
-    assert played is not None and motor_efforts(played.ios[0].robots[0]) == ()
+    kinematic = load_system(PROJECT_CONFIGS / "systems" / "kinematic.yaml").system
+    assert kinematic is not None and motor_efforts(kinematic.ios[0].robots[0]) == ()
 
 
 def test_a_joint_is_clipped_by_itself_unless_it_shares_motors() -> None:

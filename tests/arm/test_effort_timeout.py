@@ -24,7 +24,7 @@ def deep(**changes: Any) -> ArmHarness:
     return harness
 
 
-def told(harness: ArmHarness) -> list[str]:
+def reported(harness: ArmHarness) -> list[str]:
     return [event[2] for event in harness.reports.of("warning") if event[1] == "effort-timeout"]
 
 
@@ -44,7 +44,7 @@ def test_an_arm_whose_client_has_died_holds_and_says_so_once(command: str) -> No
     assert harness.state["control_mode"] == POSITION and not harness.setpoint["in_effort"].any()
     assert harness.setpoint["position"][:3] == pytest.approx(harness.io.position[:3])
     harness.run(3.0)
-    assert told(harness) == ["PSM1: no effort command for 0.1 s; holding"]
+    assert reported(harness) == ["PSM1: no effort command for 0.1 s; holding"]
 
 
 def test_efforts_that_are_asked_for_again_go_on() -> None:
@@ -52,7 +52,7 @@ def test_efforts_that_are_asked_for_again_go_on() -> None:
     for _ in range(20):
         harness.send("servo_jf", PUSH)
         harness.run(0.05)
-    assert harness.state["control_mode"] == EFFORT and not told(harness)
+    assert harness.state["control_mode"] == EFFORT and not reported(harness)
     harness.run(0.1)
     assert harness.state["control_mode"] == POSITION
 
@@ -62,11 +62,11 @@ def test_a_stream_that_is_too_slow_is_told_once_another_client_anew() -> None:
     for _ in range(10):
         harness.send("servo_jf", PUSH)
         harness.run(0.3)
-    assert len(told(harness)) == 1
+    assert len(reported(harness)) == 1
     harness.run(0.5)
     harness.send("servo_jf", PUSH)
     harness.run(0.2)
-    assert len(told(harness)) == 2
+    assert len(reported(harness)) == 2
 
 
 @pytest.mark.parametrize("command", ("servo_jf", "body/servo_cf", "spatial/servo_cf", "servo_ci", "free"))
@@ -74,7 +74,7 @@ def test_no_efforts_last_for_ever(command: str) -> None:
     harness = deep()
     harness.send(command, {"servo_ci": impedance(harness, 0.0), "free": ()}.get(command, (0.0,) * 6))
     harness.run(3.0)
-    assert harness.state["control_mode"] == EFFORT and not told(harness)
+    assert harness.state["control_mode"] == EFFORT and not reported(harness)
 
 
 def test_efforts_that_were_taken_back_end_nothing() -> None:
@@ -84,7 +84,7 @@ def test_efforts_that_were_taken_back_end_nothing() -> None:
     harness.send("jaw/servo_jf", (0.05,))
     harness.send("jaw/servo_jf", (0.0,))
     harness.run(1.0)
-    assert harness.state["control_mode"] == EFFORT and not told(harness)
+    assert harness.state["control_mode"] == EFFORT and not reported(harness)
 
 
 def test_a_jaw_effort_is_no_excuse_for_the_arms_nor_the_other_way_round() -> None:
@@ -95,7 +95,7 @@ def test_a_jaw_effort_is_no_excuse_for_the_arms_nor_the_other_way_round() -> Non
         for _ in range(8):
             harness.send(*stream)
             harness.run(0.02)
-        assert len(told(harness)) == 1
+        assert len(reported(harness)) == 1
 
 
 def test_an_effort_after_the_end_begins_anew() -> None:
@@ -126,7 +126,7 @@ def test_a_wrench_does_not_last_longer_because_it_says_so() -> None:
     harness = deep()
     harness.send("body/servo_cf", (0, 0, 1, 0, 0, 0, 2.0))
     harness.run(0.12)
-    assert harness.state["control_mode"] == POSITION and len(told(harness)) == 1
+    assert harness.state["control_mode"] == POSITION and len(reported(harness)) == 1
 
 
 def test_a_wrench_beside_a_pose_ends_and_the_pose_is_held() -> None:
@@ -138,7 +138,7 @@ def test_a_wrench_beside_a_pose_ends_and_the_pose_is_held() -> None:
     before = harness.io.setpoint.copy()
     harness.run(0.02)
     assert not harness.setpoint["feed_forward"].any() and harness.io.setpoint == pytest.approx(before)
-    assert told(harness) == ["PSM1: no new wrench for 0.1 s; none any more"]
+    assert reported(harness) == ["PSM1: no new wrench for 0.1 s; none any more"]
 
 
 # masters
@@ -156,14 +156,14 @@ def test_a_master_is_let_go_of_but_for_its_weight(command: str) -> None:
     assert harness.state["control_mode"] == EFFORT and harness.state["control_space"] == 2
     assert not joint_effort(harness).any() and borne(harness).any(), "its weight is borne, whatever was said before"
     harness.run(3.0)
-    assert told(harness) == ["MTML: no effort command for 0.1 s; let go"]
+    assert reported(harness) == ["MTML: no effort command for 0.1 s; let go"]
 
 
 def test_a_locked_orientation_stays_locked(harness: MasterHarness) -> None:
     harness.send("body/servo_cf", (0, 0, 1, 0, 0, 0))
     harness.send("lock_orientation")
     harness.run(0.5)
-    assert len(told(harness)) == 1
+    assert len(reported(harness)) == 1
     assert harness.setpoint["in_effort"][:7].tolist() == [True, False, False, False, False, False, False] or (
         not harness.setpoint["in_effort"][4:7].any())
     assert not [e for e in harness.reports.of("orientation_locked") if not e[2]]

@@ -30,7 +30,7 @@ def test_adapter_put_on_is_engaged_by_four_swings() -> None:
     assert np.degrees(discs.min(axis=0)) == pytest.approx([-171] * 4, abs=1e-6)
     assert np.degrees(discs.max(axis=0)) == pytest.approx([171] * 4, abs=1e-6)
     assert np.allclose(psm.io.setpoint, (yaw, pitch, 0, 0, 0, 0, 0), atol=1e-6)
-    assert psm.told == [f"engaging adapter {k} of 4" for k in (1, 2, 3, 4)]
+    assert psm.reported == [f"engaging adapter {k} of 4" for k in (1, 2, 3, 4)]
     psm.run(0.1)
     assert psm.arm.state == "HOMED" and psm.homed_flag and not psm.state["is_busy"]
     assert psm.io.flag("limits_enforced") and psm.nothing_jumped()
@@ -42,8 +42,8 @@ def test_adapter_put_on_is_engaged_by_four_swings() -> None:
 def test_a_full_adapter_swing_takes_as_long_as_in_the_reference() -> None:
     psm = SwitchedPsm().homed()
     psm.put_on("adapter")
-    psm.until(lambda: len(psm.told) == 1)
-    assert psm.until(lambda: len(psm.told) == 2) == pytest.approx(1.378, abs=0.005)
+    psm.until(lambda: len(psm.reported) == 1)
+    assert psm.until(lambda: len(psm.reported) == 2) == pytest.approx(1.378, abs=0.005)
 
 
 def test_adapter_taken_off_while_engaging_leaves_the_arm_homed() -> None:
@@ -72,7 +72,7 @@ def test_adapter_and_instrument_found_at_start_are_not_turned() -> None:
     psm.put_on("adapter", "tool")
     psm.reach("HOMED")
     psm.run(0.6)
-    assert psm.state["count"] == 6 and psm.state["has_jaw"] and psm.homed_flag and not psm.told
+    assert psm.state["count"] == 6 and psm.state["has_jaw"] and psm.homed_flag and not psm.reported
     assert psm.state["adapter"] == psm.state["instrument"] == 4
 
 
@@ -86,7 +86,7 @@ def test_nobody_sees_an_arm_homed_without_the_joints_of_what_it_carries() -> Non
     psm.until(lambda: psm.homed_flag)
     assert psm.state["count"] == 6 and psm.state["cartesian_valid"]
     states = [e[2:] for e in psm.reports.of("operating_state")]
-    assert ("HOMED", False, False) not in states, "homed is told once, and at once altogether"
+    assert ("HOMED", False, False) not in states, "homed is reported once, and at once altogether"
 
 
 def test_instrument_is_engaged_from_its_lower_to_its_upper_ends() -> None:
@@ -99,12 +99,12 @@ def test_instrument_is_engaged_from_its_lower_to_its_upper_ends() -> None:
     seen = []
     while psm.arm.state == "ENGAGING_TOOL":
         psm.step()
-        if psm.told:  # not on the way to where it begins
+        if psm.reported:  # not on the way to where it begins
             seen.append(to_joint @ psm.io.setpoint[3:])
     assert np.array(seen).min(axis=0) == pytest.approx(TOOL.engage_lower, abs=1e-6)
     assert np.array(seen).max(axis=0) == pytest.approx(TOOL.engage_upper, abs=1e-6)
     assert np.allclose(psm.io.setpoint, (*before, 0, 0, 0, 0), atol=1e-5)
-    assert psm.told == [f"engaging tool {k} of 3" for k in (1, 2, 3)]
+    assert psm.reported == [f"engaging tool {k} of 3" for k in (1, 2, 3)]
     psm.run(0.1)
     assert psm.state["count"] == 6 and psm.state["cartesian_valid"] and psm.homed_flag
     assert psm.state["jaw_position"] == pytest.approx(0.0, abs=1e-6)
@@ -121,7 +121,7 @@ def test_instrument_put_on_beyond_the_cannula_is_not_turned_there() -> None:
     psm.run(0.1)
     assert psm.arm.state == "HOMED" and psm.homed_flag and psm.state["count"] == 6
     assert any("outside the cannula" in e[1] for e in psm.reports.of("status"))
-    assert np.allclose(psm.io.setpoint, before, atol=1e-12) and not psm.told
+    assert np.allclose(psm.io.setpoint, before, atol=1e-12) and not psm.reported
 
 
 @pytest.mark.parametrize(("depth", "insertion", "turned"),

@@ -21,7 +21,7 @@ def test_unhome_and_disable_leave_what_is_engaged_engaged() -> None:
         psm.reports.events.clear()
         psm.reach("HOMED") if word == "disable" else psm.state_command("home")
         psm.until(lambda: psm.homed_flag)
-        assert psm.state["count"] == 6 and not psm.told
+        assert psm.state["count"] == 6 and not psm.reported
 
 
 @pytest.mark.parametrize("what", ("adapter", "tool"))
@@ -36,7 +36,7 @@ def test_successor_begins_the_engaging_anew_without_a_jump(what: str) -> None:
     restart(psm)
     psm.until(lambda: psm.arm.state == state, 0.1)
     psm.until(lambda: psm.homed_flag)
-    assert psm.told[-1].startswith(f"engaging {what}") and psm.nothing_jumped()
+    assert psm.reported[-1].startswith(f"engaging {what}") and psm.nothing_jumped()
     assert psm.state["count"] == (7 if what == "adapter" else 6) and not psm.reports.of("error")
     assert not psm.reports.of("tool_type_request"), "the type is known already"
 
@@ -56,7 +56,7 @@ def test_successor_keeps_what_is_engaged(doing: str) -> None:
     restart(psm)
     psm.run(0.2)
     assert psm.arm.state == ("MANUAL" if doing == "clutched" else "HOMED")
-    assert psm.state["count"] == 6 and psm.state["instrument"] == 4 and not psm.told
+    assert psm.state["count"] == 6 and psm.state["instrument"] == 4 and not psm.reported
     assert np.allclose(psm.io.position, held, atol=1e-12) and psm.largest.max() < 1e-12
     assert psm.types == [] and psm.state.text("tool") == TOOL.name
     if doing == "clutched":
@@ -140,4 +140,4 @@ def test_an_io_that_has_not_looked_at_its_inputs_yet_takes_nothing_off() -> None
     psm.until(lambda: psm.arm.state == "ENABLED")
     psm.state_command("home")
     psm.until(lambda: psm.homed_flag)
-    assert psm.state["count"] == 6 and not psm.told and not psm.types
+    assert psm.state["count"] == 6 and not psm.reported and not psm.types

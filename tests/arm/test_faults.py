@@ -45,7 +45,7 @@ def test_every_cause_leads_to_fault_with_its_reason_and_enable_back(code: str, d
         assert ("goal_reached", False) in harness.reports.events
     harness.io.deaf = False
     harness.run(0.3)
-    assert not harness.io.flag("power_wanted") and not harness.io.flag("pid_enabled")
+    assert not harness.io.flag("power_requested") and not harness.io.flag("pid_enabled")
     assert len(harness.reports.of("error")) == 1
     enable = harness.state_command("enable")
     harness.until(lambda: "done" in enable.outcomes, 7.0)
@@ -83,7 +83,7 @@ def test_a_fault_that_io_keeps_is_told_instead_of_power() -> None:
     enable = harness.state_command("enable")
     harness.until(lambda: harness.arm.state == "FAULT" and "failed" in enable.outcomes, 3.0)
     assert "the board is too hot" in enable.replies[-1][1]
-    assert not harness.io.flag("power_wanted")
+    assert not harness.io.flag("power_requested")
 
 
 @pytest.mark.slow

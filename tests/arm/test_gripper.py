@@ -21,11 +21,11 @@ class GripperRig(MasterHarness):
     def turn(self, angle: float) -> None:
         self.io.record["pot_position"][0] = angle
 
-    def said(self) -> list[tuple[Any, ...]]:
-        said = [e if e[0] == "gripper/pinch" else (e[0], bool(e[2]))
-                for e in self.reports.of("gripper/closed", "gripper/pinch")]
+    def reported(self) -> list[tuple[Any, ...]]:
+        reported = [e if e[0] == "gripper/pinch" else (e[0], bool(e[2]))
+                    for e in self.reports.of("gripper/closed", "gripper/pinch")]
         self.reports.events.clear()
-        return [event[:2] if event[0] == "gripper/closed" else event[:1] for event in said]
+        return [event[:2] if event[0] == "gripper/closed" else event[:1] for event in reported]
 
 
 CLOSED, OPEN, PINCH = ("gripper/closed", True), ("gripper/closed", False), ("gripper/pinch",)
@@ -53,15 +53,15 @@ def test_velocity_follows_the_angle() -> None:
 def test_closing_counts_once_it_has_lasted() -> None:
     harness = GripperRig(0.5)
     harness.run(0.1)
-    assert harness.said() == []
+    assert harness.reported() == []
     harness.turn(-0.01)
     harness.run(0.18)
-    assert harness.said() == []
+    assert harness.reported() == []
     harness.run(0.04)
-    assert harness.said() == [CLOSED, PINCH]
+    assert harness.reported() == [CLOSED, PINCH]
     harness.turn(0.01)
     harness.run(0.02)
-    assert harness.said() == [OPEN]
+    assert harness.reported() == [OPEN]
 
 
 def test_a_short_touch_is_no_pinch() -> None:
@@ -72,7 +72,7 @@ def test_a_short_touch_is_no_pinch() -> None:
         harness.run(0.15)
         harness.turn(0.3)
         harness.run(0.05)
-    assert harness.said() == []
+    assert harness.reported() == []
 
 
 def test_zero_and_debounce_are_those_of_the_file() -> None:
@@ -80,13 +80,13 @@ def test_zero_and_debounce_are_those_of_the_file() -> None:
     harness.run(0.1)
     harness.turn(0.3)
     harness.run(0.02)
-    assert harness.said() == [CLOSED, PINCH]
+    assert harness.reported() == [CLOSED, PINCH]
 
 
 def test_a_gripper_that_is_found_closed_was_not_pinched() -> None:
     harness = GripperRig(-0.1)
     harness.run(0.5)
-    assert harness.said() == [CLOSED]
+    assert harness.reported() == [CLOSED]
 
 
 def test_what_io_does_not_measure_is_not_valid() -> None:

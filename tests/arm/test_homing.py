@@ -1,4 +1,4 @@
-"""From nothing to homed, on a fake io: order, flags, events, time-outs."""
+"""From nothing to homed, on a fake io: order, flags, events, timeouts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_arm_powers_biases_and_homes_in_order(arm) -> None:
         "DISABLED", "POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING", "HOMED",
     ]
     assert harness.state["is_homed"] and not harness.state["is_busy"]
-    for flag in ("pid_enabled", "limits_enforced", "tracking_check", "pot_check", "velocity_used"):
+    for flag in ("pid_enabled", "limits_enforced", "tracking_check", "pot_check", "use_setpoint_velocity"):
         assert harness.io.flag(flag), flag
     assert not harness.reports.of("error", "warning")
 
@@ -112,7 +112,7 @@ def test_power_that_never_comes_is_a_fault_after_two_tries() -> None:
     harness.step()
     assert request.outcomes == ["accepted", "failed"] and "failed to enable power" in request.replies[-1][1]
     harness.run(0.1)
-    assert not harness.io.flag("power_wanted")
+    assert not harness.io.flag("power_requested")
 
 
 @pytest.mark.parametrize("works", (False, True))
@@ -124,7 +124,7 @@ def test_power_that_io_gives_up_is_tried_once_more(works: bool, fault: Code) -> 
     harness.state_command("enable")
     harness.run(3.0)
     harness.io.flag("fault", fault.number)
-    harness.io.flag("power_wanted", False)
+    harness.io.flag("power_requested", False)
     harness.io.never_powers = not works
     harness.run(1.0)
     assert harness.io.sent.count(("power_on", ())) == 2

@@ -1,4 +1,4 @@
-"""What an arm wants of io goes out with its set-points: when it counts anew, and what the arm does when it is void."""
+"""What an arm wants of io goes out with its setpoints: when it counts anew, and what the arm does when it is void."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_power_that_a_person_takes_back_is_not_asked_for_again() -> None:
     harness.reach("POWERING")
     harness.run(0.1)
     harness.io.void("trocar send asked for power_off meanwhile")
-    harness.io.flag("power_wanted", False)
+    harness.io.flag("power_requested", False)
     before = harness.io.sent.count(("power_on", ()))
     harness.run(10.0)
     assert harness.arm.state == "FAULT" and harness.io.sent.count(("power_on", ())) == before == 1
@@ -98,10 +98,10 @@ def test_what_a_person_takes_from_a_played_robot_is_not_given_back(state: str, n
     pair.orders.append(Order(1, name, (0.0,), "PSM1", []))
     pair.step()
     assert pair.record.wish_void[0] and not pair.record.pid_enabled[0]
-    powered = bool(pair.record.power_wanted[0])
+    powered = bool(pair.record.power_requested[0])
     assert powered is (name != "power_off")
     pair.run(5.0)
-    assert not pair.record.pid_enabled[0] and (powered or not pair.record.power_wanted[0])
+    assert not pair.record.pid_enabled[0] and (powered or not pair.record.power_requested[0])
     assert pair.arm.state in ("FAULT", "ENABLED")
     pair.step(FakeRequest("state_command", (), "disable"))
     pair.run(0.1)

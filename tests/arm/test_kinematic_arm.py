@@ -24,14 +24,14 @@ from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record
 PERIOD_NS = 2_000_000
 
 
-def played_system(file: str = "kinematic") -> SystemConfig:
+def kinematic_system(file: str = "kinematic") -> SystemConfig:
     system = load_system(PROJECT_CONFIGS / f"systems/{file}.yaml").system
     assert system is not None
     return system
 
 
 class Source:
-    """The arm's set-point record, as io reads it."""
+    """The arm's setpoint record, as io reads it."""
 
     def __init__(self, record: Record) -> None:
         self.stamp_ns = 0
@@ -70,7 +70,7 @@ class KinematicPair:
 
     def __init__(self, file: str = "kinematic", kind: type[ArmLogic] = PsmLogic, **changes: Any) -> None:
         """`changes` of the arm's document."""
-        self.system, self.now_ns, self.epoch = played_system(file), 5_000_000_000, 1
+        self.system, self.now_ns, self.epoch = kinematic_system(file), 5_000_000_000, 1
         self.document, self.kind = dataclasses.replace(self.system.arms[0], **changes), kind
         axes = ARM_TYPES[self.document.type].actuators
         self.memory = Record(IO_STATE, axes=axes, drives=axes, robots=1, inputs=0, outputs=0)
@@ -244,7 +244,7 @@ def test_unhome_keeps_power_and_holds() -> None:
 
 
 def test_adapter_and_instrument_are_engaged_at_once_and_nobody_sees_it_busy() -> None:
-    tool = played_system().arm("PSM1").tool
+    tool = kinematic_system().arm("PSM1").tool
     pair = KinematicPair(tool_detection="MANUAL", tool=None, tools=(tool,)).homed()
     assert pair.state["count"] == 7 and pair.state["is_homed"]
     pair.reports.events.clear()

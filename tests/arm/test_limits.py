@@ -28,7 +28,7 @@ class Stream:
         self.start = matrix_from_pose(np.array(self.harness.state["setpoint_cp"]))
         self.limits = self.harness.arm.joints.lower[:6], self.harness.arm.joints.upper[:6]
         self.largest = np.zeros(6)
-        self.told = ""
+        self.reported = ""
 
     @property
     def joints(self) -> Any:
@@ -45,8 +45,8 @@ class Stream:
         self.largest = np.maximum(self.largest, np.abs(self.joints - before))
         lower, upper = self.limits
         assert (self.joints >= lower - 1e-9).all() and (self.joints <= upper + 1e-9).all()
-        self.told = request.replies[0][1]
-        return self.told
+        self.reported = request.replies[0][1]
+        return self.reported
 
     def place(self, by: Any) -> float:
         """How far the tip is from a goal."""
@@ -73,11 +73,11 @@ def test_deeper_than_it_can_go_it_stays_at_the_limit_and_comes_back(stream: Stre
     deep = np.linspace(0.0, 0.2, 400)  # 8 cm more than there is
     for depth in deep:
         stream.follow((0.0, 0.0, -depth))
-    assert stream.told == "at its limit: insertion would be 0.32, above its limit 0.24"
+    assert stream.reported == "at its limit: insertion would be 0.32, above its limit 0.24"
     assert stream.joints[2] == pytest.approx(0.24)
     for depth in deep[::-1]:
         stream.follow((0.0, 0.0, -depth))
-    assert stream.told == "" and stream.joints == pytest.approx(STRAIGHT, abs=1e-6)
+    assert stream.reported == "" and stream.joints == pytest.approx(STRAIGHT, abs=1e-6)
     assert stream.largest[2] < 0.0006 and (stream.largest[[0, 1, 3, 4, 5]] < 1e-6).all()
     assert len(stream.harness.reports.of("warning")) == 1 and not stream.harness.reports.of("error")
 
@@ -101,10 +101,10 @@ def test_a_roll_at_its_end_does_not_turn_once_around(stream: Stream, back: float
     angles = np.linspace(0.0, end + 1.0, 1500)
     for angle in angles:
         stream.follow(turn=about * angle)
-    assert abs(stream.joints[3]) == pytest.approx(end) and stream.told.startswith("at its limit: roll")
+    assert abs(stream.joints[3]) == pytest.approx(end) and stream.reported.startswith("at its limit: roll")
     for angle in angles[::-1][: round(back * len(angles))]:
         stream.follow(turn=about * angle)
-    assert stream.told == "" and stream.largest[3] <= V_MAX[3] * PERIOD_NS * 1e-9 * 1.01 + angles[1]
+    assert stream.reported == "" and stream.largest[3] <= V_MAX[3] * PERIOD_NS * 1e-9 * 1.01 + angles[1]
     assert stream.place((0.0, 0.0, 0.0)) < 1e-6
 
 
@@ -112,7 +112,7 @@ def test_the_tip_keeps_its_place_where_the_wrist_can_bend_no_further(stream: Str
     for angle in np.linspace(0.0, 2.0, 1000):
         stream.follow(turn=(angle, 0.0, 0.0))
     stream.harness.run(0.01)
-    assert stream.told.startswith("at its limit: ") and stream.place((0.0, 0.0, 0.0)) < 1e-3
+    assert stream.reported.startswith("at its limit: ") and stream.place((0.0, 0.0, 0.0)) < 1e-3
 
 
 def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
@@ -124,7 +124,7 @@ def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
     assert (stream.largest <= V_MAX * PERIOD_NS * 1e-9 * 1.01).all()
     for _ in range(1500):
         stream.follow((0.001, 0.0005, 0.0))
-    assert stream.told == "" and stream.place((0.001, 0.0005, 0.0)) < 1e-6
+    assert stream.reported == "" and stream.place((0.001, 0.0005, 0.0)) < 1e-6
 
 
 @pytest.mark.slow
@@ -143,7 +143,7 @@ def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: l
     for _ in range(4000):
         if not made.follow():
             break
-    assert not made.told, made.told
+    assert not made.reported, made.reported
     assert (made.largest[[0, 1, 3, 4, 5]] <= FURTHEST_TURN).all()
 
 
@@ -152,16 +152,16 @@ def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Strea
         stream.follow(turn=(angle, 0.0, 0.0))
     for angle in np.linspace(1.2, 2.4, 20):  # far beyond what the wrist can do
         stream.follow((0.0, 0.0, -0.03), turn=(angle, 0.0, 0.0))
-    assert stream.told.startswith("at its limit: ")
+    assert stream.reported.startswith("at its limit: ")
     stream.follow()
-    assert stream.told.endswith("on the way back from there")
+    assert stream.reported.endswith("on the way back from there")
     stream.largest[:] = 0.0
     stream.harness.run(0.05)
     stream.follow()
     assert (stream.largest <= V_MAX * 0.0301).all(), stream.largest
     for _ in range(1500):
         stream.follow()
-    assert stream.told == "" and stream.place((0.0, 0.0, 0.0)) < 1e-6
+    assert stream.reported == "" and stream.place((0.0, 0.0, 0.0)) < 1e-6
 
 
 def test_goals_for_another_base_frame_are_not_followed_by_the_next(stream: Stream) -> None:

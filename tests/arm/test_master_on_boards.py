@@ -41,7 +41,7 @@ def homed() -> list[OnBoards]:
 
 @pytest.fixture
 def robot(homed: list[OnBoards]) -> OnBoards:
-    """Homed, at zero, without trouble: the one of the test before if it still is, else another."""
+    """Homed, at zero, without problem: the one of the test before if it still is, else another."""
     if homed and fit(homed[0]):
         return homed[0]
     made = OnBoards(site("MTML"), "MTML")

@@ -29,7 +29,7 @@ def harness() -> MasterHarness:
     return made
 
 
-def said(harness: MasterHarness) -> list[tuple[str, bool]]:
+def reported(harness: MasterHarness) -> list[tuple[str, bool]]:
     events = [(e[0], bool(e[2])) for e in harness.reports.of("orientation_locked")]
     harness.reports.events.clear()
     return events
@@ -65,7 +65,7 @@ def carry(harness: MasterHarness, outer: float, shoulder: float, elbow: float, s
 
 def test_orientation_stays_where_it_was_while_the_tip_is_moved(harness: MasterHarness) -> None:
     wanted = axes(harness)
-    assert harness.send("lock_orientation").outcomes == ["done"] and said(harness) == [LOCKED]
+    assert harness.send("lock_orientation").outcomes == ["done"] and reported(harness) == [LOCKED]
     assert harness.setpoint["in_effort"][:7].tolist() == [True] * 3 + [False] * 4
     assert carry(harness, -0.4, 0.5, -0.2, 2.0) < 2.5
     harness.run(1.0)
@@ -94,7 +94,7 @@ def test_another_orientation_is_gone_to_smoothly(harness: MasterHarness) -> None
     assert off(axes(harness), turned) < 1e-4
     assert harness.io.largest_step < math.radians(360.0) * harness.period_ns / SECOND
     harness.send("lock_orientation")
-    assert said(harness) == [LOCKED], "told once"
+    assert reported(harness) == [LOCKED], "told once"
 
 
 def quaternion_of(pose: np.ndarray) -> np.ndarray:
@@ -115,28 +115,28 @@ def test_efforts_of_the_first_three_joints_go_on(harness: MasterHarness) -> None
 def test_it_ends_with_any_other_mode(harness: MasterHarness, command: str) -> None:
     harness.send("lock_orientation")
     harness.run(0.1)
-    said(harness)
+    reported(harness)
     harness.send(command, START if command.endswith("jp") else (0.0,) * 7 if command.endswith("jf") else ())
     harness.step()
-    assert said(harness) == [UNLOCKED]
+    assert reported(harness) == [UNLOCKED]
     in_effort = command in ("unlock_orientation", "free", "servo_jf")
     assert harness.setpoint["in_effort"][:7].tolist() == [in_effort] * 7
     harness.send("body/servo_cf", (0,) * 6)
     harness.step()
-    assert harness.setpoint["in_effort"][:7].all() and said(harness) == []
+    assert harness.setpoint["in_effort"][:7].all() and reported(harness) == []
 
 
 def test_it_needs_cartesian_effort_mode(harness: MasterHarness) -> None:
     harness.send("hold")
     request = harness.send("lock_orientation")
     assert request.outcomes == ["refused"] and "body/servo_cf first" in request.replies[0][1]
-    assert said(harness) == []
+    assert reported(harness) == []
     assert harness.send("unlock_orientation").outcomes == ["done"]
 
 
 @pytest.mark.parametrize("quaternion", ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 1.0)))
 def test_what_is_no_orientation_is_refused(harness: MasterHarness, quaternion: tuple[float, ...]) -> None:
-    assert harness.send("lock_orientation", quaternion).outcomes == ["refused"] and said(harness) == []
+    assert harness.send("lock_orientation", quaternion).outcomes == ["refused"] and reported(harness) == []
 
 
 def test_an_orientation_out_of_reach_is_refused_and_the_old_one_stays(harness: MasterHarness) -> None:
@@ -189,7 +189,7 @@ def test_a_process_that_dies_leaves_it_held_and_unlocked(harness: MasterHarness,
     harness.run(0.5)
     assert harness.arm.state == "HOMED" and harness.state["is_homed"]
     assert np.allclose(harness.io.position, held, atol=1e-12) and harness.io.largest_step < 1e-12
-    assert not harness.setpoint["in_effort"].any() and said(harness) == [UNLOCKED]
+    assert not harness.setpoint["in_effort"].any() and reported(harness) == [UNLOCKED]
 
 
 def test_a_process_that_was_stopped_goes_on_from_where_io_held(harness: MasterHarness) -> None:

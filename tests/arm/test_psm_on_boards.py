@@ -53,7 +53,7 @@ class Site:
         assert self.robot.arm.state == "ENGAGING_TOOL"
 
 
-def troubles(robot: OnBoards) -> list[object]:
+def problems(robot: OnBoards) -> list[object]:
     return [*robot.harness.errors(), *robot.reports.of("error")]
 
 
@@ -70,7 +70,7 @@ def test_adapter_and_instrument_of_a_real_site_are_engaged(site: str, name: str)
     robot = made.robot
     made.with_adapter()
     made.until_engaged()
-    assert robot.state["count"] == 7 and not troubles(robot)
+    assert robot.state["count"] == 7 and not problems(robot)
     made.put_on(name)
     made.until_engaged()
     engaged_well(robot, 8 if "5MM" in name else 6)
@@ -79,7 +79,7 @@ def test_adapter_and_instrument_of_a_real_site_are_engaged(site: str, name: str)
 def engaged_well(robot: OnBoards, joints: int) -> None:
     robot.run(0.2)
     assert robot.state["count"] == joints and robot.state["cartesian_valid"]
-    assert not troubles(robot) and not robot.reports.of("goal_reached")
+    assert not problems(robot) and not robot.reports.of("goal_reached")
     assert np.abs(robot.truth[3:]).max() < 0.03
 
 
@@ -102,7 +102,7 @@ def dies_while_engaging(made: Site) -> None:
     robot.until(lambda: robot.arm.state == state, 0.1)
     assert np.abs(robot.truth - held).max() < 1e-3
     made.until_engaged()
-    assert not troubles(robot)
+    assert not problems(robot)
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +113,8 @@ def engaged() -> list[Site]:
 
 @pytest.fixture
 def site(engaged: list[Site]) -> Site:
-    """A needle driver engaged and no trouble: what the test before left if it is so, else another."""
-    if engaged and engaged[0].robot.arm.state == "HOMED" and not troubles(engaged[0].robot):
+    """A needle driver engaged and no problem: what the test before left if it is so, else another."""
+    if engaged and engaged[0].robot.arm.state == "HOMED" and not problems(engaged[0].robot):
         return engaged[0]
     made = Site("jhu-dVRK")
     made.with_adapter()
@@ -154,4 +154,4 @@ def test_a_process_that_dies_with_an_instrument_on_jerks_nothing(site: Site, doi
     assert max(jumps) < MOST_JUMP / 5 and robot.state["count"] == 6 and robot.state["instrument"] == 4
     if doing != "moving":
         assert np.linalg.norm(last[0] - before) < MOST_JUMP
-    assert not troubles(robot)
+    assert not problems(robot)

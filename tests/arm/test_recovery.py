@@ -139,7 +139,7 @@ def test_an_unknown_base_stays_unknown() -> None:
 
 def test_an_arm_that_finds_a_powered_robot_and_no_record_holds() -> None:
     harness = ArmHarness()
-    harness.io.flag("power_wanted", True)
+    harness.io.flag("power_requested", True)
     harness.io.flag("powered", True)
     harness.io.flag("amps_on", True)
     harness.io.flag("pid_enabled", True)

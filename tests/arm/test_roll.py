@@ -93,8 +93,8 @@ def test_the_encoder_must_read_the_stop_within_five_degrees(degrees: float, stat
     harness = MasterHarness()
     harness.io.spring = math.radians(degrees)
     harness.reach(state) if state == "HOMED" else finding(harness).until(lambda: harness.arm.state == "FAULT")
-    said = [] if state == "HOMED" else [f"reads {-480 + degrees:.1f}°"]
-    assert all(part in str(harness.reports.of("error")) for part in said)
+    reported = [] if state == "HOMED" else [f"reads {-480 + degrees:.1f}°"]
+    assert all(part in str(harness.reports.of("error")) for part in reported)
 
 
 def test_an_encoder_that_io_will_not_set_is_a_fault_that_says_why() -> None:

@@ -1,4 +1,4 @@
-"""Base frames from set-up joints: taken while fresh, unknown otherwise, never an old one for a new one."""
+"""Base frames from setup joints: taken while fresh, unknown otherwise, never an old one for a new one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POSE = np.array((0.1, -0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
 
 
 class FakeCartRing:
-    """A record of two set-up arms that is written by the test."""
+    """A record of two setup arms that is written by the test."""
 
     epoch = 1
 
@@ -100,5 +100,5 @@ def test_a_stamp_from_the_future_does_not_count(ring: FakeCartRing, setup: Setup
 def test_the_place_in_the_record_is_found_by_name() -> None:
     info = {"setups": {"ECM": {}, "PSM1": {}}}
     assert place_of(info, "PSM1") == 1
-    with pytest.raises(ValueError, match="no set-up arm PSM4; there are ECM, PSM1"):
+    with pytest.raises(ValueError, match="no setup arm PSM4; there are ECM, PSM1"):
         place_of(info, "PSM4")

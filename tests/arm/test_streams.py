@@ -38,7 +38,7 @@ def test_a_stream_that_was_held_up_does_not_make_the_arm_jump(harness: ArmHarnes
         assert harness.send("servo_jp", at(0.001 * k)).outcomes == ["done"]
     harness.run(1.5)
     text = refused(harness, "servo_jp", at(0.6))
-    assert text == ("servo_jp: yaw is 0.501 rad from the set-point; where a stream begins, or after a gap in it, "
+    assert text == ("servo_jp: yaw is 0.501 rad from the setpoint; where a stream begins, or after a gap in it, "
                     "0.157 rad is allowed: move there first (move_jp, move_cp)")
     for k in range(100):
         refused(harness, "servo_jp", at(0.6 + 0.001 * k))
@@ -92,7 +92,7 @@ def test_after_every_other_motion_a_stream_begins(harness: ArmHarness) -> None:
 
 
 def test_units_and_joints_are_named(harness: ArmHarness) -> None:
-    assert "insertion is 0.05 m from the set-point" in refused(harness, "servo_jp", at(0.0, 0.17))
+    assert "insertion is 0.05 m from the setpoint" in refused(harness, "servo_jp", at(0.0, 0.17))
     assert "0.02 m is allowed" in harness.reports.of("warning")[0][2]
 
 

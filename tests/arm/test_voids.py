@@ -10,13 +10,13 @@ class VoidCell(NoFaults):
     """Remembers what happened."""
 
     def __init__(self) -> None:
-        self.said: list[str] = []
+        self.reported: list[str] = []
 
     def fault(self) -> None:
-        self.said.append("fault")
+        self.reported.append("fault")
 
     def switched_off(self, origin: int) -> None:
-        self.said.append(f"off by {origin}")
+        self.reported.append(f"off by {origin}")
 
 
 
@@ -39,23 +39,23 @@ def test_a_fault_voids_what_was_asked_for_before() -> None:
     harness.reach("HOMED")
     harness.io.drop_power()
     harness.until(lambda: harness.arm.state == "FAULT")
-    assert harness.cell.said == ["fault"]
+    assert harness.cell.reported == ["fault"]
 
 
 def test_a_power_off_spares_the_command_that_it_is_part_of() -> None:
     harness = VoidedHarness()
     harness.reach("ENABLED")
     harness.state_command("disable")
-    assert harness.cell.said == ["off by 1"]
+    assert harness.cell.reported == ["off by 1"]
 
 
 def test_leaving_fault_voids_nothing() -> None:
     harness = VoidedHarness()
     harness.reach("FAULT")
-    harness.cell.said.clear()
+    harness.cell.reported.clear()
     harness.state_command("enable")
     harness.until(lambda: harness.arm.state == "ENABLED")
-    assert harness.cell.said == []
+    assert harness.cell.reported == []
 
 
 def test_a_restart_of_io_voids_what_an_arm_without_power_was_asked_for() -> None:
@@ -63,7 +63,7 @@ def test_a_restart_of_io_voids_what_an_arm_without_power_was_asked_for() -> None
     harness.run(0.1)
     harness.io.restart()
     harness.run(0.1)
-    assert harness.arm.state == "DISABLED" and harness.cell.said == ["fault"]
+    assert harness.arm.state == "DISABLED" and harness.cell.reported == ["fault"]
 
 
 def test_an_arm_that_waits_for_io_does_not_power_up_when_that_comes_back() -> None:

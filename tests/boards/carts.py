@@ -1,4 +1,4 @@
-"""A patient cart's set-up joints from the site's files, and a host that steps their multiplexer."""
+"""A patient cart's setup joints from the site's files, and a host that steps their multiplexer."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PLACES = {
 
 
 def cart(board: Controller = BOARD, noise: float = 0.0) -> SystemConfig:
-    """The set-up joints of the site's files on a controller."""
+    """The setup joints of the site's files on a controller."""
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")
     assert loaded.system is not None and loaded.system.emulation is not None

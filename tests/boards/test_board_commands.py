@@ -26,7 +26,7 @@ class Recorder:
     """Stands for what orders act on: notes what it is told."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[Any, ...]] = []
+        self.reported: list[tuple[Any, ...]] = []
 
     def buses(self, name: str) -> str:
         return f"buses {name}"
@@ -34,7 +34,7 @@ class Recorder:
     def __getattr__(self, name: str) -> Any:
         def note(*arguments: Any) -> None:
             plain = (a.tolist() if isinstance(a, np.ndarray) else a for a in arguments)
-            self.told.append((name, *plain))
+            self.reported.append((name, *plain))
 
         return note
 
@@ -55,7 +55,7 @@ class Asked:
 def _ask(name: str, values: list[float], text: str = "") -> tuple[list[tuple[Any, ...]], str]:
     recorder, command = Recorder(), Asked(name, values, text)
     BoardCommands(recorder, recorder, recorder, recorder).carry_out(command)  # type: ignore[arg-type]
-    return recorder.told, command.outcome
+    return recorder.reported, command.outcome
 
 
 GOOD = [
@@ -96,9 +96,10 @@ GOOD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "values", "text", "told"), GOOD)
-def test_each_order_reaches_what_it_is_for(name: str, values: list[float], text: str, told: tuple[Any, ...]) -> None:
-    assert _ask(name, values, text) == ([told], "done")
+@pytest.mark.parametrize(("name", "values", "text", "reported"), GOOD)
+def test_each_order_reaches_what_it_is_for(name: str, values: list[float], text: str,
+                                           reported: tuple[Any, ...]) -> None:
+    assert _ask(name, values, text) == ([reported], "done")
 
 
 def test_every_command_of_the_table_is_among_them() -> None:
@@ -142,8 +143,8 @@ def test_every_command_has_an_example_that_works() -> None:
     ("dance", [], "", "not possible"),
 ])
 def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float], text: str, reason: str) -> None:
-    told, outcome = _ask(name, values, text)
-    assert told == []
+    reported, outcome = _ask(name, values, text)
+    assert reported == []
     with pytest.raises(ValueError, match=reason):
         raise ValueError(outcome)
 

@@ -44,8 +44,8 @@ def test_every_window_holds_two_physics_steps(bench: BoardsBench) -> None:
 def test_a_turn_measures_everything_with_the_arms_moving(bench: BoardsBench) -> None:
     found, lowest, highest = bench.turn(0.0), bench.world.position.copy(), bench.world.position.copy()
     assert set(found) == MEASURED
-    assert all(0 < said["p10"] <= said["p50"] <= said["p99"] for said in found.values())
-    assert {said["n"] for said in found.values()} == {BLOCK - WARM_UP}
+    assert all(0 < reported["p10"] <= reported["p50"] <= reported["p99"] for reported in found.values())
+    assert {reported["n"] for reported in found.values()} == {BLOCK - WARM_UP}
     for _ in range(500):  # half a period of the swing
         bench.whole(bench._next())
         np.minimum(lowest, bench.world.position, out=lowest)

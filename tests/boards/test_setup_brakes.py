@@ -1,4 +1,4 @@
-"""What moves Classic set-up joints: hands while their brakes are released, and the lift."""
+"""What moves Classic setup joints: hands while their brakes are released, and the lift."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
 
 @pytest.mark.parametrize(("arm", "positions", "error", "says"), [
     ("PSM4", (0.0,) * 6, KeyError, "ECM, PSM1, PSM2, PSM3"),
-    ("", (0.0,) * 6, KeyError, "no name: no such set-up arm"),
+    ("", (0.0,) * 6, KeyError, "no name: no such setup arm"),
     ("PSM1", (0.0,) * 4, ValueError, "4 positions; allowed: 6 finite numbers"),
     ("PSM1", (0.0, np.nan, 0.0, 0.0, 0.0, 0.0), ValueError, "finite"),
 ])

@@ -1,4 +1,4 @@
-"""Classic set-up joints as a host sees them: sixteen voltages of every arm through one input each."""
+"""Classic setup joints as a host sees them: sixteen voltages of every arm through one input each."""
 
 from __future__ import annotations
 

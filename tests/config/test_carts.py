@@ -1,4 +1,4 @@
-"""Set-up joints in system files: who stands on whom, what io gets to know, and what is wrong with their files."""
+"""Setup joints in system files: who stands on whom, what io gets to know, and what is wrong with their files."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_arms_know_who_carries_them_and_the_other_way_round(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("arms", "key", "says"), [
-    ([on("PSM1", "PSM4")], "arms[1].base_frame.interface", "SUJ has no set-up arm PSM4"),
+    ([on("PSM1", "PSM4")], "arms[1].base_frame.interface", "SUJ has no setup arm PSM4"),
     ([on("PSM1", "PSM1"), on("PSM2", "PSM1")], "arms[2].base_frame.interface", "SUJ/PSM1 carries PSM1 already"),
 ])
 def test_an_arm_stands_on_one_set_up_arm_that_is_there(tmp_path: Path, arms: list[dict], key: str, says: str) -> None:
@@ -131,4 +131,4 @@ def test_the_base_s_board_and_the_reference_must_be_there(tmp_path: Path) -> Non
 @pytest.mark.parametrize("kind", FOLDERS)
 def test_their_files_are_checked_by_themselves(kind: str) -> None:
     checked = check_file(stock.find(FOLDERS[kind]))
-    assert (checked.kind, checked.problems) == (f"set-up joints, {kind if kind != 'Fixed' else 'fixed'}", ())
+    assert (checked.kind, checked.problems) == (f"setup joints, {kind if kind != 'Fixed' else 'fixed'}", ())

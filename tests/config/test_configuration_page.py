@@ -9,7 +9,7 @@ from procs.config.models.emulation_section import (
     ControllerKeys,
     EmulatedBusKeys,
     EmulationOptions,
-    LikenessKeys,
+    ModelVariationKeys,
     QuirkKeys,
 )
 from procs.config.models.trocar_section import ArmOptions, IoOptions, ProcessKeys, TrocarSection
@@ -24,7 +24,7 @@ PAGE = (ROOT / "docs/configuration.md").read_text()
 def test_every_key_is_on_the_page() -> None:
     words = {word for code in re.findall(r"`([^`\n]+)`", PAGE) for word in re.findall(r"\w+", code)}
     for model in (TrocarSection, IoOptions, ArmOptions, ProcessKeys, EmulationOptions, EmulatedBusKeys, ControllerKeys,
-                  LikenessKeys, QuirkKeys):
+                  ModelVariationKeys, QuirkKeys):
         assert set(model.model_fields) - words - {"buses"} == set(), model.__name__
     assert "    buses:" in PAGE
 

@@ -1,4 +1,4 @@
-"""Consoles and tele-operations of a system file, as rows of the document."""
+"""Consoles and teleoperations of a system file, as rows of the document."""
 
 from __future__ import annotations
 

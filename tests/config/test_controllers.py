@@ -210,10 +210,10 @@ def test_a_test_board_is_noted(home: Home) -> None:
 
 def test_robots_can_differ_from_their_files(home: Home) -> None:
     plays, offsets = (0.0, 0.0, 0.0, 0.01, 0.01, 0.01, 0.01), (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, -0.1)
-    said = {"friction": 1.3, "inertia": 0.9, "mass": 1, "payload": 0.2, "backlash": plays, "pot_offset": offsets}
-    emulation = _system(home, {"robots": {"PSM1": said}}).emulation
+    reported = {"friction": 1.3, "inertia": 0.9, "mass": 1, "payload": 0.2, "backlash": plays, "pot_offset": offsets}
+    emulation = _system(home, {"robots": {"PSM1": reported}}).emulation
     assert emulation is not None
-    assert emulation.likenesses == (document.Likeness("PSM1", 1.3, 0.9, 1.0, 0.2, plays, offsets),)
+    assert emulation.model_variations == (document.ModelVariation("PSM1", 1.3, 0.9, 1.0, 0.2, plays, offsets),)
 
 
 def test_set_reaches_a_single_controller(home: Home) -> None:

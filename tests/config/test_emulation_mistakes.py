@@ -1,4 +1,4 @@
-"""Mistakes in the emulation section: each is told with its place, and what would be right."""
+"""Mistakes in the emulation section: each is reported with its place, and what would be right."""
 
 from __future__ import annotations
 

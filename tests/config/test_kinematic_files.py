@@ -28,7 +28,7 @@ REAL = {"name": "PSM1", "type": "PSM", "serial": "demo", "IO": "IO1", "arm_file"
 BUS = {"name": "IO1", "port": "udp"}
 
 
-def played(path: Path, **options: object) -> document.SystemConfig:
+def kinematic(path: Path, **options: object) -> document.SystemConfig:
     loaded = load_system(path, search=[stock.find("dvrk-share")], **options)  # type: ignore[arg-type]
     assert loaded.errors == () and loaded.warnings == () and loaded.system is not None
     return loaded.system
@@ -42,7 +42,7 @@ def test_every_stock_file_with_kinematic_arms_is_listed_here() -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("boards", [None, "emulated"])
 def test_stock_file_starts_one_process_that_plays_all_robots(name: str, boards: str | None) -> None:
-    system = played(stock.find(f"dvrk-share/system/{name}.json"), boards=boards)
+    system = kinematic(stock.find(f"dvrk-share/system/{name}.json"), boards=boards)
     (io,) = system.ios
     assert (io.name, io.port, io.digital_inputs, system.emulation) == ("io", "", (), None)
     assert tuple(robot.name for robot in io.robots) == ROBOTS[name]
@@ -57,7 +57,7 @@ def test_stock_file_starts_one_process_that_plays_all_robots(name: str, boards: 
 
 
 def test_robots_have_the_limits_of_their_chains() -> None:
-    system = played(stock.find("dvrk-share/system/system-full-system-simulated.json"))
+    system = kinematic(stock.find("dvrk-share/system/system-full-system-simulated.json"))
     robots = {robot.name: [(a.encoder.lower, a.encoder.upper) for a in robot.actuators if a.encoder is not None]
               for robot in system.ios[0].robots}
     assert robots["PSM1"][:3] == [(-1.588, 1.588), (-0.925025, 0.925025), (0.0, 0.24)]
@@ -76,7 +76,7 @@ def test_arm_is_told_to_be_played(home: Home) -> None:
     assert loaded.system is not None and loaded.warnings == ()
     (arm,) = loaded.system.arms
     assert (arm.simulation, arm.io, arm.robot) == ("KINEMATIC", "io", "PSM2")
-    assert any("PSM2 is KINEMATIC: there is no robot" in note for note in loaded.system.notes)
+    assert any("PSM2 is KINEMATIC: its joints go where" in note for note in loaded.system.notes)
 
 
 def test_si_arm_starts_without_its_brakes(home: Home) -> None:

@@ -217,8 +217,8 @@ def test_unreadable_file_beside_others_does_not_hide_them(home: Home) -> None:
 
 
 def test_what_stands_on_no_line_is_told_without_one() -> None:
-    told = SourceFile(Path("x.yaml"), {}, {}).problem(("a",), "is missing")
-    assert (told.file, told.line) == ("x.yaml", 0)
+    reported = SourceFile(Path("x.yaml"), {}, {}).problem(("a",), "is missing")
+    assert (reported.file, reported.line) == ("x.yaml", 0)
 
 
 def test_a_key_under_its_old_name_is_found_on_its_line_unless_the_new_one_is_there_too() -> None:
@@ -232,6 +232,6 @@ def test_a_key_under_its_old_name_is_found_on_its_line_unless_the_new_one_is_the
 
 def test_what_the_command_line_set_stands_on_no_line() -> None:
     file = SourceFile(Path("x.yaml"), {"a": {"b": 1}}, {("a",): 3}, frozenset({("a", "b")}))
-    assert [(told.file, told.line) for told in (file.problem(("a", "b"), ""), file.problem(("a", "b", "c"), ""))] == [
-        ("--set", 0)] * 2
+    problems = file.problem(("a", "b"), ""), file.problem(("a", "b", "c"), "")
+    assert [(problem.file, problem.line) for problem in problems] == [("--set", 0)] * 2
     assert (file.problem(("a", "c"), "").file, file.problem(("a", "c"), "").line) == ("x.yaml", 3)

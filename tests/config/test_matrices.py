@@ -14,7 +14,7 @@ from procs.config.read.source import SourceFile
 FILE = SourceFile(Path("x.yaml"), {}, {})
 
 
-class Told:
+class SystemReport:
     """What is wrong."""
 
     def __init__(self) -> None:
@@ -36,6 +36,6 @@ def changed(row: int, column: int, value: float) -> np.ndarray:
     (changed(3, 0, 0.1), "last row"), (np.eye(3), "wrong size"),
 ])
 def test_a_transform_turns_and_shifts_and_nothing_else(matrix: np.ndarray, wrong: str) -> None:
-    told: Any = Told()
-    assert check_rigid(told, FILE, (), tuple(map(tuple, matrix.tolist()))) is (wrong == "")
-    assert [text[: len(wrong)] for text in told.errors] == [wrong] * bool(wrong)
+    reported: Any = SystemReport()
+    assert check_rigid(reported, FILE, (), tuple(map(tuple, matrix.tolist()))) is (wrong == "")
+    assert [text[: len(wrong)] for text in reported.errors] == [wrong] * bool(wrong)

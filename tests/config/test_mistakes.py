@@ -380,8 +380,9 @@ def test_a_slip_beside_the_key_itself_takes_nothing_away(home: Home) -> None:
     assert home.load().errors == ()
 
 
-@pytest.mark.parametrize(("factor", "told"), [(1.0, 0), (1.04, 0), (0.96, 0), (1.06, 1), (0.94, 1)])
-def test_scales_that_undo_each_other_by_more_than_5_percent_are_doubted(home: Home, factor: float, told: int) -> None:
+@pytest.mark.parametrize(("factor", "reported"), [(1.0, 0), (1.04, 0), (0.96, 0), (1.06, 1), (0.94, 1)])
+def test_scales_that_undo_each_other_by_more_than_5_percent_are_doubted(home: Home, factor: float,
+                                                                        reported: int) -> None:
     home.edit(IO, "scale: -1.907", f"scale: {factor * -1.907:.5f}")
     loaded = home.load()
-    assert loaded.errors == () and sum("not the inverse" in warning.text for warning in loaded.warnings) == told
+    assert loaded.errors == () and sum("not the inverse" in warning.text for warning in loaded.warnings) == reported

@@ -15,8 +15,8 @@ from procs.config.read.problem import FileProblem
 from procs.document import system as document
 from tests import stock
 
-KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index", "set-up joints, Classic",
-         "set-up joints, Si", "set-up joints, fixed", "potentiometer table", "gravity")
+KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index", "setup joints, Classic",
+         "setup joints, Si", "setup joints, fixed", "potentiometer table", "gravity")
 
 
 def dvrk_files() -> list[Path]:

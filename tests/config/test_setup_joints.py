@@ -1,4 +1,4 @@
-"""Classic set-up joints of the site's files on emulated boards, and what is said of files that don't fit."""
+"""Classic setup joints of the site's files on emulated boards, and what is said of files that don't fit."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_without_all_that_it_takes_there_are_no_setup_joints(cart: CartFiles, ol
     cart.spoil(IO, old, new)
     loaded = cart.load()
     (warning,) = loaded.warnings
-    assert (warning.key, warning.text) == ("arms[0]", "emulated without set-up joints: IO1 has not all it takes")
+    assert (warning.key, warning.text) == ("arms[0]", "emulated without setup joints: IO1 has not all it takes")
     if loaded.system is None:  # then no process could read them either
         assert [error.key for error in loaded.errors] == ["arms[0].IO"]
     else:

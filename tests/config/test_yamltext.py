@@ -103,9 +103,9 @@ def test_without_libyaml_all_is_the_same(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_character_that_must_not_be_is_told_with_its_place() -> None:
-    with pytest.raises(TextError) as told:
+    with pytest.raises(TextError) as reported:
         parse_yaml("a: 1\nb: \x01")
-    assert (told.value.line, told.value.column) == (2, 4)
+    assert (reported.value.line, reported.value.column) == (2, 4)
 
 
 def test_a_number_that_nobody_would_write_is_a_text() -> None:

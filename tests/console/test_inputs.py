@@ -121,11 +121,11 @@ def test_goovis_is_found_by_its_numbers(tmp_path: Path) -> None:
 
 
 def test_goovis_tells_presence_by_its_byte(tmp_path: Path) -> None:
-    said: list[str] = []
+    reported: list[str] = []
     places: list[Path | None] = [None]
-    head = Goovis(GOOVIS, said.append, lambda sensor: places[0])
+    head = Goovis(GOOVIS, reported.append, lambda sensor: places[0])
     assert not head.present(0) and not head.present(1)
-    assert len(said) == 1 and "no head sensor (USB 880a:3501)" in said[0]
+    assert len(reported) == 1 and "no head sensor (USB 880a:3501)" in reported[0]
     pipe = tmp_path / "hidraw"
     os.mkfifo(pipe)
     keep = os.open(pipe, os.O_RDWR)
@@ -137,4 +137,4 @@ def test_goovis_tells_presence_by_its_byte(tmp_path: Path) -> None:
     os.write(keep, bytes(17) + b"\1" + bytes(46))
     assert head.present(LOOK_AGAIN_NS + 2)
     os.close(keep)
-    assert not head.present(LOOK_AGAIN_NS + 3) and "gone" in said[-1]
+    assert not head.present(LOOK_AGAIN_NS + 3) and "gone" in reported[-1]

@@ -21,11 +21,11 @@ ALL = (SCOPE, RIGHT, LEFT, THIRD)
 
 
 class FakeDesk:
-    """Remembers what it is told; `deaf` tele-operations cannot be asked."""
+    """Remembers what it is told; `deaf` teleoperations cannot be asked."""
 
     def __init__(self) -> None:
         self.asks: list[tuple[str, str, tuple[float, ...], str]] = []
-        self.said: list[tuple[str, str]] = []
+        self.reported_events: list[tuple[str, str]] = []
         self.freed: list[str] = []
         self.beeps: list[tuple[float, float]] = []
         self.deaf: set[str] = set()
@@ -41,17 +41,17 @@ class FakeDesk:
     def free(self, teleop: str) -> None:
         self.freed.append(teleop)
 
-    def tell(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
-        self.said.append((event, text))
+    def emit(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
+        self.reported_events.append((event, text))
 
     def button(self, name: str, kind: int) -> None:
-        self.said.append(("button", name))
+        self.reported_events.append(("button", name))
 
     def status(self, text: str) -> None:
-        self.said.append(("status", text))
+        self.reported_events.append(("status", text))
 
     def report(self, code: Code, text: str) -> None:
-        self.said.append((code.code, text))
+        self.reported_events.append((code.code, text))
 
     def beep(self, duration_s: float, frequency_hz: float) -> None:
         self.beeps.append((duration_s, frequency_hz))
@@ -134,7 +134,7 @@ def test_quick_tap_toggles_the_pair_of_a_master() -> None:
     logic, desk = console()
     logic.press(CLUTCH, CLICKED)
     assert logic.selected == {"MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM3"}
-    assert ("status", "MTML_PSM2 unselected to free MTML") in desk.said
+    assert ("status", "MTML_PSM2 unselected to free MTML") in desk.reported_events
     logic.press(CLUTCH, CLICKED)
     assert "MTML_PSM2" in logic.selected and "MTML_PSM3" not in logic.selected
     assert desk.beeps == [(0.05, 2000.0)] * 4
@@ -157,8 +157,8 @@ def test_of_a_clutch_those_hear_first_that_do_not_run(camera: bool) -> None:
     for kind in (PRESSED, RELEASED):
         desk.asks.clear()
         logic.press(CLUTCH, kind)
-        told = [name for name, command, _, _ in desk.asks if command == "clutch"]
-        assert len(told) == len(ALL) and set(told[-len(running):]) == running
+        reported = [name for name, command, _, _ in desk.asks if command == "clutch"]
+        assert len(reported) == len(ALL) and set(reported[-len(running):]) == running
 
 
 def test_clutch_goes_to_every_teleop_selected_or_not() -> None:
@@ -175,7 +175,7 @@ def test_selecting_frees_the_arm_within_a_console() -> None:
     desk.asks.clear()
     assert logic.select("MTML_PSM3")
     assert [(row[0], row[3]) for row in desk.asks] == [("MTML_PSM2", DISABLE), ("MTML_PSM3", ENABLE)]
-    assert {("unselected", "MTML_PSM2"), ("selected", "MTML_PSM3")} <= set(desk.said)
+    assert {("unselected", "MTML_PSM2"), ("selected", "MTML_PSM3")} <= set(desk.reported_events)
 
 
 def test_second_console_waits_until_the_first_has_let_go() -> None:
@@ -292,7 +292,7 @@ def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_
     assert logic.wanted and desk.words(RIGHT.name)[-1] == ENABLE
     logic.faults_until(4)
     assert not logic.wanted and desk.words(RIGHT.name)[-1] == DISABLE
-    assert [text for code, text in desk.said if code == "teleop-disabled"] == [
+    assert [text for code, text in desk.reported_events if code == "teleop-disabled"] == [
         "c: an arm had a fault; teleoperation is no longer enabled"]
     logic.press(OPERATOR, RELEASED)
     logic.press(OPERATOR, PRESSED)

@@ -17,7 +17,7 @@ class LensHarness:
 
     def __init__(self) -> None:
         self.pins, self.pedals, self.stuck, self.known = [False, False], [False, False], False, True
-        self.said: list[tuple[str, bool]] = []
+        self.reported: list[tuple[str, bool]] = []
         self.writes = 0
         self.now_ns = 1_000_000_000
         self.lens = Lens(self)
@@ -27,8 +27,8 @@ class LensHarness:
         if not self.stuck:
             self.pins[way] = high
 
-    def tell(self, event: str, on: bool) -> None:
-        self.said.append((event, on))
+    def report(self, event: str, on: bool) -> None:
+        self.reported.append((event, on))
 
     def step(self, cycles: int = 1) -> list[bool]:
         for _ in range(cycles):
@@ -58,7 +58,7 @@ def test_pedals_move_the_lens_while_they_are_held(harness: LensHarness) -> None:
     assert harness.step() == [True, True]
     harness.pedals = [False, True]
     assert harness.step() == [True, False]
-    assert harness.said == [("focusing_in", True), ("focusing_in", False), ("focusing_out", True)]
+    assert harness.reported == [("focusing_in", True), ("focusing_in", False), ("focusing_out", True)]
 
 
 def test_it_goes_one_way_at_a_time(harness: LensHarness) -> None:
@@ -77,7 +77,7 @@ def test_a_lock_stops_it_and_holds_until_a_pedal_is_pressed_anew(harness: LensHa
     harness.step()
     assert harness.send("lock", 1) == "done"
     assert harness.step() == [True, True]
-    assert harness.said == [("focusing_in", True), ("focusing_in", False), ("locked", True)]
+    assert harness.reported == [("focusing_in", True), ("focusing_in", False), ("locked", True)]
     assert "the focus is locked" in harness.send("focus_out", 1)
     harness.send("lock", 0)
     assert harness.step() == [True, True], "a pedal that was held all the time does not count"

@@ -69,7 +69,7 @@ class FakeFirewire(PortBench):
 
     def reset(self) -> None:
         super().reset()
-        self._tell_of_reset()
+        self._report_reset()
 
     def take_away(self, board: int, *, gone: bool = True) -> None:
         super().take_away(board, gone=gone)
@@ -78,16 +78,16 @@ class FakeFirewire(PortBench):
             if path not in self.devices():
                 end.close()
                 del self._clients[fd]
-        self._tell_of_reset()
+        self._report_reset()
 
-    def _tell_of_reset(self) -> None:
+    def _report_reset(self) -> None:
         self.kernel_generation += 1
         for path, end in self._clients.values():
             if path != OTHER_CARD:
-                self._tell(end, self._state(path).encode())
+                self._report(end, self._state(path).encode())
 
     @staticmethod
-    def _tell(end: socket.socket, event: bytes) -> None:
+    def _report(end: socket.socket, event: bytes) -> None:
         try:
             end.send(event)
         except OSError:  # the client has closed it
@@ -134,11 +134,11 @@ class FakeFirewire(PortBench):
         data = ctypes.string_at(data_at, length) if tcode in (0, 1) else b""
         self.touched.add(path)
         if generation != self.kernel_generation:
-            self._tell(end, firewire.CdevResponse(closure, firewire.STALE_GENERATION).encode())
+            self._report(end, firewire.CdevResponse(closure, firewire.STALE_GENERATION).encode())
             return
         code = self._done(path, node, tcode, offset, length, data, closure, end)
         if code is not None:
-            self._tell(end, firewire.CdevResponse(closure, code).encode())
+            self._report(end, firewire.CdevResponse(closure, code).encode())
 
     @staticmethod
     def _check(good: bool, error: int) -> None:
@@ -183,5 +183,5 @@ class FakeFirewire(PortBench):
             found = wire.decode_response(reply)
             if isinstance(found, wire.WireResponse):
                 whose, client = self._waiting.get(found.tl, (closure ^ 1 << 16, end))
-                self._tell(client, firewire.CdevResponse(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
+                self._report(client, firewire.CdevResponse(whose, firewire.COMPLETE, self.spoil(found.data)).encode())
         return None

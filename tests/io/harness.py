@@ -193,7 +193,7 @@ class FakePort:
 
 
 class FakeSource:
-    """Set-points as an arm would send them."""
+    """Setpoints as an arm would send them."""
 
     def __init__(self) -> None:
         self.stamp_ns = 0

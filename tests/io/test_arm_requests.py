@@ -1,4 +1,4 @@
-"""What an arm wants of io travels in its set-points: what counts, what voids it, what io answers."""
+"""What an arm wants of io travels in its setpoints: what counts, what voids it, what io answers."""
 
 from __future__ import annotations
 
@@ -34,11 +34,12 @@ def test_wishes_power_hold_and_let_go() -> None:
     harness.arms[0].wish(power=ON, pid=ON, brakes=ON, limits=OFF, tracking=ON, velocity=ON, pots=ON)
     harness.run_s(0.2)
     record = harness.record
-    assert record.brakes_released[0] and record.tracking_check[0] and record.velocity_used[0] and record.pot_check[0]
+    assert record.brakes_released[0] and record.tracking_check[0] and record.use_setpoint_velocity[0]
+    assert record.pot_check[0]
     assert record.pid_generation[0] == generation and not refusal(harness) and harness.codes == []
     harness.arms[0].wish(power=OFF, brakes=OFF)
     harness.run(1)
-    assert not record.power_wanted[0] and not record.pid_enabled[0] and not record.brakes_released[0]
+    assert not record.power_requested[0] and not record.pid_enabled[0] and not record.brakes_released[0]
     assert record.tracking_check[0], "no wish changes nothing"
 
 
@@ -64,10 +65,10 @@ def test_wishes_of_a_silent_arm_change_nothing() -> None:
     harness.arms_alive = False
     harness.arms[0].stamp_ns = harness.clock.ns - 31_000_000
     harness.run(10)
-    assert not harness.record.power_wanted[0] and harness.record.wish_generation[0] == 0
+    assert not harness.record.power_requested[0] and harness.record.wish_generation[0] == 0
     harness.arms_alive = True
     harness.run(1)
-    assert harness.record.power_wanted[0] and harness.record.wish_generation[0] == 1
+    assert harness.record.power_requested[0] and harness.record.wish_generation[0] == 1
 
 
 def test_a_wish_comes_true_as_soon_as_it_can() -> None:
@@ -86,10 +87,10 @@ def test_after_every_fault_the_same_wish_gives_nothing_back(fault: codes.Code) -
     harness = held(IoHarness())
     harness.core.reports.trip(fault, 0)
     harness.run(1)
-    on = harness.record.power_wanted[0]
+    on = harness.record.power_requested[0]
     assert harness.record.wish_void[0] and harness.record.fault[0] == fault.number and not harness.record.pid_enabled[0]
     harness.run_s(1.0)
-    assert harness.record.power_wanted[0] == on and not harness.record.pid_enabled[0]
+    assert harness.record.power_requested[0] == on and not harness.record.pid_enabled[0]
     assert harness.record.fault[0] == fault.number
 
 
@@ -98,7 +99,7 @@ def test_a_wish_in_the_cycle_of_a_fault_is_void() -> None:
     harness.arms[0].wish(power=ON, pid=ON, fault=OFF)
     harness.core.reports.trip(codes.POWER_LOST, 0)
     harness.run_s(0.5)
-    assert not harness.record.power_wanted[0] and harness.record.fault[0] == codes.POWER_LOST.number
+    assert not harness.record.power_requested[0] and harness.record.fault[0] == codes.POWER_LOST.number
 
 
 def test_a_wish_older_than_the_last_fault_counts_for_nothing() -> None:
@@ -110,7 +111,7 @@ def test_a_wish_older_than_the_last_fault_counts_for_nothing() -> None:
     harness.arms[0].wish(OLD, power=ON)
     harness.run(10)
     assert "a person has to ask for it again" in refusal(harness) and not harness.record.wish_void[0]
-    assert not harness.record.power_wanted[0] and harness.record.fault[0] == codes.POWER_LOST.number
+    assert not harness.record.power_requested[0] and harness.record.fault[0] == codes.POWER_LOST.number
     harness.arms[0].wish(Origin(0, 1 << 60, ""), power=OFF, limits=OFF)
     harness.run(1)
     assert not refusal(harness), "to end something nobody needs to have asked"
@@ -125,10 +126,10 @@ def test_a_persons_command_voids_the_wishes(name: str, values: tuple[float, ...]
     harness = held(IoHarness())
     assert harness.ask(name, *values).outcome == "done"
     assert harness.record.wish_void[0] and refusal(harness) == f"test asked for {name} meanwhile"
-    controlled, powered = harness.record.pid_enabled[0], harness.record.power_wanted[0]
+    controlled, powered = harness.record.pid_enabled[0], harness.record.power_requested[0]
     assert (controlled, powered) == (name == "tracking_check", name != "power_off")
     harness.run_s(0.5)
-    assert harness.record.pid_enabled[0] == controlled and harness.record.power_wanted[0] == powered
+    assert harness.record.pid_enabled[0] == controlled and harness.record.power_requested[0] == powered
     harness.arms[0].wish(power=ON)
     harness.run(10)
     assert harness.record.amps_on[0] and not harness.record.wish_void[0]
@@ -139,7 +140,7 @@ def test_a_persons_command_wins_over_a_wish_of_the_same_cycle() -> None:
     harness.arms[0].wish(power=ON, pid=ON)
     harness.ask("power_off")
     harness.run_s(0.5)
-    assert not harness.record.power_wanted[0] and harness.record.wish_generation[0] == 3
+    assert not harness.record.power_requested[0] and harness.record.wish_generation[0] == 3
 
 
 def test_a_wish_that_came_of_an_older_command_than_a_persons_power_off_gives_no_power() -> None:
@@ -150,17 +151,18 @@ def test_a_wish_that_came_of_an_older_command_than_a_persons_power_off_gives_no_
     harness.arms[0].wish(OLD, power=ON)
     harness.run(10)
     assert refusal(harness) == "trocar home asked before its last fault or power-off; a person has to ask for it again"
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
     harness.arms[0].wish(Origin(cell.spared, 0, "test"), power=ON)
     harness.run(10)
-    assert harness.record.power_wanted[0], "the command that the power-off was a part of goes on"
+    assert harness.record.power_requested[0], "the command that the power-off was a part of goes on"
 
 
 def test_a_wish_of_nobody_gives_no_power() -> None:
     harness = IoHarness()
     harness.arms[0].wish(Origin(0, 1 << 60, ""), power=ON, limits=OFF)
     harness.run(10)
-    assert refusal(harness) == "nobody asked; a person has to ask for it again" and not harness.record.power_wanted[0]
+    assert refusal(harness) == "nobody asked; a person has to ask for it again"
+    assert not harness.record.power_requested[0]
 
 
 def test_other_commands_and_refused_ones_leave_the_wishes() -> None:
@@ -178,7 +180,7 @@ def test_one_robots_wishes_are_not_anothers() -> None:
         arm.wish(power=ON)
     harness.run(10)
     harness.ask("power_off", robot="PSM2")
-    assert list(harness.record.wish_void) == [False, True] and list(harness.record.power_wanted) == [True, False]
+    assert list(harness.record.wish_void) == [False, True] and list(harness.record.power_requested) == [True, False]
 
 
 def test_power_that_does_not_come_is_not_tried_again_by_the_same_wish() -> None:
@@ -187,7 +189,7 @@ def test_power_that_does_not_come_is_not_tried_again_by_the_same_wish() -> None:
     harness.arms[0].wish(power=ON)
     harness.run_s(3.5)
     assert harness.record.fault[0] == codes.POWER_TIMEOUT.number and harness.record.wish_void[0]
-    assert not harness.record.power_wanted[0] and harness.codes == ["power-timeout"]
+    assert not harness.record.power_requested[0] and harness.codes == ["power-timeout"]
     harness.port.has_supply = True
     harness.arms[0].wish(power=OFF, fault=OFF)
     harness.run(1)
@@ -197,18 +199,18 @@ def test_power_that_does_not_come_is_not_tried_again_by_the_same_wish() -> None:
 
 
 def test_what_became_of_wishes_is_told_once_with_the_person_behind() -> None:
-    harness, told = braked(), []
-    harness.core._commands._wishes._tell = lambda asked, *what: told.append((asked.name, asked.origin, *what))
+    harness, reported = braked(), []
+    harness.core._commands._wishes._report = lambda asked, *what: reported.append((asked.name, asked.origin, *what))
     harness.arms[0].wish(NEW, pid=ON)
     harness.run(50)
     harness.arms[0].wish(NEW, power=ON)
     harness.run(50)
-    assert told == [("pid_enable", NEW, "refused", "it is not powered"), ("power_on", NEW, "accepted", ""),
-                    ("power_on", NEW, "done", "")]
-    told.clear()
+    assert reported == [("pid_enable", NEW, "refused", "it is not powered"), ("power_on", NEW, "accepted", ""),
+                        ("power_on", NEW, "done", "")]
+    reported.clear()
     harness.arms[0].wish(NEW, pid=ON, brakes=ON)
     harness.run_s(0.2)
-    assert [row[0] for row in told] == ["pid_enable", "brake_release"] and harness.record.brakes_released[0]
+    assert [row[0] for row in reported] == ["pid_enable", "brake_release"] and harness.record.brakes_released[0]
 
 
 def test_a_new_io_begins_with_nothing_seen() -> None:

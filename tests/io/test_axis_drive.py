@@ -102,7 +102,7 @@ def test_a_supply_alone_leaves_the_amplifiers_off_and_ends_by_itself(psm: Boards
     psm.run(0.2)
     assert psm.record.powered[0]
     assert not psm.record.amp_on.any()
-    assert not psm.record.power_wanted[0]
+    assert not psm.record.power_requested[0]
     psm.run(0.5)
     assert not psm.record.powered[0]
     assert psm.errors() == []

@@ -30,8 +30,8 @@ def test_a_board_that_is_away_is_blamed_alone_and_only_its_robot_is_switched_off
     (error,) = (e for e in harness.core.reports.events if e.kind == "error")
     assert (error.code, error.component, error.board) == ("board-away", "PSM2", 3)
     assert error.text.startswith("PSM2, board 3: the controller has left the bus")
-    assert harness.record.pid_enabled.tolist() == [True, False] and harness.record.power_wanted.tolist() == [True,
-                                                                                                             False]
+    assert harness.record.pid_enabled.tolist() == [True, False] and harness.record.power_requested.tolist() == [True,
+                                                                                                                False]
     harness.run_s(2.0)
     assert harness.codes == ["board-away"] and harness.record.pid_enabled.tolist() == [True, False]
 
@@ -61,7 +61,7 @@ def test_a_robot_without_its_board_gets_no_power(harness: IoHarness) -> None:
     leave(harness, 3, 10)
     command = harness.ask("power_on", robot="PSM2")
     harness.run(3)
-    assert harness.codes == ["board-away", "board-away"] and not harness.record.power_wanted[1]
+    assert harness.codes == ["board-away", "board-away"] and not harness.record.power_requested[1]
     assert command.outcome in ("failed", "refused", "accepted")
     assert harness.record.pid_enabled[0]
 

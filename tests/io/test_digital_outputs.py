@@ -26,7 +26,7 @@ def harness() -> IoHarness:
 
 @pytest.fixture
 def boards_harness() -> BoardsHarness:
-    """The set-up joints of a real site: four outputs, one of them a one-shot, one a PWM."""
+    """The setup joints of a real site: four outputs, one of them a one-shot, one a PWM."""
     loaded = load_system(stock.find("dvrk-site/jhu-daVinci/system-SUJ.json"), search=[stock.find("dvrk-share")],
                          boards="emulated")
     assert loaded.system is not None, loaded.errors

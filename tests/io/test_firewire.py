@@ -128,7 +128,7 @@ def test_a_reset_between_request_and_answer_is_noticed():
         assert eventually_reads(port)
         fake.kernel_generation += 1  # nobody was told yet
         assert not port.read_all()
-        fake._tell_of_reset()
+        fake._report_reset()
         assert eventually_reads(port)
         assert port.counters.bus_resets >= 1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.fpga import blocks
-from tests.io.test_io_fault_matrix import BUTTON, RELEASED_A, brake_a, braked, is_off, lose_packets, told, working
+from tests.io.test_io_fault_matrix import BUTTON, RELEASED_A, brake_a, braked, is_off, lose_packets, reported, working
 
 
 def test_one_bad_packet_changes_nothing_but_a_warning() -> None:
@@ -14,12 +14,12 @@ def test_one_bad_packet_changes_nothing_but_a_warning() -> None:
     before = harness.port.sent[-1].copy()
     lose_packets(harness)
     harness.run(1)
-    assert told(harness) == ["read-missed"] and not harness.record.valid
-    assert harness.record.pid_enabled[0] and harness.record.power_wanted[0] and brake_a(harness) == RELEASED_A
+    assert reported(harness) == ["read-missed"] and not harness.record.valid
+    assert harness.record.pid_enabled[0] and harness.record.power_requested[0] and brake_a(harness) == RELEASED_A
     np.testing.assert_array_equal(harness.port.sent[-1], before)
     harness.port.good = True
     harness.run(100)
-    assert told(harness) == ["read-missed"] and harness.record.valid and harness.record.pid_enabled[0]
+    assert reported(harness) == ["read-missed"] and harness.record.valid and harness.record.pid_enabled[0]
 
 
 def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -> None:
@@ -27,13 +27,13 @@ def test_ten_thousand_bad_packets_are_one_warning_one_fault_and_one_recovery() -
     lose_packets(harness)
     sent = len(harness.port.sent)
     harness.run(10_000)
-    assert told(harness) == ["read-missed", "bad-reads", "power off"] and not harness.record.valid
+    assert reported(harness) == ["read-missed", "bad-reads", "power off"] and not harness.record.valid
     assert len(harness.port.sent) == sent + 10_000 and is_off(harness)
     assert harness.record.bad_reads == 10_000 and harness.record.age_ns == pytest.approx(10_000 * 976_562, rel=1e-3)
     harness.port.good = True
     harness.run(10)
-    assert told(harness) == ["read-missed", "bad-reads", "power off", "the controllers answer again"]
-    assert harness.record.valid and not harness.record.pid_enabled[0] and not harness.record.power_wanted[0]
+    assert reported(harness) == ["read-missed", "bad-reads", "power off", "the controllers answer again"]
+    assert harness.record.valid and not harness.record.pid_enabled[0] and not harness.record.power_requested[0]
 
 
 def test_power_asked_for_without_packets_fails_at_once() -> None:
@@ -51,7 +51,7 @@ def test_a_button_pressed_while_packets_are_lost_is_told_with_the_next_good_one(
     lose_packets(harness)
     harness.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
     harness.run(10)
-    assert told(harness) == ["read-missed"]
+    assert reported(harness) == ["read-missed"]
     harness.port.good = True
     harness.run(1)
-    assert told(harness) == ["read-missed", "pressed"]
+    assert reported(harness) == ["read-missed", "pressed"]

@@ -102,7 +102,7 @@ def test_too_much_current_in_a_brake_cuts_power(harness: IoHarness) -> None:
     harness.run(100)
     assert harness.codes == []
     harness.run()
-    assert harness.codes == ["current"] and not harness.record.power_wanted[0]
+    assert harness.codes == ["current"] and not harness.record.power_requested[0]
     (event,) = [e for e in harness.core.reports.events if e.code == "current"]
     assert event.axis == 8 and event.limit == pytest.approx(1.2 * 0.3 + 0.05)
 

@@ -32,7 +32,7 @@ def test_potentiometers_are_not_compared_while_they_are_calibrated(on: bool) -> 
     assert bool(harness.record.pot_check[0]) is not on
     harness.port.pot(2, 1.0)
     harness.run(100)
-    assert harness.codes == ([] if on else ["potentiometer"]) and bool(harness.record.power_wanted[0]) is on
+    assert harness.codes == ([] if on else ["potentiometer"]) and bool(harness.record.power_requested[0]) is on
 
 
 @pytest.mark.parametrize(("current", "calibrating", "trips"), [
@@ -73,7 +73,7 @@ def test_an_si_arm_gets_power_for_its_brakes_only() -> None:
         ("refused", "in calibration mode the motor amplifiers of a dRA1 stay off")]
     assert harness.do("brake_release", "PSM1").outcome == "done"
     harness.run(3.5)  # beyond all grace times
-    assert harness.record.brakes_released[0] and harness.errors() == [] and harness.record.power_wanted[0]
+    assert harness.record.brakes_released[0] and harness.errors() == [] and harness.record.power_requested[0]
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def test_current_unlike_the_request_cuts_power_on_the_11th_cycle() -> None:
     event = next(e for e in harness.core.reports.events if e.kind == "error")
     assert (event.component, event.axis, event.limit) == ("PSM1", 5, AMOUNT_A)
     assert event.value == pytest.approx(0.6, abs=1e-3)
-    assert not harness.record.power_wanted[0] and harness.record.fault[0] == 21
+    assert not harness.record.power_requested[0] and harness.record.fault[0] == 21
     harness.run(100)
     assert harness.codes == ["current-error"]
 
@@ -90,7 +90,7 @@ def test_only_the_robot_with_the_difference_loses_power() -> None:
     harness.run(11)
     errors = [(e.code, e.component, e.axis) for e in harness.core.reports.events if e.kind == "error"]
     assert errors == [("current-error", "PSM2", 1)]
-    assert harness.record.power_wanted.tolist() == [True, False]
+    assert harness.record.power_requested.tolist() == [True, False]
 
 
 def test_a_difference_that_is_not_a_number_is_one() -> None:

@@ -149,7 +149,7 @@ ROWS = (
 NUMBERS = {row.code: row.number for row in FAULTS}
 
 
-def told(harness: IoHarness) -> list[str]:
+def reported(harness: IoHarness) -> list[str]:
     """Events in their order: codes of warnings and errors, texts of the others."""
     return [event.code or event.text for event in harness.core.reports.events]
 
@@ -174,7 +174,7 @@ def test_nothing_happens_before_its_cycle(row: FaultRow) -> None:
     harness = working(row.made())
     row.breaks(harness)
     harness.run(row.cycle - 1)
-    assert harness.codes == [] and harness.record.pid_enabled[0] and harness.record.power_wanted[0]
+    assert harness.codes == [] and harness.record.pid_enabled[0] and harness.record.power_requested[0]
     assert brake_a(harness) == RELEASED_A and harness.record.fault[0] == 0
     assert zero_current(harness) == (row.code == "bad-reads")  # what was worked out from an old sample has faded out
 
@@ -186,7 +186,7 @@ def test_in_its_cycle_outputs_go_off_before_anything_is_written(row: FaultRow) -
     harness.run(row.cycle)
     assert not harness.record.pid_enabled[0] and zero_current(harness)
     assert brake_a(harness) == ENGAGED_A and not harness.record.brakes_released[0]
-    assert harness.record.power_wanted[0] == harness.record.amp_enabled.all() == row.powered
+    assert harness.record.power_requested[0] == harness.record.amp_enabled.all() == row.powered
     assert is_off(harness) != row.powered
     opened = harness.port.sent[-1][:, 4] & registers.CONTROL_RELAY_MASK == registers.CONTROL_RELAY_OFF
     assert opened.all() != row.relay
@@ -198,7 +198,7 @@ def test_it_is_told_once_with_its_axis_and_in_order(row: FaultRow) -> None:
     harness = working(row.made())
     row.breaks(harness)
     harness.run(row.cycle)
-    assert told(harness) == [*row.before, row.code, *row.after]
+    assert reported(harness) == [*row.before, row.code, *row.after]
     event = next(e for e in harness.core.reports.events if e.code == row.code)
     assert (event.component, event.axis, event.kind) == ("PSM1", row.axis, "error")
     harness.run(1000)
@@ -242,7 +242,7 @@ def test_it_is_told_again_after_power_was_asked_for_in_vain(row: FaultRow) -> No
         return
     late = {"power-lost": "power-timeout"}
     assert harness.codes == [late.get(row.code, row.code)]
-    assert not harness.record.power_wanted[0] and is_off(harness)
+    assert not harness.record.power_requested[0] and is_off(harness)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)
@@ -251,7 +251,7 @@ def test_power_and_controller_asked_for_in_its_cycle_are_refused_or_undone(row: 
     row.breaks(harness)
     harness.run(row.cycle - 1)
     harness.ask("power_on")
-    assert harness.record.power_wanted[0] == row.powered and not harness.record.pid_enabled[0]
+    assert harness.record.power_requested[0] == row.powered and not harness.record.pid_enabled[0]
     assert harness.record.fault[0] == NUMBERS[row.code]
 
 
@@ -272,7 +272,7 @@ def test_a_button_in_its_cycle_is_told(row: FaultRow) -> None:
     harness.run(row.cycle - 1)
     harness.port.live[0, blocks.DIGITAL_INPUT] |= BUTTON
     harness.run(1)
-    assert told(harness) == [*row.before, row.code, *row.after, "pressed"]
+    assert reported(harness) == [*row.before, row.code, *row.after, "pressed"]
     assert harness.record.input[0] and harness.record.valid
 
 
@@ -301,12 +301,12 @@ def test_two_faults_of_one_cycle_are_both_told_and_the_stronger_acts(one: FaultR
     assert sorted(harness.codes) == sorted(codes)
     assert harness.record.fault[0] == NUMBERS[harness.codes[0]]
     assert not harness.record.pid_enabled[0] and zero_current(harness) and brake_a(harness) == ENGAGED_A
-    assert harness.record.power_wanted[0] == (one.powered and other.powered)
+    assert harness.record.power_requested[0] == (one.powered and other.powered)
     opened = harness.port.sent[-1][:, 4] & registers.CONTROL_RELAY_MASK == registers.CONTROL_RELAY_OFF
     assert opened.all() == (not (one.relay and other.relay))
-    told_before = told(harness)
+    reported_before = reported(harness)
     harness.run(500)
-    assert told(harness)[: len(told_before)] == told_before and sorted(harness.codes) == sorted(codes)
+    assert reported(harness)[: len(reported_before)] == reported_before and sorted(harness.codes) == sorted(codes)
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.cycle == 1 and row.code != "not-finite"], ids=str)
@@ -327,9 +327,9 @@ def test_power_loss_before_3_s_waits_for_them_where_nothing_is_held() -> None:
     harness.core.reports.events.clear()
     lose_supply(harness)
     harness.run_s(2.9)
-    assert told(harness) == ["power lost"] and harness.record.power_wanted[0]
+    assert reported(harness) == ["power lost"] and harness.record.power_requested[0]
     harness.run_s(0.2)
-    assert told(harness) == ["power lost", "power-lost", "power off"] and is_off(harness)
+    assert reported(harness) == ["power lost", "power-lost", "power off"] and is_off(harness)
 
 
 def test_power_loss_before_3_s_that_ends_in_time_is_told_and_nothing_else() -> None:
@@ -340,14 +340,14 @@ def test_power_loss_before_3_s_that_ends_in_time_is_told_and_nothing_else() -> N
     harness.run_s(1.0)
     harness.port.has_supply = True
     harness.run_s(2.5)
-    assert told(harness)[:2] == ["power lost", "powered"] and harness.codes in ([], ["amplifier"])
+    assert reported(harness)[:2] == ["power lost", "powered"] and harness.codes in ([], ["amplifier"])
 
 
 def test_power_loss_before_3_s_acts_at_once_where_an_arm_is_held() -> None:
     harness = working(braked(), grace_over=False)
     lose_supply(harness)
     harness.run(1)
-    assert told(harness) == ["power lost", "power-lost", "power off"]
+    assert reported(harness) == ["power lost", "power-lost", "power off"]
     assert not harness.record.pid_enabled[0] and is_off(harness) and brake_a(harness) == ENGAGED_A
 
 
@@ -362,7 +362,7 @@ def test_power_lost_in_the_grace_time_and_in_the_cycle_of_a_fault_is_told(row: F
     harness.run(row.cycle - 1)
     lose_supply(harness)
     harness.run(1)
-    assert told(harness) == ["power lost", row.code, "power off"]
+    assert reported(harness) == ["power lost", row.code, "power off"]
 
 
 def test_the_watchdogs_end_is_told_too() -> None:
@@ -371,7 +371,7 @@ def test_the_watchdogs_end_is_told_too() -> None:
     harness.run(2)
     harness.core.reports.events.clear()
     harness.power()
-    assert "the watchdog is cleared" in told(harness) and harness.codes == []
+    assert "the watchdog is cleared" in reported(harness) and harness.codes == []
 
 
 def test_faults_of_several_axes_are_all_named() -> None:
@@ -394,7 +394,7 @@ def test_another_robot_goes_on() -> None:
     hot(harness)
     harness.run(10)
     assert harness.codes == ["temperature"] and harness.record.pid_enabled.tolist() == [False, True]
-    assert harness.record.power_wanted.tolist() == [False, True]
+    assert harness.record.power_requested.tolist() == [False, True]
     assert (harness.record.current_request[7:] == EFFORT / 2).all()
 
 

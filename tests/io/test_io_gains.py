@@ -16,7 +16,7 @@ def harness() -> IoHarness:
     return made
 
 
-def told(harness: IoHarness) -> list[tuple[str, int, str]]:
+def reported(harness: IoHarness) -> list[tuple[str, int, str]]:
     return [(e.component, e.axis, e.text) for e in harness.core.reports.events if e.text.startswith("gains changed")]
 
 
@@ -28,15 +28,15 @@ def test_a_gain_changes_within_the_cycle_of_its_command(harness: IoHarness) -> N
     assert done.outcome == "done"
     changed = harness.core.pid.effort
     assert changed[3] == pytest.approx(2.0 * 0.08) and np.array_equal(np.delete(changed, 3), np.delete(before, 3))
-    assert told(harness) == [("PSM1", 3, "gains changed by anton: p_gain 1 -> 2, p_deadband 0 -> 0.02")]
+    assert reported(harness) == [("PSM1", 3, "gains changed by anton: p_gain 1 -> 2, p_deadband 0 -> 0.02")]
 
 
 def test_all_axes_change_together(harness: IoHarness) -> None:
     harness.core.reports.events.clear()
     assert harness.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"
     assert harness.core.gains.record["d_gain"].tolist() == [0.25] * 7
-    assert [row[:2] for row in told(harness)] == [("PSM1", axis) for axis in range(7)]
-    assert "by somebody" in told(harness)[0][2]
+    assert [row[:2] for row in reported(harness)] == [("PSM1", axis) for axis in range(7)]
+    assert "by somebody" in reported(harness)[0][2]
 
 
 def test_the_record_shows_files_first_and_every_change(harness: IoHarness) -> None:
@@ -72,7 +72,7 @@ def test_what_makes_no_sense_is_refused_and_nothing_changes(
     before = list(harness.core.pid.gains)
     refused = harness.ask("set_gains", *values, robot=text)
     assert refused.answers[0][0] == "refused" and reason in refused.answers[0][1]
-    assert harness.core.pid.gains == before and told(harness) == []
+    assert harness.core.pid.gains == before and reported(harness) == []
 
 
 def test_one_bad_axis_refuses_all_of_a_change() -> None:

@@ -164,21 +164,21 @@ def test_the_names_of_tool_files_are_found_in_what_is_told() -> None:
     assert Instrument("LARGE_NEEDLE_DRIVER", 6, 0).tool == "LARGE_NEEDLE_DRIVER:000006[0]"
 
 
-@pytest.mark.parametrize(("at", "content", "said"), [
+@pytest.mark.parametrize(("at", "content", "reported"), [
     (instrument.COMPANY_AT, b"998", "it begins with b'998'"),
     (instrument.NAME_AT, b"\0" * 28, "no readable name"),
     (instrument.NAME_AT, b"\xff" * 28, "no readable name"),
     (instrument.NAME_AT, b"\x80\x81\x82", "no readable name"),
     (instrument.NAME_AT, b"A\nB", "no readable name"),
 ])
-def test_garbage_is_an_error_that_says_why(at: int, content: bytes, said: str) -> None:
+def test_garbage_is_an_error_that_says_why(at: int, content: bytes, reported: str) -> None:
     memory = bytearray(LND)
     memory[at : at + len(content)] = content
     bench = InstrumentBench()
     bench.chip.insert(bytes(memory), 0)
     outcome, text = bench.read(1.0)
-    assert outcome == "failed" and said in text
-    assert bench.shown() == ("ERROR", "") and said in bench.reports.events[-1].text
+    assert outcome == "failed" and reported in text
+    assert bench.shown() == ("ERROR", "") and reported in bench.reports.events[-1].text
 
 
 @pytest.mark.parametrize("loss", [0.05, 0.2])

@@ -13,7 +13,7 @@ from tests.io.test_io_fault_matrix import (
     is_off,
     lose_packets,
     nan_effort,
-    told,
+    reported,
     working,
     zero_current,
 )
@@ -44,8 +44,8 @@ def test_a_set_point_that_is_no_number_is_found_without_packets_too() -> None:
     lose_packets(harness)
     nan_effort(harness)
     harness.run(1)
-    assert sorted(told(harness)) == ["not-finite", "read-missed"] and not harness.record.pid_enabled[0]
-    assert zero_current(harness) and harness.record.power_wanted[0] and brake_a(harness) == ENGAGED_A
+    assert sorted(reported(harness)) == ["not-finite", "read-missed"] and not harness.record.pid_enabled[0]
+    assert zero_current(harness) and harness.record.power_requested[0] and brake_a(harness) == ENGAGED_A
     harness.run(30)
     assert harness.codes == ["not-finite", "bad-reads"] and is_off(harness)
     assert harness.record.fault[0] == NUMBERS["not-finite"], "the first stays latched"
@@ -67,7 +67,7 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
     harness.run(1)
     assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
     harness.run(1)
-    assert zero_current(harness) and harness.record.power_wanted[0] and brake_a(harness) == ENGAGED_A
+    assert zero_current(harness) and harness.record.power_requested[0] and brake_a(harness) == ENGAGED_A
 
 
 def test_numbers_too_large_to_compute_with_stay_within_the_motors_current() -> None:

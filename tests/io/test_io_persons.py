@@ -42,7 +42,7 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
     assert made.record.amps_on[0] and cell.void == 0
     made.core.reports.trip(codes.POWER_LOST, 0)
     made.run()
-    assert cell.void == 1 and not made.record.power_wanted[0]
+    assert cell.void == 1 and not made.record.power_requested[0]
     assert asked(made, "power_on", 0) == "refused" and asked(made, "bias_encoders", 0, 10.0) == "refused"
     assert asked(made, "power_off", 0) == "done" and asked(made, "pid_enable", 0, 0.0) == "done"
     assert asked(made, "power_on", 1) == "accepted"

@@ -73,7 +73,7 @@ def test_power_that_does_not_come_is_a_fault_after_3_s() -> None:
     harness.run_s(0.2)
     assert harness.codes == ["power-timeout"]
     assert command.outcome == "failed"
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
 
 
 def test_power_loss_is_told_after_the_grace_time_only() -> None:
@@ -84,7 +84,7 @@ def test_power_loss_is_told_after_the_grace_time_only() -> None:
     assert harness.codes == []
     harness.run_s(2.5)
     assert harness.codes[-1] == "power-lost"
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
 
 
 def test_power_loss_with_a_controller_on_acts_at_once() -> None:
@@ -132,7 +132,7 @@ def test_a_watchdog_that_trips_switches_off() -> None:
     harness.port.set_status(registers.STATUS_WATCHDOG)
     harness.run(2)
     assert harness.codes == ["watchdog"]
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
     assert not harness.record.pid_enabled[0]
 
 
@@ -243,7 +243,7 @@ def test_a_fault_takes_robots_on_the_same_board_along() -> None:
     harness.port.live[1, 3] = 70 * 2 << 8 | 70 * 2
     harness.run(2)
     assert "temperature" in harness.codes
-    assert not harness.record.power_wanted.any()
+    assert not harness.record.power_requested.any()
     assert harness.record.fault.all()
 
 

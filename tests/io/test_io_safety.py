@@ -18,7 +18,7 @@ def test_over_current_trips_on_the_101st_cycle() -> None:
     assert event.axis == 3
     assert event.value == pytest.approx(-1.3, abs=1e-3)
     assert event.limit == pytest.approx(1.25)
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
 
 
 def test_one_good_cycle_forgives_over_current() -> None:
@@ -94,7 +94,7 @@ def test_hot_amplifiers_switch_off() -> None:
     harness.port.live[0, blocks.TEMPERATURE] = 60 << 8 | 66 * 2
     harness.run(1)
     assert harness.codes == ["temperature"]
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
 
 
 def test_heat_without_power_is_nobodys_business() -> None:
@@ -135,7 +135,7 @@ def test_encoder_overflow_takes_bias_and_power() -> None:
     harness.run(1)
     assert harness.codes == ["encoder-overflow"]
     assert not harness.record.biased[0]
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
     assert len([q for q in harness.port.quadlets if q[1] & 0xF == registers.ENCODER_PRELOAD]) == 7
     harness.run(20)
     assert harness.codes == ["encoder-overflow"]
@@ -214,7 +214,7 @@ def test_bad_reads_for_the_watchdog_time_are_a_fault() -> None:
     assert harness.codes == ["bad-reads"]
     assert "PSM1, boards 0, 1: " in next(e.text for e in harness.core.reports.events if e.kind == "error")
     assert not harness.record.pid_enabled[0]
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
     assert (harness.dac() & 0xFFFF == 0x8000).all()
     sent = len(harness.port.sent)
     harness.run(1000)

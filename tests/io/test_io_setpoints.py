@@ -251,7 +251,7 @@ def test_a_lost_arm_may_be_powered_off() -> None:
     harness.arms_alive = False
     harness.run_s(5.2)
     assert harness.codes == ["arm-lost", "arm-lost-power-off"]
-    assert not harness.record.power_wanted[0]
+    assert not harness.record.power_requested[0]
 
 
 def test_an_arm_that_never_came_is_waited_for_from_the_enable() -> None:
@@ -279,7 +279,7 @@ def test_a_tracking_error_stops_the_controller_not_the_power() -> None:
     assert (event.code, event.axis, event.limit) == ("tracking", 4, 0.2)
     assert event.value == pytest.approx(0.21)
     assert not harness.record.pid_enabled[0]
-    assert harness.record.power_wanted[0]
+    assert harness.record.power_requested[0]
     assert (harness.currents == 0x8000).all()
     assert (harness.dac() & 0xFFFF == 0x8000).all()
 

@@ -39,7 +39,7 @@ class TaskHarness(IoHarness):
             each.clock = self.clock
 
     @property
-    def told(self) -> list[str]:
+    def reported(self) -> list[str]:
         return [event.text for event in self.core.reports.events if "task-" in event.code]
 
 
@@ -108,7 +108,7 @@ def test_the_sample_cannot_be_written(tmp_path, name) -> None:
     harness.control()
     harness.run(2)
     assert harness.mine[0].steps == 1
-    (text,) = harness.told
+    (text,) = harness.reported
     assert "mine.Mine: line" in text and "read-only" in text
     assert (harness.record.setpoint_position == 0.0).all() and (harness.record.setpoint_effort == 0.0).all()
 
@@ -130,8 +130,8 @@ def test_a_task_that_fails_is_detached_and_the_controller_goes_on(tmp_path, body
     harness.run(20)
     np.testing.assert_allclose(harness.record.setpoint_effort, 0.1)
     assert harness.mine[0].steps == 20
-    (told,) = harness.told
-    assert text in told and "detached" in told and harness.codes == ["task-failed"]
+    (reported,) = harness.reported
+    assert text in reported and "detached" in reported and harness.codes == ["task-failed"]
     assert harness.record.pid_enabled[0] and harness.record.fault[0] == 0
 
 
@@ -142,7 +142,7 @@ def _late(body: str) -> str:
 def test_over_budget_so_many_times_is_the_end(tmp_path) -> None:
     harness = TaskHarness(tmp_path, "effort[...] = 0.5\nself.clock.ns += 60_000", budget_s=50e-6, over_budget=10)
     harness.control()
-    assert harness.told and harness.mine[0].steps == 10
+    assert harness.reported and harness.mine[0].steps == 10
     event = next(e for e in harness.core.reports.events if e.code == "task-over-budget")
     assert event.component == "PSM1" and event.value == pytest.approx(60e-6) and event.limit == pytest.approx(50e-6)
     assert "mine.Mine: mean 60.0 µs, at most 60.0 µs in 10 cycles" in event.text
@@ -153,7 +153,7 @@ def test_over_budget_so_many_times_is_the_end(tmp_path) -> None:
 def test_a_long_reason_does_not_crowd_out_the_hint(tmp_path, body) -> None:
     harness = TaskHarness(tmp_path, body)
     harness.run(10)
-    assert len(harness.told) == 1
+    assert len(harness.reported) == 1
     (event,) = (e for e in harness.core.reports.events if e.code in ("task-over-budget", "task-failed"))
     assert "docs/in-cycle.md" in event.hint
 
@@ -162,7 +162,7 @@ def test_a_long_reason_does_not_crowd_out_the_hint(tmp_path, body) -> None:
 def test_now_and_then_over_budget_is_forgiven(tmp_path, every, detached) -> None:
     harness = TaskHarness(tmp_path, f"if self.steps % {every} == 0:\n    self.clock.ns += 60_000")
     harness.run(300 * every)
-    assert bool(harness.told) == detached
+    assert bool(harness.reported) == detached
 
 
 def test_times_are_told_when_the_joint_controller_goes_off(tmp_path) -> None:

@@ -19,7 +19,7 @@ class Loop:
 
     def __init__(self) -> None:
         self.reports, self.record = IoReports(), IoRecord.private(7, 2, 0)
-        self.record.power_wanted[1] = True
+        self.record.power_requested[1] = True
         self.now_ns = 5 * SECOND
         self.timing = Timing("IO1", PERIOD_S, self.record, self.reports, self.now_ns)
 
@@ -89,7 +89,7 @@ def test_a_powered_robot_is_stopped_and_can_be_brought_back() -> None:
     for _ in range(800):
         harness.clock.ns += 500_000
         harness.run(1)
-    assert harness.codes == ["period"] and not harness.record.pid_enabled[0] and harness.record.power_wanted[0]
+    assert harness.codes == ["period"] and not harness.record.pid_enabled[0] and harness.record.power_requested[0]
     harness.run_s(1.1)
     harness.ask("clear_fault")
     assert harness.ask("pid_enable", 1).outcome == "done"

@@ -1,4 +1,4 @@
-"""Set-points that cannot be read whole: they were never there, and the robot is held where it is."""
+"""Setpoints that cannot be read whole: they were never there, and the robot is held where it is."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAMES = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_g
 
 
 class Torn:
-    """The set-points of a stand's only arm by way of a real ring, which can be spoilt."""
+    """The setpoints of a stand's only arm by way of a real ring, which can be spoilt."""
 
     def __init__(self, system: str) -> None:
         directory.create_ring(system, "PSM1", SETPOINT, {}, {})
@@ -88,7 +88,7 @@ def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) ->
     harness.control()
     harness.send(1, position=0.1)
     torn.run(3)
-    assert (record.setpoint_position == 0.1).all() and torn.reader.trouble == ""
+    assert (record.setpoint_position == 0.1).all() and torn.reader.problem == ""
     torn.spoil = how
     harness.send(1, position=0.11)
     torn.run(TIMEOUT - 2)
@@ -100,7 +100,7 @@ def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) ->
     torn.run(int(0.2 * 1024))
     assert harness.codes == ["arm-lost"] and record.pid_enabled[0]
     assert (record.setpoint_position == 0.1).all() and (harness.record.setpoint_velocity == 0.0).all()
-    assert torn.reader.trouble != ""
+    assert torn.reader.problem != ""
     torn.spoil = ""
     torn.run(1)
     assert not record.holding[0] and (record.setpoint_position == 0.11).all()

@@ -18,7 +18,7 @@ PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)
 
 
-def played_io() -> IoConfig:
+def kinematic_io() -> IoConfig:
     system = load_system(PROJECT_CONFIGS / "systems/kinematic.yaml").system
     assert system is not None
     return system.io("io")
@@ -28,7 +28,7 @@ class KinematicStage:
     """The robot of the newcomers' file, its arm and a clock."""
 
     def __init__(self, record: IoRecord | None = None) -> None:
-        self.io, self.clock, self.arm = played_io(), SteppedClock(), FakeSource()
+        self.io, self.clock, self.arm = kinematic_io(), SteppedClock(), FakeSource()
         self.record = record or IoRecord.private(7, 1, 0)
         self.alive = True
         self.core = KinematicIo(self.io, self.clock, self.record, [self.arm])

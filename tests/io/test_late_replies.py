@@ -42,7 +42,7 @@ class WorkingClock:
 
 
 @dataclass
-class Trouble:
+class Disorder:
     """What happens to replies until `end_ns`, and when the boards stand still."""
 
     lost: float = 0.0
@@ -68,7 +68,7 @@ class DisorderedLine:
         self.bus = EmulatedBus(tuple(Controller(board, firmware=9 if late else 8, fpga="V3" if late else "V2")
                                      for board in ids), network=network)
         self.clock, self.has_ports, self.dice = clock, has_ports, random.Random(seed)
-        self.trouble = Trouble()
+        self.problem = Disorder()
         self.newest: dict[object, int] = {}  # number of the newest request, by node; "query": of those
         self.labels: list[tuple[int, int]] = []  # of what was answered, and when that was asked
         self.writes = self.reads = self.free_ns = 0
@@ -91,7 +91,7 @@ class DisorderedLine:
         return 0
 
     def send(self, datagram: wire.Buffer) -> None:
-        now, data, trouble = self.clock(), bytes(datagram), self.trouble
+        now, data, problem = self.clock(), bytes(datagram), self.problem
         self._number += 1
         request = board_side.decode_request(data)
         is_read, is_query = request.tcode == wire.BLOCK_READ, request.address == registers.QUERY
@@ -101,7 +101,7 @@ class DisorderedLine:
         if is_query:
             self.newest["query"] = self._query = self._number
         begin = max(now + WAY_NS, self.free_ns)
-        for stopped, resumed in trouble.stops:
+        for stopped, resumed in problem.stops:
             begin = resumed if stopped <= begin < resumed else begin
         self.free_ns = begin + WORK_NS
         to = request.node if self._by_board and request.node != wire.BROADCAST else GROUP
@@ -122,13 +122,13 @@ class DisorderedLine:
         return bytes(changed)
 
     def _leave(self, reply: bytes, due_ns: int) -> None:
-        trouble, chance = self.trouble, self.dice.random
-        if self.clock.ns < trouble.end_ns:
-            if chance() < trouble.lost:
+        problem, chance = self.problem, self.dice.random
+        if self.clock.ns < problem.end_ns:
+            if chance() < problem.lost:
                 return
-            if chance() < trouble.late:
-                due_ns += round(chance() * trouble.latest_ns)
-            if chance() < trouble.doubled:
+            if chance() < problem.late:
+                due_ns += round(chance() * problem.latest_ns)
+            if chance() < problem.doubled:
                 self._put(reply, due_ns + round(chance() * 3 * MS))
         self._put(reply, due_ns)
 
@@ -192,10 +192,10 @@ class LateHost:
             good.append(self.cycle())
         return good
 
-    def suffer(self, trouble: Trouble) -> None:
+    def suffer(self, problem: Disorder) -> None:
         """Go through it; soon afterwards all is well."""
-        self.line.trouble = trouble
-        self.run(trouble.end_ns)
+        self.line.problem = problem
+        self.run(problem.end_ns)
         self.run(self.line.free_ns)  # boards that stood still have answered all by then
         self.run(self.clock.ns + HEALED_NS)
         assert all(self.run(self.clock.ns + 50 * MS))
@@ -210,14 +210,14 @@ def quick_discovery(monkeypatch):
     monkeypatch.setattr(discovery, "PHY_PAUSE_MS", 0)
 
 
-def troubles(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, latest_ms: tuple[int, ...]) -> Trouble:
+def problems(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, latest_ms: tuple[int, ...]) -> Disorder:
     """Any, from now on."""
     stops = []
     for after, long in draw(st.lists(st.tuples(st.integers(1, 100 * MS), st.integers(MS, 700 * MS)), max_size=2)):
         stops.append((begin_ns + after, begin_ns + after + long))
         begin_ns = stops[-1][1]
     lost, late, doubled = (draw(st.sampled_from((0.0, 0.02, 0.3, 1.0))) for _ in range(3))
-    return Trouble(lost, late, doubled, draw(st.sampled_from(latest_ms)) * MS, tuple(stops), begin_ns + 100 * MS)
+    return Disorder(lost, late, doubled, draw(st.sampled_from(latest_ms)) * MS, tuple(stops), begin_ns + 100 * MS)
 
 
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
@@ -228,13 +228,13 @@ def troubles(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, lates
 def test_replies_in_any_disorder_are_taken_for_what_they_are(kind, has_ports, data) -> None:
     """Where labels are all there is, boards that run answer soon; but they may stand still for long."""
     host = LateHost(kind, has_ports=has_ports, seed=data.draw(st.integers(0, 1 << 30)))
-    host.suffer(troubles(data.draw, host.clock.ns, (3, 50, 1000) if has_ports else (5,)))
+    host.suffer(problems(data.draw, host.clock.ns, (3, 50, 1000) if has_ports else (5,)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_late_replies_to_earlier_sockets_are_nobodys_trouble(kind) -> None:
     host = LateHost(kind, has_ports=True)
-    host.suffer(Trouble(late=0.5, latest_ns=2000 * MS, end_ns=host.clock.ns + 200 * MS))
+    host.suffer(Disorder(late=0.5, latest_ns=2000 * MS, end_ns=host.clock.ns + 200 * MS))
     assert host.line.is_coming, "late replies are still on their way"
 
 
@@ -247,7 +247,7 @@ def test_a_queue_that_is_behind_by_all_labels_is_noticed(kind) -> None:
         host.port._link.tl = 0
         host.run(host.clock.ns + 5 * MS)
         host.line.labels.clear()
-        host.line.trouble = Trouble(stops=((host.clock.ns, until_ns),), end_ns=until_ns)
+        host.line.problem = Disorder(stops=((host.clock.ns, until_ns),), end_ns=until_ns)
         return host
 
     host = stopped(ALWAYS)
@@ -257,7 +257,7 @@ def test_a_queue_that_is_behind_by_all_labels_is_noticed(kind) -> None:
     assert alike
     for when in alike[:2]:
         host = stopped(when + MS)
-        host.suffer(host.line.trouble)
+        host.suffer(host.line.problem)
 
 
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
@@ -265,9 +265,9 @@ def test_a_queue_that_is_behind_by_all_labels_is_noticed(kind) -> None:
 def test_the_label_of_a_missing_reply_rests_where_that_may_still_come(kind, has_ports) -> None:
     host = LateHost(kind, has_ports=has_ports)
     host.run(host.clock.ns + 5 * MS)
-    host.line.trouble = Trouble(lost=1.0, end_ns=ALWAYS)
+    host.line.problem = Disorder(lost=1.0, end_ns=ALWAYS)
     assert not host.cycle()
-    host.line.trouble = Trouble()
+    host.line.problem = Disorder()
     _, label = host.line.labels[-1]
     host.line.labels.clear()
     assert all(host.run(host.clock.ns + 100 * MS))
@@ -278,7 +278,7 @@ def test_the_label_of_a_missing_reply_rests_where_that_may_still_come(kind, has_
 @pytest.mark.parametrize("kind", KINDS)
 def test_boards_that_are_away_are_asked_seldom(kind, has_ports) -> None:
     host = LateHost(kind, has_ports=has_ports)
-    host.line.trouble = Trouble(stops=((0, ALWAYS),), end_ns=ALWAYS)
+    host.line.problem = Disorder(stops=((0, ALWAYS),), end_ns=ALWAYS)
     host.run(host.clock.ns + 500 * MS)
     reads, writes = host.line.reads, host.line.writes
     host.run(host.clock.ns + 1000 * MS)

@@ -119,7 +119,7 @@ def test_silence_shorter_than_the_watchdog_is_survived_and_a_longer_one_is_a_fau
     harness.link.loss = 1.0
     harness.run(0.05)
     assert ("bad-reads", "PSM1") in harness.errors()
-    assert not harness.record.pid_enabled[0] and not harness.record.power_wanted[0]
+    assert not harness.record.pid_enabled[0] and not harness.record.power_requested[0]
     assert not harness.world.lines.on.any(), "the boards' watchdogs have cut the amplifiers by themselves"
     harness.link.loss = 0.0
     harness.run(0.1)

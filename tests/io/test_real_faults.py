@@ -32,7 +32,7 @@ def test_what_breaks_is_told_by_its_name(system: str, robot: str, what: str,
     assert harness.errors() == [] and isinstance(harness.plant, Plant)
     breaks(BoardFaults(harness.world, harness.plant), harness)
     harness.run(0.3)
-    told = [code for code, component in harness.errors() if component == robot]
-    assert told and set(told) <= codes and len(set(told)) == len(told), told
+    reported = [code for code, component in harness.errors() if component == robot]
+    assert reported and set(reported) <= codes and len(set(reported)) == len(reported), reported
     assert not harness.record.pid_enabled[0] and not harness.record.brakes_released[0]
     assert (harness.record.current_request[:7] == 0.0).all()

@@ -20,7 +20,7 @@ SEARCH, SPEED = 6.5 * math.pi, 2.0 * math.pi  # rad, rad/s
 
 
 class Hand:
-    """Set-points for one robot of a rig."""
+    """Setpoints for one robot of a rig."""
 
     def __init__(self, harness: BoardsHarness, robot: str) -> None:
         self.harness, self.robot, self.arm = harness, robot, harness.arms[robot]

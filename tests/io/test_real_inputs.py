@@ -26,10 +26,10 @@ def rig_of(path: Path) -> tuple[BoardsHarness, BoardFaults]:
 
 
 def buttons(harness: BoardsHarness, name: str) -> list[str]:
-    """What was told of an input since the last time."""
-    told = [event.text for event in harness.events if event.kind == "button" and event.component == name]
+    """What was reported of an input since the last time."""
+    reported = [event.text for event in harness.events if event.kind == "button" and event.component == name]
     harness.events.clear()
-    return told
+    return reported
 
 
 @pytest.mark.slow

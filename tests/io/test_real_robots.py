@@ -74,7 +74,7 @@ def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_
     assert ("pot-missing", "PSM1") in harness.errors()
     (event,) = [event for event in harness.events if event.code == "pot-missing"]
     assert event.axis == 2
-    assert not harness.record.power_wanted[0] and not harness.record.relay[0]
+    assert not harness.record.power_requested[0] and not harness.record.relay[0]
     harness.events.clear()
     assert harness.do("power_on", "PSM1").outcome == "failed"
     assert ("pot-missing", "PSM1") in harness.errors()

@@ -1,4 +1,4 @@
-"""Brakes of the set-up joints under an Si arm: they follow the clutch buttons there while the arm has power."""
+"""Brakes of the setup joints under an Si arm: they follow the clutch buttons there while the arm has power."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def press(harness: IoHarness, bit: int, on: bool) -> list[tuple[int, int, int]]:
     return harness.port.quadlets
 
 
-def told(harness: IoHarness) -> list[str]:
-    return [event.text for event in harness.core.reports.events if "set-up" in event.text]
+def reported(harness: IoHarness) -> list[str]:
+    return [event.text for event in harness.core.reports.events if "setup" in event.text]
 
 
 def test_they_hold_at_start_whatever_was_before(harness: IoHarness) -> None:
@@ -45,12 +45,12 @@ def test_they_let_go_while_a_button_is_pressed(harness: IoHarness, bit: int) -> 
     harness.power()
     assert press(harness, bit, True) == [LET_GO] * 3
     assert press(harness, bit, False) == [HOLD] * 3
-    assert told(harness) == ["brakes of the set-up joints let go", "brakes of the set-up joints hold"]
+    assert reported(harness) == ["brakes of the setup joints let go", "brakes of the setup joints hold"]
 
 
 def test_without_power_they_hold_and_say_why(harness: IoHarness) -> None:
     assert press(harness, 0, True) == []
-    assert told(harness) == ["the arm needs power before the brakes of its set-up joints let go"]
+    assert reported(harness) == ["the arm needs power before the brakes of its setup joints let go"]
     press(harness, 0, False)
 
 

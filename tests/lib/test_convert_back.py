@@ -44,8 +44,8 @@ class Writer:
                          f'Trigger="{edges}" Debounce="{row["debounce_time"]!r}" DebounceClick="0"/>')
         for row in data.get("digital_outputs") or []:
             times = {"HighDuration": "high_duration", "LowDuration": "low_duration", "Frequency": "PWM_frequency"}
-            said = " ".join(f'{name}="{row[key]!r}"' for name, key in times.items() if key in row)
-            parts.append(f'<DigitalOut {self.place(row, "Bit")} Name="{row["name"]}" {said}/>')
+            reported = " ".join(f'{name}="{row[key]!r}"' for name, key in times.items() if key in row)
+            parts.append(f'<DigitalOut {self.place(row, "Bit")} Name="{row["name"]}" {reported}/>')
         for row in data.get("dallas_chips") or []:
             parts.append(f'<DallasChip Board{self.id}="{row["board_id"]}" Name="{row["name"]}"/>')
         return config("\n".join(parts), self.version)

@@ -53,8 +53,8 @@ def test_a_port_that_nobody_can_open_is_an_error() -> None:
 
 
 def test_defaults_that_have_changed_are_told() -> None:
-    told = outcomes(convert(json.dumps({"arms": [PSM]}), "console.json"))
-    assert (told["IOs[0].protocol"], told["IOs[0].close_all_relays"]) == (DEFAULTED, DEFAULTED)
+    reported = outcomes(convert(json.dumps({"arms": [PSM]}), "console.json"))
+    assert (reported["IOs[0].protocol"], reported["IOs[0].close_all_relays"]) == (DEFAULTED, DEFAULTED)
 
 
 def test_settings_of_a_bus_without_arms_are_dropped() -> None:
@@ -177,8 +177,8 @@ def test_arm_files_are_made_where_the_console_named_the_chain() -> None:
                                      "IO_file": "sawRobotIO1394-PSM1-11111.json", "arm_file": "PSM1-11111.json"}]
     assert arm.data == {"$id": "dvrk-psm.schema.json", "$version": "1", "kinematic": "kinematic/PSM.json",
                         "generation": "Classic", "tool_detection": "FIXED", "tool": "LARGE_NEEDLE_DRIVER:400006"}
-    told = outcomes(result)
-    assert (told["arms[0].pid"], told["arms[0].serial"]) == (DROPPED, DEFAULTED)
+    reported = outcomes(result)
+    assert (reported["arms[0].pid"], reported["arms[0].serial"]) == (DROPPED, DEFAULTED)
 
 
 @pytest.mark.parametrize(

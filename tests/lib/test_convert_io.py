@@ -1,4 +1,4 @@
-"""Old IO XML: units, spellings, brakes, potentiometers, inputs; what is told of it and what is refused."""
+"""Old IO XML: units, spellings, brakes, potentiometers, inputs; what is reported of it and what is refused."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def test_serial_number_keeps_its_zeros() -> None:
 def test_what_old_versions_lack_is_defaulted_and_told() -> None:
     text = actuator(0, limits=False).replace(' VelocitySource="FIRMWARE"', "")
     result = convert(config(robot(text, 1, attributes="")))
-    told = {change.key: change.new for change in result.changes if change.outcome == DEFAULTED}
-    assert told == {
+    reported = {change.key: change.new for change in result.changes if change.outcome == DEFAULTED}
+    assert reported == {
         "Robot@SerialNumber": '""',
         "Robot@HardwareVersion": "QLA1",
         "Robot/Actuator/Encoder@VelocitySource": "FIRMWARE",
@@ -116,18 +116,18 @@ def test_hardware_is_told_from_axes_and_scales(old: str, new: str, hardware: str
 
 def test_velocity_scales_and_counts_per_turn_are_dropped_key_by_key() -> None:
     more = '<BitsToDeltaPosSI Scale="3" Offset="0"/><CountsPerTurn Value="4000"/></Encoder>'
-    told = outcomes(convert(config(robot(actuator(0).replace("</Encoder>", more), 1))))
+    reported = outcomes(convert(config(robot(actuator(0).replace("</Encoder>", more), 1))))
     inside = "Robot/Actuator/Encoder"
     for key in ("BitsToDeltaPosSI@Scale", "BitsToDeltaPosSI@Offset", "CountsPerTurn@Value"):
-        assert told[f"{inside}/{key}"] == DROPPED
+        assert reported[f"{inside}/{key}"] == DROPPED
 
 
 def test_unknown_keys_are_dropped_and_told() -> None:
     text = three().replace("<Robot ", '<Robot Colour="red" ')
     text = text.replace("</Robot>", "<Cover><Screw Size='3'/></Cover></Robot>")
-    told = outcomes(convert(config(text)))
-    assert told["Robot@Colour"] == DROPPED
-    assert told["Robot/Cover/Screw@Size"] == DROPPED
+    reported = outcomes(convert(config(text)))
+    assert reported["Robot@Colour"] == DROPPED
+    assert reported["Robot/Cover/Screw@Size"] == DROPPED
 
 
 def test_brakes_become_a_list_of_their_own() -> None:
@@ -175,9 +175,9 @@ def test_coupling_block_serves_potentiometers_on_joints() -> None:
                    matrix("ActuatorToJointTorque", BACK), matrix("JointToActuatorTorque", FORWARD))
     result = convert(config(three(inside=inside)))
     assert first(config(three(inside=inside)))["potentiometers"]["coupling"] == {"JointToActuatorPosition": BACK}
-    told = outcomes(result)
+    reported = outcomes(result)
     for tag in ("ActuatorToJointPosition", "ActuatorToJointTorque", "JointToActuatorTorque"):
-        assert told[f"Robot/Coupling/{tag}"] == DROPPED
+        assert reported[f"Robot/Coupling/{tag}"] == DROPPED
 
 
 def test_missing_coupling_matrix_is_the_inverse() -> None:

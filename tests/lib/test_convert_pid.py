@@ -36,8 +36,8 @@ def test_output_without_limit_is_told_as_defaulted() -> None:
 
 
 def test_position_limits_are_dropped_and_told() -> None:
-    told = outcomes(convert(pid(joint(0) + joint(1), 2)))
-    assert told["joints/joint[2]/pos@LowerLimit"] == told["joints/joint[1]/pos@Units"] == DROPPED
+    reported = outcomes(convert(pid(joint(0) + joint(1), 2)))
+    assert reported["joints/joint[2]/pos@LowerLimit"] == reported["joints/joint[1]/pos@Units"] == DROPPED
 
 
 @pytest.mark.parametrize("kind", ["Revolute", "Prismatic"])

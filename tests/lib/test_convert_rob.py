@@ -48,8 +48,8 @@ def test_remarks_and_further_words_are_told_as_dropped() -> None:
 
 
 def test_short_lines_get_limits_of_zero() -> None:
-    told = outcomes(convert("1\nmodified 0 0 0 0 revolute active 0.5\n", "a.rob"))
-    assert told == {"link 1 qmin": DEFAULTED, "link 1 qmax": DEFAULTED}
+    reported = outcomes(convert("1\nmodified 0 0 0 0 revolute active 0.5\n", "a.rob"))
+    assert reported == {"link 1 qmin": DEFAULTED, "link 1 qmax": DEFAULTED}
 
 
 def test_the_new_file_passes_the_check(tmp_path) -> None:  # type: ignore[no-untyped-def]

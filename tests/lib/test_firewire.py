@@ -54,8 +54,8 @@ def test_sizes_and_codes_are_those_of_the_kernels_header(tmp_path: Path) -> None
                       f"int main(void) {{ {lines} return 0; }}\n")
     program = tmp_path / "facts"
     subprocess.run([compiler, "-o", str(program), str(source)], check=True)
-    told = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()
-    assert dict(zip(FACTS, map(int, told), strict=True)) == FACTS
+    reported = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()
+    assert dict(zip(FACTS, map(int, reported), strict=True)) == FACTS
 
 
 NODES = st.integers(0, 0xFFFF)

@@ -36,6 +36,6 @@ def test_our_own_files_are_found_from_any_folder(elsewhere: Path, name: str, fou
 
 def test_a_file_that_is_nowhere_is_told_with_what_is_like_it(elsewhere: Path) -> None:
     assert given_file(Path("systems/demmo.yaml")) == Path("systems/demmo.yaml")
-    told = not_found(Path("systems/demmo.yaml"), [elsewhere / "share"])
-    assert "did you mean systems/demo.yaml?" in told and str(elsewhere / "share") in told
+    reported = not_found(Path("systems/demmo.yaml"), [elsewhere / "share"])
+    assert "did you mean systems/demo.yaml?" in reported and str(elsewhere / "share") in reported
     assert given_file(Path("x" * 300)) == Path("x" * 300)

@@ -58,12 +58,12 @@ def test_efforts_turn_with_the_mounting(parts: list[float], pitch: float) -> Non
     assert not mixed[3:].any()  # the wrist bears nothing
 
 
-@pytest.mark.parametrize(("chain", "joints", "camera", "said"), [
+@pytest.mark.parametrize(("chain", "joints", "camera", "reported"), [
     ("PSM", 6, None, "3 links do not belong to an arm of 6 joints"),
     ("PSM_Si_physical", 6, 1.0, "no link of 7 carries an endoscope"),
 ])
-def test_chains_that_do_not_belong_are_refused(chain: str, joints: int, camera: float | None, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_chains_that_do_not_belong_are_refused(chain: str, joints: int, camera: float | None, reported: str) -> None:
+    with pytest.raises(ValueError, match=reported):
         Gravity(stock.chain(chain), joints, up_of(0.0), camera)
 
 
@@ -94,14 +94,14 @@ def test_a_master_at_rest_is_held_as_an_independent_model_holds_it() -> None:
     np.testing.assert_allclose(found, (-0.04732, 0.5073, 0.21282, 0.05798, 0.04149, -0.03281, 0.0), atol=1e-5)
 
 
-@pytest.mark.parametrize(("key", "value", "said"), [
+@pytest.mark.parametrize(("key", "value", "reported"), [
     ("positive", (1.0,) * 39, "positive: 40 finite numbers, not 39"),
     ("friction", (math.nan,) * 7, "friction: 7 finite numbers"),
     ("lower", (9.0,) * 7, "a lower torque limit is above the upper one"),
     ("dead_band", (9.0,) * 7, "0 <= dead-band < saturation"),
 ])
-def test_parameters_that_make_no_sense_are_refused(key: str, value: tuple[float, ...], said: str) -> None:
+def test_parameters_that_make_no_sense_are_refused(key: str, value: tuple[float, ...], reported: str) -> None:
     good = {"positive": (0.0,) * 40, "negative": (0.0,) * 40, "lower": (-1.0,) * 7, "upper": (1.0,) * 7,
             "dead_band": (0.01,) * 7, "saturation": (0.1,) * 7, "friction": (0.5,) * 7}
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=reported):
         MasterGravityParameters(**(good | {key: value}))

@@ -14,7 +14,7 @@ from shm.topics import SETPOINT
 
 @pytest.fixture
 def ring(world: Any) -> Iterator[str]:
-    """Name of a fresh segment: set-points, 8 deep."""
+    """Name of a fresh segment: setpoints, 8 deep."""
     name = segment_name(world.name, "PSM1", "setpoint")
     create(name, "ring", schema_of(SETPOINT), 8, {"kind": "arm"})
     yield name

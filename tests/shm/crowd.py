@@ -109,7 +109,7 @@ def _read() -> None:
     if verb == "newest":
         reads += witness.newest()
     holds(verb == "history" or witness.last == reader.head, f"the last is {witness.last}, head is {reader.head}")
-    holds(not reader.backwards, reader.trouble)
+    holds(not reader.backwards, reader.problem)
     passed = reader.head - witness.start
     print(json.dumps({"verb": verb, "reads": reads, "received": witness.received, "lost": reader.lost, "passed": passed,
                       "given_up": reader.torn, "missing": historian.missing}))

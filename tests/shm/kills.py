@@ -141,8 +141,8 @@ class Killer:
                 raise RingViolation(f"it ended by itself (status {status}): {self._notes.text}")
             self._victim.inspect(life, pid)
         except Exception as error:  # whatever it is, seed and death must be told
-            said = str(error) if isinstance(error, RingViolation) else traceback.format_exc()
-            raise RingViolation(f"life {life}, {plan}: {said}") from error
+            reported = str(error) if isinstance(error, RingViolation) else traceback.format_exc()
+            raise RingViolation(f"life {life}, {plan}: {reported}") from error
         name = f"{'early' if plan.early else 'late'} {plan.kind}"
         self.counts[name] = self.counts.get(name, 0) + 1
 

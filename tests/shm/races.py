@@ -113,7 +113,7 @@ def looked_too_early(self: Wakeup, news: Callable[[], bool], timeout_ns: int) ->
 
 
 def wakeups() -> None:
-    """Arguments: system, wake-ups, time-out in s, a mistake or nothing. PSM1 sleeps until each
+    """Arguments: system, wake-ups, timeout in s, a mistake or nothing. PSM1 sleeps until each
     datum is there; data come at random after the last was taken. Stops at the first wake-up that was lost."""
     system, count, timeout_ns = sys.argv[1], int(sys.argv[2]), round(1e9 * float(sys.argv[3]))
     if sys.argv[4] == "looked_too_early":

@@ -238,7 +238,7 @@ class Real:
         if name == "ring":  # a memoryview copies from real buffers only: have the slot copied first
             text, count = re.subn(r"\] = ((?:self\._)?slot)\b(?=\s)", r"] = bytes(\1)", text)
             assert count >= 6, count
-            # Each round of a retry begins anew, whatever the last one found.
+            # Each round of a retry restarts, whatever the last one found.
             text, count = re.subn(r"for (\w+) in range\(RETRIES\):\n", r"\g<0>            merge(self, \1)\n", text)
             assert count >= 2, count
         for where, old, new in (*SMALL, *changes):

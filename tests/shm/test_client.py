@@ -70,18 +70,18 @@ def in_child(work: Callable[[], object]) -> str:
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
-        said = ""
+        reported = ""
         try:
-            said = str(work())
+            reported = str(work())
         except BaseException as error:
-            said = f"{type(error).__name__}: {error}"
+            reported = f"{type(error).__name__}: {error}"
         finally:
-            os.write(writing, said.encode())
+            os.write(writing, reported.encode())
             os._exit(0)
     os.close(writing)
     os.waitpid(pid, 0)
-    with os.fdopen(reading) as said_by_child:
-        return said_by_child.read()
+    with os.fdopen(reading) as reported_by_child:
+        return reported_by_child.read()
 
 
 def test_a_process_has_one_place_however_many_handles(system: str, box: Mailbox, open_now: Open) -> None:
@@ -190,9 +190,9 @@ def test_a_forked_child_does_not_use_its_parents_place(system: str, box: Mailbox
             return own.send("hold"), taken(system), len(os.listdir("/proc/self/fd"))  # noqa: PTH208
 
     before = len(list(Path("/proc/self/fd").iterdir()))
-    said = in_child(child)
-    assert said.startswith("(1, [0, 1], "), said
-    assert int(said.split(", ")[-1].strip(")")) <= before + 2
+    reported = in_child(child)
+    assert reported.startswith("(1, [0, 1], "), reported
+    assert int(reported.split(", ")[-1].strip(")")) <= before + 2
     assert taken(system) == [0]
     handle.send("hold")
     assert serve(box) == ["hold"] * 3 and len(handle.poll()) == 2

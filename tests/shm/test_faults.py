@@ -103,10 +103,10 @@ def test_generations_order_commands_and_faults_however_two_owners_interleave(tur
     for step, who in enumerate(turns):
         if step == when:  # a person's command, at one moment
             given_at, before, after = sum(page.counts), set(begun), set(ended)
-        said = next(owners[who], None)
-        if said is not None:
+        reported = next(owners[who], None)
+        if reported is not None:
             begun.add(who)
-        if said == "fault":
+        if reported == "fault":
             ended.add(who)
     if given_at is None:
         return

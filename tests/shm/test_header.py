@@ -19,14 +19,14 @@ SCHEMA = schema_of(SETPOINT)
 
 def refusal(name: str) -> str:
     """Why attaching is refused: the same both ways, in one line that names the segment."""
-    said = []
+    reported = []
     for write in (False, True):
         with pytest.raises(SegmentError) as caught:
             Segment(name, write=write)
-        said.append(str(caught.value))
-    assert said[0] == said[1]
-    assert name in said[0] and "\n" not in said[0] and len(said[0]) < 400
-    return said[0]
+        reported.append(str(caught.value))
+    assert reported[0] == reported[1]
+    assert name in reported[0] and "\n" not in reported[0] and len(reported[0]) < 400
+    return reported[0]
 
 
 @pytest.mark.parametrize(("change", "message"), [

@@ -80,7 +80,7 @@ def read_ring() -> None:
             assert reader.newest() in (True, False) and reader.next() in (True, False)
             assert len(reader.last(5)) <= 5
             reader.since(0)
-            assert isinstance(reader.trouble + str(reader.info), str)
+            assert isinstance(reader.problem + str(reader.info), str)
             assert reader.head >= 0 and reader.epoch >= 0
 
 

@@ -118,12 +118,12 @@ def reader(real: Real, depth: int, verbs: str) -> Program:
             getattr(watch, verb)()
             watch.forget(step)
         ring = watch.ring
-        assert ring.torn == ring.backwards == 0, ring.trouble
+        assert ring.torn == ring.backwards == 0, ring.problem
         me.quiet()
         while watch.next():
             watch.forget(-1)
         watch.newest()
-        assert ring.trouble == ""
+        assert ring.problem == ""
         assert watch.received + ring.lost == watch.place - watch.begin, "received + lost is not what was written"
         me.note("to", watch.place)
         for item in watch.seen.items():

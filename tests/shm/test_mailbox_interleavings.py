@@ -34,7 +34,7 @@ def client(real: Real, verbs: str, previous_state: str = "", who: int = 1000, he
             replies = sender.poll()
             for reply in replies:
                 assert reply.text == (SAYS.get(reply.outcome) or str(reply.id)), f"torn: {reply}"
-                me.note("told", (reply.id, reply.outcome))
+                me.note("reported", (reply.id, reply.outcome))
             return len(replies)
 
         for step, verb in enumerate(verbs.split()):  # step: `merge` sees it
@@ -95,20 +95,20 @@ def owner(real: Real, rounds: int, previous_state: str = "", refuses: bool = Fal
 
 def judge(outcome: Outcome) -> None:
     """Each command ran once at most, in order, and who sent it was told once what became of it."""
-    asked, ran, told = outcome.all("asks"), outcome.all("ran"), outcome.all("told")
+    asked, ran, reported = outcome.all("asks"), outcome.all("ran"), outcome.all("reported")
     assert set(ran) <= set(asked), f"ran {ran}, but asked for were {asked}"
     numbers = [n for n, _ in ran]
     assert numbers == sorted(set(numbers)), f"ran {numbers}"
-    known = [n for n, _ in told]
-    assert len(known) == len(set(known)), f"told twice: {told}"
-    for n, what in told:
+    known = [n for n, _ in reported]
+    assert len(known) == len(set(known)), f"told twice: {reported}"
+    for n, what in reported:
         assert n in numbers or what != "done", f"{n} never ran, but was told done"
         assert n not in numbers or what != "refused", f"{n} ran, but was told refused"
     sent, lost = outcome.all("sent"), sum(outcome.all("lost"))
     if outcome.killed in ((), ("client",)):
         assert set(sent) <= set(numbers), f"sent {sent}, ran {numbers}"
     if "second" not in outcome.notes:
-        assert len(known) + lost == len(sent) and set(known) <= set(sent), f"sent {sent}, told {told}, lost {lost}"
+        assert len(known) + lost == len(sent) and set(known) <= set(sent), f"sent {sent}, told {reported}, lost {lost}"
 
 
 def one_more(real: Real, before: dict[Address, int]) -> dict[Address, int]:
@@ -184,9 +184,9 @@ def judge_two(outcome: Outcome) -> None:
     ran = [value for _, value in outcome.all("ran")]
     for who, name in ((1000, "client"), (2000, "other")):
         sent = [note[1] for note in outcome.notes[name] if note[0] == "sent"]
-        told = [note[1] for note in outcome.notes[name] if note[0] == "told"]
+        reported = [note[1] for note in outcome.notes[name] if note[0] == "reported"]
         assert [v - who for v in ran if who < v < who + 1000] == sent, f"{name} sent {sent}, ran {ran}"
-        assert told == [(n, "done") for n in sent], f"{name} sent {sent} and was told {told}"
+        assert reported == [(n, "done") for n in sent], f"{name} sent {sent} and was told {reported}"
 
 
 @pytest.mark.slow

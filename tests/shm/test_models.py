@@ -88,10 +88,10 @@ def search(folder: Path, model: str, macros: str) -> str:
     defines = [f"-D{macro}" for macro in macros.split()]
     run(folder, "spin", *defines, "-a", f"{model}.pml")
     run(folder, *BUILD, "-O2" if (model, macros) in RIGHT else "-O0")
-    said = run(folder, "./pan", DEEP)
+    reported = run(folder, "./pan", DEEP)
     if (folder / f"{model}.pml.trail").exists():
-        said += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
-    return said
+        reported += "\n".join(run(folder, "spin", *defines, "-t", "-p", "-g", f"{model}.pml").splitlines()[-60:])
+    return reported
 
 
 @pytest.fixture(scope="module")
@@ -103,30 +103,30 @@ def searched(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     folder = tmp_path_factory.mktemp("models")
     asked = [getattr(item, "callspec", None) for item in request.session.items if item.path == Path(__file__)]
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        said: dict[tuple[str, str], Future[str]] = {}
+        reported: dict[tuple[str, str], Future[str]] = {}
         for number, case in enumerate(spec.params for spec in asked if spec and "macros" in spec.params):
             key = case["model"], case["macros"]
-            said[key] = pool.submit(search, folder / str(number), *key)
-        yield lambda *key: said[key].result()
+            reported[key] = pool.submit(search, folder / str(number), *key)
+        yield lambda *key: reported[key].result()
         pool.shutdown(cancel_futures=True)
 
 
 def run(folder: Path, *command: str) -> str:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    said = done.stdout + done.stderr
-    assert done.returncode == 0, f"{' '.join(command)}: {said}"
-    return said
+    reported = done.stdout + done.stderr
+    assert done.returncode == 0, f"{' '.join(command)}: {reported}"
+    return reported
 
 
-def errors(said: str) -> int:
-    found = re.search(r"errors: (\d+)", said)
-    assert found is not None and "Full statespace search" in said, said
+def errors(reported: str) -> int:
+    found = re.search(r"errors: (\d+)", reported)
+    assert found is not None and "Full statespace search" in reported, reported
     return int(found[1])
 
 
-def assert_proved(said: str) -> None:
-    assert errors(said) == 0, said
-    assert not [words for words in INCOMPLETE if words in said], said
+def assert_proved(reported: str) -> None:
+    assert errors(reported) == 0, reported
+    assert not [words for words in INCOMPLETE if words in reported], reported
 
 
 @pytest.mark.slow
@@ -138,9 +138,9 @@ def test_no_interleaving_breaks_the_protocol(searched: Search, model: str, macro
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "macros", "check"), MUTANTS, ids=[f"{m}-{ident(x)}" for m, x, _ in MUTANTS])
 def test_a_seeded_mutant_is_found(searched: Search, model: str, macros: str, check: str) -> None:
-    said = searched(model, macros)
-    violated = re.search(r"pan:1: assertion violated +(.*) \(at depth", said)
-    assert errors(said) == 1 and violated is not None, said
+    reported = searched(model, macros)
+    violated = re.search(r"pan:1: assertion violated +(.*) \(at depth", reported)
+    assert errors(reported) == 1 and violated is not None, reported
     assert violated[1].startswith(check), f"found by another check: {violated[0]}"
 
 

@@ -228,6 +228,6 @@ def test_the_audit_ring_keeps_the_first_of_a_stream_and_its_changes(
 def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends_something() -> None:
     free = {(kind, row.name) for kind, rows in COMMANDS.items() for row in rows
             if row.moves and not row.needs_person("", (1.0,))}
-    assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("external", "hold"),
+    assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("third_party", "hold"),
                     ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
                     ("boards", "hand_release"), ("supervisor", "stop")}

@@ -1,4 +1,4 @@
-"""A reader that was overrun by a writer at full speed: it begins anew where the writer does not catch it again."""
+"""A reader that was overrun by a writer at full speed: it restarts where the writer does not catch it again."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_an_overrun_reader_gets_away_from_a_quick_writer(world: Any, depth: int)
         put(writer)
     reader._words = Hurried(reader._words, writer)  # type: ignore[assignment]
     assert reader.next() and int(reader.field("value")) == reader.sequence
-    assert reader.lost == reader.sequence - 1 and not reader.trouble
+    assert reader.lost == reader.sequence - 1 and not reader.problem
     reader.close()
     writer.close()
     world.remove()

@@ -214,7 +214,7 @@ def test_a_record_finished_before_its_head_is_kept_by_the_successor(ring: RingUn
     heir = ring.writer()
     assert (heir.sequence, int(heir.field("value")[()])) == (2, 2)  # … is not written a second time
     put(heir, 5)
-    assert rest(reader) == [5] and reader.sequence == 3 and reader.trouble == ""
+    assert rest(reader) == [5] and reader.sequence == 3 and reader.problem == ""
 
 
 def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: RingUnderTest) -> None:
@@ -225,7 +225,7 @@ def test_a_head_that_goes_backwards_is_reported_and_not_followed(ring: RingUnder
         hand.words()[HEAD] = 1
     assert not reader.newest() and reader.stamp_ns == 0
     assert not reader.next()
-    assert reader.backwards == 1 and "went backwards" in reader.trouble
+    assert reader.backwards == 1 and "went backwards" in reader.problem
 
 
 def test_a_slot_that_contradicts_the_head_is_reported(ring: RingUnderTest) -> None:
@@ -234,7 +234,7 @@ def test_a_slot_that_contradicts_the_head_is_reported(ring: RingUnderTest) -> No
     with Segment(ring.name, write=True) as hand:
         hand.words()[(hand.header.first + 2 * hand.header.stride) // 8] = 99
     assert not reader.newest() and (reader.torn, reader.stamp_ns) == (1, 0)
-    assert "no whole record" in reader.trouble
+    assert "no whole record" in reader.problem
 
 
 def test_a_slot_that_contradicts_is_not_kept(ring: RingUnderTest) -> None:
@@ -255,7 +255,7 @@ def test_a_garbage_head_ends_in_no_endless_loop(ring: RingUnderTest, head: int) 
     assert rest(reader) == [1, 2]
     with Segment(ring.name, write=True) as hand:
         hand.words()[HEAD] = head
-    assert not reader.newest() and not reader.next() and "no whole record" in reader.trouble
+    assert not reader.newest() and not reader.next() and "no whole record" in reader.problem
     assert len(reader.last(5)) == 0 and len(reader.since(0)) == 0
     writer.close()
     if head >= 2**62:
@@ -270,7 +270,7 @@ def test_fences_asked_for_change_nothing_but_the_time(ring: RingUnderTest, monke
     for start in range(1, 20, 2):
         put(writer, start, start + 1)
         assert rest(reader) == [start, start + 1] and reader.newest() and reader.sequence == start + 1
-    assert reader.trouble == "" and reader.lost == 0
+    assert reader.problem == "" and reader.lost == 0
 
 
 def test_closing_twice_is_harmless(ring: RingUnderTest) -> None:

@@ -48,7 +48,7 @@ class ScribbledRing(RuleBasedStateMachine):
         self.writer = RingWriter(Segment(self.name, write=True), "io")
         self.readers = [RingReader(Segment(self.name))]
         self.kept: list[int] = [0]
-        self.told = [(0, 0, 0)]
+        self.reported = [(0, 0, 0)]
         self.clean = True
 
     def restore(self) -> None:
@@ -88,7 +88,7 @@ class ScribbledRing(RuleBasedStateMachine):
             with contextlib.suppress(SegmentError):
                 self.readers.append(RingReader(Segment(self.name)))
                 self.kept.append(0)
-                self.told.append((0, 0, 0))
+                self.reported.append((0, 0, 0))
 
     @rule()
     def restart_writer(self) -> None:
@@ -127,7 +127,7 @@ class ScribbledRing(RuleBasedStateMachine):
                 assert len(rows) < DEPTH
                 numbers = rows["sequence"].tolist()
                 assert numbers == sorted(set(numbers))
-            assert isinstance(reader.trouble, str) and reader.epoch >= 0 and reader.stamp_ns is not None
+            assert isinstance(reader.problem, str) and reader.epoch >= 0 and reader.stamp_ns is not None
 
     @rule()
     def heal(self) -> None:
@@ -138,7 +138,7 @@ class ScribbledRing(RuleBasedStateMachine):
         with contextlib.closing(RingReader(Segment(self.name))) as fresh, bounded():
             assert fresh.newest() and fresh.sequence == last == int(fresh.field("value"))
             assert fresh.last(DEPTH)["value"].tolist() == list(range(last - DEPTH + 2, last + 1))
-            assert fresh.since(1000 + last)["value"].tolist() == [last] and fresh.trouble == ""
+            assert fresh.since(1000 + last)["value"].tolist() == [last] and fresh.problem == ""
             self.publish(1)
             assert fresh.next() and fresh.sequence == last + 1 and not fresh.next() and fresh.lost == 0
         for place, reader in enumerate(self.readers):
@@ -148,18 +148,18 @@ class ScribbledRing(RuleBasedStateMachine):
                     took += 1
                     assert took <= 3 * DEPTH
                 if reader.sequence != last + 1:
-                    assert reader.trouble or reader.lost > DEPTH
+                    assert reader.problem or reader.lost > DEPTH
                 if not reader.newest():
-                    assert reader.trouble
+                    assert reader.problem
             self.kept[place] = reader.sequence
 
     @invariant()
     def counts_only_grow(self) -> None:
         for place, reader in enumerate(getattr(self, "readers", [])):
             now = reader.lost, reader.torn, reader.backwards
-            assert all(new >= old for new, old in zip(now, self.told[place], strict=True))
-            assert bool(reader.trouble) == bool(reader.torn or reader.backwards)
-            self.told[place] = now
+            assert all(new >= old for new, old in zip(now, self.reported[place], strict=True))
+            assert bool(reader.problem) == bool(reader.torn or reader.backwards)
+            self.reported[place] = now
 
     def teardown(self) -> None:
         for part in (self.hand, self.writer, *self.readers):
@@ -240,6 +240,6 @@ def test_a_file_cut_short_under_a_reader_ends_it(world: Any) -> None:
     assert child.stdout.readline() == "attached\n"
     with Segment(segment_name(world.name, "io", "number"), write=True) as hand:
         os.ftruncate(hand.fd, 0)
-    said, _ = child.communicate("\n", timeout=30)
-    assert (child.returncode, said) == (-signal.SIGBUS, "")
+    printed, _ = child.communicate("\n", timeout=30)
+    assert (child.returncode, printed) == (-signal.SIGBUS, "")
     world.remove()

@@ -41,7 +41,7 @@ def stopper(real: Real, who: str, count: int = 1, *, width: int = 1, previous_st
         me.quiet()
         for reply in stops.answers():
             assert reply.text == (SAYS.get(reply.outcome) or str(-reply.id)), f"torn: {reply}"
-            me.note("told", (-reply.id, reply.outcome))
+            me.note("reported", (-reply.id, reply.outcome))
         me.note("lost", stops.lost)
 
     return run
@@ -57,10 +57,10 @@ def judge(outcome: Outcome) -> None:
     assert set(sent.values()) <= set(ran), f"sent {sent}, ran {ran}"
     for name in set(STOPS) & set(outcome.notes) - set(outcome.killed):
         mine = [note[1][0] for note in outcome.notes[name] if note[0] == "sent"]
-        told = [note[1] for note in outcome.notes[name] if note[0] == "told"]
+        reported = [note[1] for note in outcome.notes[name] if note[0] == "reported"]
         lost = [note[1] for note in outcome.notes[name] if note[0] == "lost"]  # of who has listened to the end
-        assert {n for n, _ in told} <= set(mine), f"{name} sent {mine} and was told {told}"
-        assert len(told) == len(mine) or any(lost) or not lost, f"{name} sent {mine} and was told {told}"
+        assert {n for n, _ in reported} <= set(mine), f"{name} sent {mine} and was told {reported}"
+        assert len(reported) == len(mine) or any(lost) or not lost, f"{name} sent {mine} and was told {reported}"
 
 
 def two(real: Real, *, kill: str = "", rounds: int = 1, stops: int = 1, width: int = 1, heir: bool = False,

@@ -66,11 +66,12 @@ def test_who_has_all_places_is_named(world: Any, open_now: Any) -> None:
         assert children[-1].stdout.readline() == "there\n"
     for _ in range(CLIENTS - 4):
         open_now(take_place, "PSM1", "here.py")
-    with pytest.raises(SegmentError) as told:
+    with pytest.raises(SegmentError) as reported:
         open_now(take_place, "PSM1")
     several, one = (child.pid for child in children)
-    assert str(told.value) == (f"PSM1: all 16 places for commands are taken: trocar attach (pid {several}, 3 places), "
-                               f"plan\ufffd[31m.py (pid {one}), here.py (pid {os.getpid()}, 12 places); close one")
+    assert str(reported.value) == ("PSM1: all 16 places for commands are taken: "
+                                   f"trocar attach (pid {several}, 3 places), "
+                                   f"plan\ufffd[31m.py (pid {one}), here.py (pid {os.getpid()}, 12 places); close one")
     world.kill(children[1])
     open_now(take_place, "PSM1")
     world.kill(children[0])
@@ -143,9 +144,9 @@ def test_what_was_asked_before_a_stop_is_not_done_after_it(open_now: Any) -> Non
     later = foreign.send("move_jp", (2.0,))
     ran = [got for _ in range(6) for got in box.drain()]
     assert [(got.name, got.id) for got in ran] == [("hold", 1), ("crtk_version", 2), ("move_jp", later)]
-    said = f"stopped by trocar send (pid {os.getpid()})"
-    assert {r.text for r in mine.poll()} == {said}
-    assert replies(foreign) == [(1, "refused", said)]
+    printed = f"stopped by trocar send (pid {os.getpid()})"
+    assert {r.text for r in mine.poll()} == {printed}
+    assert replies(foreign) == [(1, "refused", printed)]
 
 
 def test_a_stop_in_a_place_of_ones_own_ends_what_others_asked_before(open_now: Any) -> None:

@@ -34,11 +34,11 @@ def meet(world: Any, size: int, rate_hz: int, reads: int) -> list[dict[str, Any]
 
     pairs = list(zip(CROWD, quotas, strict=True))
     readers = [join(*pair) for pair in pairs[::2]]
-    assert all(said(r) == "attached" for r in readers)
+    assert all(reported(r) == "attached" for r in readers)
     writer = world.start(WRITE, "", str(rate_hz))
     readers += [join(*pair) for pair in pairs[1::2]]
-    assert all(said(r) == "attached" for r in readers[4:])
-    assert all(said(r) == "enough" for r in readers)
+    assert all(reported(r) == "attached" for r in readers[4:])
+    assert all(reported(r) == "enough" for r in readers)
     reports = [json.loads(world.finish(process)) for process in (writer, *readers)]
     world.remove()
     for report in reports:
@@ -46,7 +46,7 @@ def meet(world: Any, size: int, rate_hz: int, reads: int) -> list[dict[str, Any]
     return reports
 
 
-def said(child: subprocess.Popen[str]) -> str:
+def reported(child: subprocess.Popen[str]) -> str:
     assert child.stdout is not None
     return child.stdout.readline().strip()
 
@@ -80,8 +80,8 @@ def test_a_record_torn_by_a_mistake_is_seen(world: Any, wrong: str) -> None:
     create_ring(world.name, "io", topic(3, 4096), {}, {})
     writer = world.start(WRITE, wrong, str(FULL_SPEED))
     reader = world.start(READ, wrong, "next", str(LONG))  # it reads where the writer is about to write
-    assert said(reader) == "attached"
-    assert " is torn: " in said(reader)
+    assert reported(reader) == "attached"
+    assert " is torn: " in reported(reader)
     assert reader.wait(timeout=30) == 1
     world.finish(writer)
     world.remove()

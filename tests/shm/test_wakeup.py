@@ -195,6 +195,6 @@ def test_no_sleep_depends_on_the_wall_clock(world: Any, control_page: ControlPag
     if wanted == CLOCK_NANOSLEEP:
         assert first == CLOCK_MONOTONIC
     else:
-        assert (operation, value) == (0, 1)  # FUTEX_WAIT: its time-out is relative; no FUTEX_CLOCK_REALTIME, shared
+        assert (operation, value) == (0, 1)  # FUTEX_WAIT: its timeout is relative; no FUTEX_CLOCK_REALTIME, shared
         assert timespec(child, timeout_at) == (60, 0)
     world.kill(child)

@@ -71,7 +71,7 @@ class WriterVictim:
             holds(self._mixed.reader.newest(), "`newest` found no record in a ring at rest")
             self._mixed.judge()
         for witness in (self._ordered, self._latest, self._mixed):
-            holds(not witness.reader.backwards, witness.reader.trouble)
+            holds(not witness.reader.backwards, witness.reader.problem)
         self._come_late()
 
     def _judge_numbers(self, before: int, pid: int) -> None:
@@ -143,7 +143,7 @@ class ReaderVictim:
                 seen = reader.head
                 notes[self.READS] += self._read(witness, life % 3)
                 notes[self.LOST] = reader.lost
-            holds(not reader.backwards, reader.trouble)
+            holds(not reader.backwards, reader.problem)
             notes[self.NAPS] += 1
 
     @staticmethod

@@ -58,7 +58,7 @@ class StormPerson:
         self._system, self._diary = system, diary
         self.drawing: Drawing | None = None
 
-    def tell(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> str:
+    def report(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> str:
         """Give a command; returns why it was not carried out, empty: it was."""
         try:
             with Commands(self._system.name, instance, self._diary) as remote:
@@ -79,7 +79,7 @@ class StormPerson:
     def everything(self, word: str) -> str:
         """Ask the system for power or homing of all arms, without waiting for it."""
         self._diary.command(ROBOTS, f"system {word}")
-        return self.tell("system", word)
+        return self.report("system", word)
 
     def homing(self, robots: Sequence[str] = ROBOTS) -> list[Asking]:
         """Robots may home from now on: as fast as their joints go at most."""
@@ -92,15 +92,15 @@ class StormPerson:
         try:
             with contextlib.ExitStack() as stack:
                 watches = [stack.enter_context(Watch(system, robot)) for robot in robots]
-                climbs = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
-                                     stack.enter_context(Amplifiers(system, watch.name)), goal,
-                                     0.0) for watch in watches]
-                while not all(bring_up.over for bring_up in climbs):
-                    for bring_up in climbs:
+                bring_ups = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
+                                        stack.enter_context(Amplifiers(system, watch.name)), goal,
+                                        0.0) for watch in watches]
+                while not all(bring_up.over for bring_up in bring_ups):
+                    for bring_up in bring_ups:
                         if not bring_up.over:
                             bring_up.step(monotonic_ns())
                     pause(0.02)
-                return {bring_up.watch.name: bring_up.problem for bring_up in climbs if bring_up.problem}
+                return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups if bring_up.problem}
         except TROUBLES as problem:
             return dict.fromkeys(robots, str(problem))
         finally:
@@ -128,7 +128,7 @@ class StormPerson:
     def take_master(self, speed_limit: Sequence[float]) -> str:
         """Free the master and draw with it, nobody follows."""
         self.stand_up()
-        refused = self.tell(MASTER, "body/servo_cf", (0.0,) * 6)
+        refused = self.report(MASTER, "body/servo_cf", (0.0,) * 6)
         if refused:
             return refused
         asking = [self._diary.ask(MASTER, "effort, in a hand", speed_limit, exact=True, voidable=False)]
@@ -136,11 +136,11 @@ class StormPerson:
         return self.drawing.begin(follow=False)
 
     def stand_up(self) -> None:
-        """Let go of the master, leave the pedals, want no tele-operation, have the master stay where it is."""
+        """Let go of the master, leave the pedals, want no teleoperation, have the master stay where it is."""
         if self.drawing is None:
             return
-        self.tell(CONSOLE, "teleop_enable", (0.0,))
-        self.tell(MASTER, "hold")
+        self.report(CONSOLE, "teleop_enable", (0.0,))
+        self.report(MASTER, "hold")
         self.drawing.end()
         self.drawing = None
         pause(LEFT_S)
@@ -175,10 +175,10 @@ class Drawing:
         return ""
 
     @property
-    def trouble(self) -> str:
+    def reason(self) -> str:
         """Why it does not follow, empty: it does."""
         try:
-            return "" if self._teleop.is_following else self._teleop.told
+            return "" if self._teleop.is_following else self._teleop.reported
         except TROUBLES as problem:
             return str(problem)
 

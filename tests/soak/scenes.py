@@ -1,6 +1,6 @@
 """What the robots do while the storm rages: moving, homing, in effort mode, following.
 
-A scene is begun by the person, watched while an event strikes, and kept going: what has ended begins anew by commands.
+A scene is begun by the person, watched while an event strikes, and kept going: what has ended restarts by commands.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Scene(Protocol):
     victims: Sequence[str]
 
     def keep(self) -> str:
-        """Begin, or begin anew what has ended; returns what is in the way, empty: all is well."""
+        """Begin, or restart what has ended; returns what is in the way, empty: all is well."""
 
     def client_event(self) -> str:
         """Something happens to a client; in words, empty: there is none."""
@@ -65,11 +65,11 @@ class Puppet:
             puppets.stream_file(file, np.array(seen.value("setpoint_position")[:6]))
             seen.ring.close()
             words = [sys.executable, "-m", "tools", "stream", SLAVE, str(file), "--rate", "100"]
-        self._said = system.folder / "puppet.txt"
-        with self._said.open("w") as said:
-            self.popen = subprocess.Popen(words, cwd=ROOT, stdout=said, stderr=said)
+        self._reported = system.folder / "puppet.txt"
+        with self._reported.open("w") as reported:
+            self.popen = subprocess.Popen(words, cwd=ROOT, stdout=reported, stderr=reported)
         if kind != "joints":
-            wait_for(lambda: self._said.read_text() or self.popen.poll() is not None, STARTING_S)
+            wait_for(lambda: self._reported.read_text() or self.popen.poll() is not None, STARTING_S)
 
     def _ask(self) -> Asking:
         pushes = self.kind in PUSHES
@@ -82,7 +82,7 @@ class Puppet:
         if self.popen.poll() is None:
             return ""
         self._asking.close()
-        return f"{self.kind} ended with {self.popen.returncode}: {self._said.read_text()[-300:].strip()}"
+        return f"{self.kind} ended with {self.popen.returncode}: {self._reported.read_text()[-300:].strip()}"
 
     def kill(self) -> None:
         """kill -9. A move that is under way may be finished, efforts last a moment; everything else is over."""
@@ -130,7 +130,7 @@ class Driven:
         if problems:
             return str(problems)
         self.still()  # a move may go on, efforts may last
-        refused = self._person.tell(SLAVE, "trajectory_j/set_ratio", (puppets.RATIO,))
+        refused = self._person.report(SLAVE, "trajectory_j/set_ratio", (puppets.RATIO,))
         if refused:
             return refused
         kind = self._chance.choice(list(self._kinds))
@@ -152,7 +152,7 @@ class Driven:
 
     def still(self) -> None:
         """Hold, and what was asked before is over."""
-        self._person.tell(SLAVE, "hold")
+        self._person.report(SLAVE, "hold")
         self._diary.void([SLAVE])
 
     def client_event(self) -> str:
@@ -187,9 +187,9 @@ class Effort(Driven):
         is_free, is_homed = self._master()
         if not is_free:
             self._person.stand_up()
-        said = super().keep()
-        if said or self._person.drawing is not None or not (is_homed or self._chance.random() < MASTER_SHARE):
-            return said
+        reported = super().keep()
+        if reported or self._person.drawing is not None or not (is_homed or self._chance.random() < MASTER_SHARE):
+            return reported
         problems = self._person.bring(HOMED, (MASTER,))
         return str(problems) if problems else self._person.take_master(SPEEDS[MASTER])
 
@@ -254,7 +254,7 @@ class Following:
     def keep(self) -> str:
         """See Scene."""
         drawing = self._person.drawing
-        if drawing is not None and not drawing.trouble:
+        if drawing is not None and not drawing.reason:
             return ""
         self._person.stand_up()
         problems = self._person.bring(HOMED)

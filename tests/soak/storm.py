@@ -131,7 +131,7 @@ class Storm:
 
     def _prepare(self, scene: Scene) -> bool:
         """Bring all back and the scene going; False: it could not be, and was reported."""
-        said: list[str] = []
+        late: list[str] = []
         for _ in range(TRIES):
             if not self.system.is_up:
                 scene.end()
@@ -139,17 +139,17 @@ class Storm:
             self._weather.clear()
             wait_for(lambda: not self.system.look() or not self.system.is_up, PATIENCE_S)
             wrong = self.system.look()
-            said = [f"{name} is {how}" for name, how in wrong.items()]
+            late = [f"{name} is {how}" for name, how in wrong.items()]
             if not wrong:
                 problem = scene.keep()
                 if not problem:
                     return True
-                said = [problem]
-            self.diary.note("problem", "; ".join(said))
-            print(f"     not back yet: {'; '.join(said)[:300]}", flush=True)
+                late = [problem]
+            self.diary.note("problem", "; ".join(late))
+            print(f"     not back yet: {'; '.join(late)[:300]}", flush=True)
         last = self.diary.before(monotonic_ns(), "event")
-        row = f"after {last.words if last else 'nothing'}: {'; '.join(said) or 'no reason told'}"
-        (self.report.reported if any(said) else self.report.violations).append(row)
+        row = f"after {last.words if last else 'nothing'}: {'; '.join(late) or 'no reason told'}"
+        (self.report.reported if any(late) else self.report.violations).append(row)
         scene.end()
         self._wrong(self.system.stop())
         self._begin_anew()

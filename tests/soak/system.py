@@ -126,9 +126,9 @@ class System:
 
     def stop(self) -> list[str]:
         """`trocar down`; what is wrong after it."""
-        said = subprocess.run([sys.executable, "-m", "tools", "down", "--system", self.name], cwd=ROOT,
-                              capture_output=True, text=True, check=False, timeout=120)
-        left = [f"trocar down: {said.stdout} {said.stderr}"] if said.returncode else []
+        reported = subprocess.run([sys.executable, "-m", "tools", "down", "--system", self.name], cwd=ROOT,
+                                  capture_output=True, text=True, check=False, timeout=120)
+        left = [f"trocar down: {reported.stdout} {reported.stderr}"] if reported.returncode else []
         left += [f"process {pid} {_name(pid)} after trocar down" for pid in self._living()]
         left += [f"segment {'~'.join(parts)} after trocar down" for parts in names_of(self.name)]
         self._end_witness()

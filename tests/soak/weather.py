@@ -64,9 +64,9 @@ class Weather:
 
     def clear(self) -> list[str]:
         """Put right what lasts; what could not be."""
-        left = [(*each, said) for each in self._undo if (said := self.person.tell("boards", *each))]
+        left = [(*each, reported) for each in self._undo if (reported := self.person.report("boards", *each))]
         self._undo = [(command, values, text) for command, values, text, _ in left]
-        return [f"boards {command}: {said}" for command, _, _, said in left]
+        return [f"boards {command}: {reported}" for command, _, _, reported in left]
 
     def forget(self) -> None:
         """The boards are new ones."""
@@ -119,10 +119,10 @@ class Weather:
         return self._order("delay_replies", (self._count(), self.chance.uniform(0.0005, 0.05)), IO)
 
     def _packet_loss(self) -> str:
-        said = self._order("packet_loss", (self.chance.uniform(0.02, 0.6),), IO)
+        reported = self._order("packet_loss", (self.chance.uniform(0.02, 0.6),), IO)
         pause(self.chance.uniform(0.05, 1.0))
         self._order("no_mishaps", ())
-        return said
+        return reported
 
     def _miss_block(self) -> str:
         return self._order("miss_block", (self.chance.choice(list(BOARDS)), self._count()), IO)
@@ -132,28 +132,28 @@ class Weather:
 
     def _unplug(self) -> str:
         board = self.chance.choice(list(BOARDS))
-        said = self._order("board_gone", (board, 1), IO, undo=(board, 0), loses=(BOARDS[board],))
+        reported = self._order("board_gone", (board, 1), IO, undo=(board, 0), loses=(BOARDS[board],))
         self._later()
-        return said
+        return reported
 
     # power
 
     def _amp_fault(self) -> str:
         robot, axis = self.chance.choice(ROBOTS), self.chance.randint(0, 6)
-        said = self._order("amp_fault", (axis, 1), robot, undo=(axis, 0), loses=(robot,))
+        reported = self._order("amp_fault", (axis, 1), robot, undo=(axis, 0), loses=(robot,))
         self._later()
-        return said
+        return reported
 
     def _power_loss(self) -> str:
         robot = self.chance.choice(ROBOTS)
-        said = self._order("power_loss", (1,), robot, undo=(0,), loses=(robot,))
+        reported = self._order("power_loss", (1,), robot, undo=(0,), loses=(robot,))
         self._later()
-        return said
+        return reported
 
     def _emergency_stop(self) -> str:
-        said = self._order("emergency_stop", (1,), "", undo=(0,), loses=ROBOTS)
+        reported = self._order("emergency_stop", (1,), "", undo=(0,), loses=ROBOTS)
         self._later()
-        return said
+        return reported
 
     def _later(self) -> None:
         """What was broken is put right a moment later, or only when the person looks after the robot."""
@@ -163,13 +163,13 @@ class Weather:
 
     def _order(self, command: str, values: Sequence[float], text: str = "", undo: Sequence[float] | None = None,
                loses: Sequence[str] = ()) -> str:
-        said = " ".join([command, *(f"{value:g}" for value in values), text]).strip()
-        self._note(said)
+        reported = " ".join([command, *(f"{value:g}" for value in values), text]).strip()
+        self._note(reported)
         if undo is not None:
             self._undo.append((command, undo, text))
-        refused = self.person.tell("boards", command, values, text)
-        self.diary.lose(loses, said)
-        return f"{said} (boards: {refused})" if refused else said
+        refused = self.person.report("boards", command, values, text)
+        self.diary.lose(loses, reported)
+        return f"{reported} (boards: {refused})" if refused else reported
 
     def _note(self, words: str) -> None:
         self.diary.note("event", words)

@@ -1,4 +1,4 @@
-"""A Classic patient cart: set-up joints, io's core and emulated boards on one stepped clock."""
+"""A Classic patient cart: setup joints, io's core and emulated boards on one stepped clock."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Orders:
 
 
 class Cart(SetupHarness):
-    """`run` steps everything; every third cycle of io is one of the set-up joints."""
+    """`run` steps everything; every third cycle of io is one of the setup joints."""
 
     def __init__(self, memory: FakeMemory | None = None, harness: BoardsHarness | None = None, *,
                  quick: bool = True) -> None:
@@ -113,10 +113,10 @@ class Cart(SetupHarness):
             if request.outcome != "accepted":
                 break
             self.run(0.1)
-        assert request.outcome == "done", (request.answers, self.reports.said, self.harness.events)
+        assert request.outcome == "done", (request.answers, self.reports.reported, self.harness.events)
 
     def kill(self) -> None:
-        """No cycle of the set-up joints any more; their last set-point grows old."""
+        """No cycle of the setup joints any more; their last setpoint grows old."""
         self.alive = False
         self.harness.arms.pop("SUJ")
 

@@ -1,4 +1,4 @@
-"""Set-up joints on plain memory: a record, a clock, carried arms and events that a test writes and reads."""
+"""Setup joints on plain memory: a record, a clock, carried arms and events that a test writes and reads."""
 
 from __future__ import annotations
 
@@ -62,24 +62,24 @@ class FakeRing(FakeMemory):
 
 
 class FakeSetupReports:
-    """Remembers what is told."""
+    """Remembers what is reported."""
 
     def __init__(self) -> None:
-        self.said: list[tuple[str, str, str]] = []
+        self.reported: list[tuple[str, str, str]] = []
         self.states: list[tuple[str, str, bool, bool]] = []
 
     def status(self, text: str, component: str = "") -> None:
-        self.said.append(("status", "", text))
+        self.reported.append(("status", "", text))
 
     def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
                limit: float = 0.0, board: int = -1) -> None:
-        self.said.append((SEVERITIES[code.severity], code.code, text))
+        self.reported.append((SEVERITIES[code.severity], code.code, text))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         self.states.append((state, sub_state, is_homed, is_busy))
 
     def of(self, kind: str) -> list[str]:
-        return [text for said, _, text in self.said if said == kind]
+        return [text for reported, _, text in self.reported if reported == kind]
 
 
 class SetupHarness:

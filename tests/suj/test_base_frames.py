@@ -1,4 +1,4 @@
-"""Where set-up joints put the arms they carry: numbers of the original, the reference arm, and what is not known."""
+"""Where setup joints put the arms they carry: numbers of the original, the reference arm, and what is not known."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_another_reference_arm_changes_all_frames(cart: Cart, tips: dict[str, np
     assert harness.ask("set_reference_arm", "ECM").outcome == "done"
     assert all(np.allclose(measured(harness, name, tips), in_ecm[name], atol=1e-12) for name in NAMES)
     refused = harness.ask("set_reference_arm", "PSM4")
-    assert refused.answers == [("refused", "set_reference_arm: no set-up arm PSM4; there are ECM, PSM1, PSM2, PSM3")]
+    assert refused.answers == [("refused", "set_reference_arm: no setup arm PSM4; there are ECM, PSM1, PSM2, PSM3")]
 
 
 def test_bases_are_unknown_while_the_reference_tip_is(cart: Cart, tips: dict[str, np.ndarray]) -> None:

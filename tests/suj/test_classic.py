@@ -1,4 +1,4 @@
-"""Classic set-up joints on emulated boards: potentiometers through the multiplexer, brakes, buttons, the lift."""
+"""Classic setup joints on emulated boards: potentiometers through the multiplexer, brakes, buttons, the lift."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def placed(made: Cart) -> Cart:
 
 @pytest.fixture
 def known(cart: Cart) -> Cart:
-    """Enabled, and all set-up arms known."""
+    """Enabled, and all setup arms known."""
     cart.enable()
     cart.run(4.5 * ROUND_S)
-    assert cart.valid() == [True] * 4, cart.reports.said
+    assert cart.valid() == [True] * 4, cart.reports.reported
     return cart
 
 
@@ -102,7 +102,7 @@ def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
     assert released(known)[2]
     known.kill()
     known.run(0.05)
-    assert not any(released(known)), "30 ms without a set-point"
+    assert not any(released(known)), "30 ms without a setpoint"
     assert known.harness.record.powered[0], "and power stays on"
 
 

@@ -1,4 +1,4 @@
-"""Clutch buttons of Si set-up arms: inputs of the arms that they carry, in those arms' ios."""
+"""Clutch buttons of Si setup arms: inputs of the arms that they carry, in those arms' ios."""
 
 from __future__ import annotations
 

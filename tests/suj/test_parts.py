@@ -1,4 +1,4 @@
-"""The parts of set-up joints by themselves: multiplexer, pairs of potentiometers, brakes, readings of Si boards."""
+"""The parts of setup joints by themselves: multiplexer, pairs of potentiometers, brakes, readings of Si boards."""
 
 from __future__ import annotations
 
@@ -245,22 +245,22 @@ bluetooth.main()
 def test_the_bluetooth_reader_tells_readings_and_why_there_are_none() -> None:
     child = subprocess.Popen([sys.executable, "-c", FAKE_BLEAK], stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
-    said = [json.loads(child.stdout.readline()) for _ in range(4)]
+    reported = [json.loads(child.stdout.readline()) for _ in range(4)]
     child.stdout.close()
     child.terminate()
     child.wait(20)
-    assert {"board": "FF:BB:CC:DD:EE:02", "problem": "OSError: no adapter"} in said
-    readings = [row["reading"] for row in said if "reading" in row]
+    assert {"board": "FF:BB:CC:DD:EE:02", "problem": "OSError: no adapter"} in reported
+    readings = [row["reading"] for row in reported if "reading" in row]
     assert readings and np.array_equal(counts(readings[0].encode()), [[1, 2, 3], [4, 5, 6]])
 
 
 def test_the_reading_end_tells_why_nothing_comes_and_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    said = [b'{"board": "aa:bb", "problem": "no adapter"}\n', b'nonsense\n{"board": "aa:bb", "reading": "{}"}\n']
+    reported = [b'{"board": "aa:bb", "problem": "no adapter"}\n', b'nonsense\n{"board": "aa:bb", "reading": "{}"}\n']
     started = []
 
     def start(self: bluetooth.BluetoothBoards) -> None:
         started.append(self)
-        output = said.pop(0) if said else b""
+        output = reported.pop(0) if reported else b""
         self._child = subprocess.Popen([sys.executable, "-c", f"import os; os.write(1, {output!r})"],
                                        stdout=subprocess.PIPE)
         self._pipe, self._left, self._ended_ns = self._child.stdout.fileno(), b"", 0

@@ -1,4 +1,4 @@
-"""States of set-up joints: every word in every state, and what is answered."""
+"""States of setup joints: every word in every state, and what is answered."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FakePower(NoPower):
     def is_on(self) -> bool:
         return self.there
 
-    def trouble(self, now_ns: int, *, powering: bool) -> str:
+    def problem(self, now_ns: int, *, powering: bool) -> str:
         return self.wrong
 
 
@@ -61,7 +61,7 @@ def test_every_word_leads_where_it_should(state: SetupState, word: str) -> None:
     bench = StatesBench(state)
     request = bench.say(word)
     assert bench.machine.state is AFTER[state, word]
-    assert len(bench.reports.states) >= 2, "the operating state is told before and after, even if nothing changes"
+    assert len(bench.reports.states) >= 2, "the operating state is reported before and after, even if nothing changes"
     waits = bench.machine.state is SetupState.POWERING
     assert request.outcome == ("accepted" if waits else "done")
 

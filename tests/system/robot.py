@@ -66,10 +66,10 @@ class Robot:
                 command, cwd=self.root, env=self.environment, stdout=out, stderr=out, text=True
             )
         if wait:
-            wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.said()}")
+            wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.output()}")
             self.pids |= {self.pid(i) for i in directory.instances(self.name)}
 
-    def said(self) -> str:
+    def output(self) -> str:
         """What the supervisor printed so far."""
         path = self.logs / "supervisor.txt"
         return path.read_text() if path.exists() else ""
@@ -78,7 +78,7 @@ class Robot:
         """The supervisor says RUNNING; fails at once when it has ended instead."""
         assert self.supervisor is not None
         if self.supervisor.poll() is not None:
-            pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.said()}")
+            pytest.fail(f"the supervisor ended with {self.supervisor.returncode}:\n{self.output()}")
         try:
             page = ControlPage(self.name,
                                "supervisor")  # one page for both: the next supervisor clears a dead one's page
@@ -137,7 +137,7 @@ class Robot:
         """Run a verb; returns its output, fails on another exit code than expected."""
         done = self.types(*words, timeout=timeout)
         if code is not None and done.returncode != code:
-            pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.said()}")
+            pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.output()}")
         return done.stdout + done.stderr if code else done.stdout
 
     def down(self) -> int:

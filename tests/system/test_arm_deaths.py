@@ -109,9 +109,9 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
 
 def kill(robot: Robot, one: WatchedArm) -> None:
     """kill -9; returns once the successor has run for 0.3 s."""
-    old, life = robot.kill(one.name), one.state.epoch
+    old, process = robot.kill(one.name), one.state.epoch
     wait_for(lambda: robot.pid(one.name) != old and robot.state(one.name) == "RUNNING", 60, "the arm's restart")
-    wait_for(lambda: one.state.newest() and one.state.epoch > life, 60, "its record")
+    wait_for(lambda: one.state.newest() and one.state.epoch > process, 60, "its record")
     start = one.state.stamp_ns
     wait_for(lambda: one.state.newest() and one.state.stamp_ns > start + 300_000_000, 120, "0.3 s of the successor")
 

@@ -272,7 +272,7 @@ def test_every_word_of_a_cart_and_its_endoscope(robot: Robot, monkeypatch: pytes
         assert set(system.arms()) == {"ECM", "PSM1", "PSM2", "PSM3"}
         system.power_on(SECONDS)
         system.home(SECONDS)
-        assert {life.name for life in system.status()} >= {"SUJ", "ECM", "PSM1"}
+        assert {process.name for process in system.status()} >= {"SUJ", "ECM", "PSM1"}
         assert ecm.endoscope()[0] == "Classic_SD_STRAIGHT"
         ecm.set_endoscope_type("Classic_HD_UP")
         becomes(lambda: ecm.endoscope()[0] == "Classic_HD_UP")  # its record comes after its answer
@@ -280,7 +280,7 @@ def test_every_word_of_a_cart_and_its_endoscope(robot: Robot, monkeypatch: pytes
             ecm.set_endoscope_type("Classic_4D")
         ecm.use_gravity_compensation()
         assert suj.arms() == ["ECM", "PSM1", "PSM2", "PSM3"]
-        with pytest.raises(trocar.Problem, match="no set-up arm PSM4"):
+        with pytest.raises(trocar.Problem, match="no setup arm PSM4"):
             suj.arm("PSM4")
         with pytest.raises(AttributeError, match="PSM4"):
             suj.PSM4  # noqa: B018

@@ -19,7 +19,7 @@ from tools.commission import home, scan, stop
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Outcome
 from tools.commission.person import Act, Stop
-from tools.commission.played import AtBoards
+from tools.commission.person_sim import AtBoards
 from tools.commission.stages import NAMES
 from tools.remote import Remote
 
@@ -82,8 +82,8 @@ def _one(outcome: Outcome) -> str:
 def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_board(
         running: tuple[Robot, RunningBench]) -> None:
     robot, bench = running
-    said = [str(each) for each in stop.run(bench).problems]
-    assert "PSM1 axis 0 (yaw), board 6: its amplifier is still on after the emergency stop; allowed: off" in said[0]
+    reported = [str(each) for each in stop.run(bench).problems]
+    assert "PSM1 axis 0 (yaw), board 6: its amplifier is still on after the emergency stop; allowed: off" in reported[0]
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
     _order(robot, "amp_fault", 3, 1, text="PSM1")
     failing = _one(home.run(bench))

@@ -51,7 +51,7 @@ def arm_value(robot: Robot, name: str) -> np.ndarray:
 
 
 def at(robot: Robot, goal: tuple[float, ...]) -> bool:
-    """The set-point is at the goal, the measured position close by."""
+    """The setpoint is at the goal, the measured position close by."""
     return bool(
         np.abs(arm_value(robot, "setpoint_position")[:6] - goal).max() < 1e-6
         and np.abs(arm_value(robot, "position")[:6] - goal).max() < 0.05
@@ -79,7 +79,7 @@ def test_arm_killed_during_a_move_holds_and_comes_back(robot: Robot, clock: str)
     steps = np.abs(np.diff(setpoints, axis=0))
     assert history["pid_enabled"].all(), "the joint controller never let go"
     assert history["holding"].any(), "io says that it held"
-    assert steps.max(axis=0)[0] < 0.01, "no jump of the set-point"
+    assert steps.max(axis=0)[0] < 0.01, "no jump of the setpoint"
     assert io.newest()
     assert int(io.field("cycle")) > first
     assert io.epoch == epoch
@@ -130,7 +130,7 @@ def test_everything_ends_when_the_supervisor_is_killed(robot: Robot) -> None:
     robot.supervisor.wait(10)
     wait_for(lambda: not any(psutil.pid_exists(p) for p in pids), 20, "every process ends by itself")
     robot.up()
-    assert "cleared" in robot.said()
+    assert "cleared" in robot.output()
 
 
 @pytest.mark.simulated
@@ -148,6 +148,6 @@ def test_two_systems_run_side_by_side(robots: Callable[[], Robot]) -> None:
 @pytest.mark.simulated
 def test_a_second_system_of_the_same_name_is_refused(robot: Robot) -> None:
     robot.up()
-    said = robot.trocar("up", str(DEMO), "--system", robot.name, code=1)
-    assert "is up already" in said
+    reported = robot.trocar("up", str(DEMO), "--system", robot.name, code=1)
+    assert "is up already" in reported
     assert robot.state("PSM1") == "RUNNING"

@@ -45,8 +45,8 @@ def test_a_recorded_motion_is_followed_through_the_whole_stack(demo: Robot, data
 def test_gains_tuned_while_holding_are_those_of_the_next_start(demo: Robot, tmp_path: Path) -> None:
     demo.trocar("pid", "set", "PSM1", "3", "p_gain=6.6", "d_gain=0.1", "i_gain=0.001", "i_limit=0.3")
     demo.trocar("pid", "set", "PSM1", "insertion", f"p_gain={17000 / 3}")
-    told = demo.trocar("echo", "IO1/status", "--once", "--json")
-    assert "p_gain 6000 -> 5666.66667" in told
+    reported = demo.trocar("echo", "IO1/status", "--once", "--json")
+    assert "p_gain 6000 -> 5666.66667" in reported
     used = [json.loads(line) for line in demo.trocar("pid", "show", "--json").splitlines()]
     demo.trocar("pid", "save", "PSM1", str(tmp_path / "tuned.json"))
     state = json.loads(demo.trocar("echo", "PSM1/state", "--once", "--json"))

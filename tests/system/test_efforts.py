@@ -67,7 +67,7 @@ class Pushed:
         """True joint positions or velocities (k, size) since then."""
         return np.asarray(self.boards.since(since_ns)[what][:, self.axes] @ self.space.to_joint.T)
 
-    def said(self, code: str) -> list[str]:
+    def reported(self, code: str) -> list[str]:
         """Texts of its events of this code so far."""
         events = directory.reader(self.robot.name, self.name, "events")
         texts = [row["text"].decode() for row in events.last(2000) if row["code"] == code.encode()]
@@ -113,19 +113,19 @@ def mtm(running: Robot) -> Iterator[Pushed]:
 
 
 def test_more_than_the_motors_give_is_clipped_and_said(running: Robot, psm: Pushed) -> None:
-    said = running.trocar("send", "PSM1", "servo_jf", "1e6", *"00000")
-    assert said.strip() == "done, clipped: yaw"
+    reported = running.trocar("send", "PSM1", "servo_jf", "1e6", *"00000")
+    assert reported.strip() == "done, clipped: yaw"
     assert "1000 N" in running.trocar("send", "PSM1", "body/servo_cf", "0", "0", "1e6", *"000", code=1)
     wait_for(lambda: psm.mode == POSITION, 10, "the effort of a single command ended")
 
 
 def test_the_efforts_of_a_killed_client_end(psm: Pushed) -> None:
-    before = len(psm.said("effort-timeout"))
+    before = len(psm.reported("effort-timeout"))
     pusher = psm.pusher(0.3, 0, 0, 0, 0, 0)
     pusher.kill()
     pusher.wait()
     wait_for(lambda: psm.mode == POSITION, 2, "PSM1 holding after its client was killed")
-    wait_for(lambda: len(psm.said("effort-timeout")) > before, 2, "the reason")
+    wait_for(lambda: len(psm.reported("effort-timeout")) > before, 2, "the reason")
     since = psm.now_ns() + 500_000_000
     wait_for(lambda: psm.now_ns() > since + 300_000_000, 10, "0.3 s of it")
     assert np.abs(psm.truth(since, "velocity"))[:, :3].max() < 0.02
@@ -135,7 +135,7 @@ def test_the_efforts_of_a_masters_killed_client_end_and_it_is_free(mtm: Pushed) 
     pusher = mtm.pusher(0, 0, 0, 0, 0, 0, 0.005)
     pusher.kill()
     pusher.wait()
-    wait_for(lambda: mtm.said("effort-timeout"), 2, "the reason")
+    wait_for(lambda: mtm.reported("effort-timeout"), 2, "the reason")
     assert mtm.mode == EFFORT
     assert mtm.state.newest() and int(mtm.state.field("control_space")) == 2
     wait_for(lambda: mtm.state.newest() and np.abs(mtm.state.field("setpoint_effort")[6]) < 1e-4, 5, "no effort")
@@ -179,8 +179,8 @@ def test_a_stream_that_was_held_up_ends_and_does_not_jump(running: Robot, psm: P
     time.sleep(0.5)
     since = psm.now_ns()
     os.kill(stream.pid, signal.SIGCONT)
-    said, _ = stream.communicate(timeout=20)
-    assert stream.returncode == 1 and "held up for 0." in said, said
+    reported, _ = stream.communicate(timeout=20)
+    assert stream.returncode == 1 and "held up for 0." in reported, reported
     wait_for(lambda: psm.now_ns() > since + 1_000_000_000, 10, "a second of it")
     assert np.abs(psm.truth(since, "velocity")[:, 0]).max() < 0.1, "a jump"
     assert psm.mode == POSITION

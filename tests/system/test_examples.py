@@ -42,14 +42,14 @@ class Person:
                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                                  start_new_session=True)
         try:
-            said, _ = shell.communicate(timeout=ENDLESS_S if ENDLESS.match(line) else timeout)
+            reported, _ = shell.communicate(timeout=ENDLESS_S if ENDLESS.match(line) else timeout)
         except subprocess.TimeoutExpired:
             assert ENDLESS.match(line), f"{line}: not over after {timeout} s"
             os.killpg(shell.pid, signal.SIGINT)
-            said, _ = shell.communicate(timeout=20)
-        fine = shell.returncode == 0 or (line == "trocar doctor" and "\nbad " in said)  # such is this machine
-        assert "Traceback" not in said and fine, f"{line} → {shell.returncode}:\n{said}"
-        return said
+            reported, _ = shell.communicate(timeout=20)
+        fine = shell.returncode == 0 or (line == "trocar doctor" and "\nbad " in reported)  # such is this machine
+        assert "Traceback" not in reported and fine, f"{line} → {shell.returncode}:\n{reported}"
+        return reported
 
 
 @pytest.fixture

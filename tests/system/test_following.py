@@ -23,10 +23,10 @@ INSERTION, DEEPEST = 2, 0.24
 
 
 class FollowingPair:
-    """The system, homed, its tele-operation following."""
+    """The system, homed, its teleoperation following."""
 
     def __init__(self, robot: Robot, folder: Path, *, cart: bool = False) -> None:
-        """`cart`: set-up joints carry the slave, and an ECM."""
+        """`cart`: setup joints carry the slave, and an ECM."""
         system = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
         (row,) = system["consoles"][0]["teleop_PSMs"]
         row["configure_parameter"]["align_MTM"] = False  # turning it takes seconds
@@ -60,7 +60,7 @@ class FollowingPair:
         wait_for(lambda: self.shown(self.teleop, "scale") == scale, 30, "the scale")
 
     def lead(self, *by: float) -> Any:
-        """Move the master by that much from where it began; the tele-operation's records of the way."""
+        """Move the master by that much from where it began; the teleoperation's records of the way."""
         goal = self.begin.copy()
         goal[:3] += by
         stamp_ns = self.teleop.stamp_ns if self.teleop.newest() else 0
@@ -101,7 +101,7 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: Foll
     for row in way[:-3:7]:
         place = np.searchsorted(slave["stamp_ns"], row["stamp_ns"])
         assert slave["stamp_ns"][place] - row["master_stamp_ns"][0] == pytest.approx(IO_NS, abs=ROUNDED_NS)
-        # the set-point that the arm shows is the one that io has accepted, a cycle later
+        # the setpoint that the arm shows is the one that io has accepted, a cycle later
         assert slave["setpoint_cp"][place + 1][:3] == pytest.approx(row["goal_cp"][:3], abs=1e-8)
 
     pair.lead(0.0, 0.0, 0.0)
@@ -134,7 +134,7 @@ def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_pat
     assert pair.follows()
     old = robot.kill("SUJ")
     wait_for(lambda: not pair.shown(pair.teleop, "following"), 30, "a base that nobody knows")
-    wait_for(lambda: robot.pid("SUJ") != old and robot.state("SUJ") == "RUNNING", 60, "the set-up joints' restart")
+    wait_for(lambda: robot.pid("SUJ") != old and robot.state("SUJ") == "RUNNING", 60, "the setup joints' restart")
     assert pair.shown(pair.teleop, "state").item() == b"DISABLED"
     cart.close()
     pair.close()

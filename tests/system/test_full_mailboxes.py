@@ -57,10 +57,10 @@ def test_stopping_never_queues_behind_those_who_have_all_places(full: Robot) -> 
         under_way = mover.move_jp([0.5, 0.3, 0.2, 0.0, 0.0, 0.0])
         plan = take_all_places(full)
         try:
-            said = full.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", code=1)
-            assert "PSM1: all 16 places for commands are taken: " in said and said.endswith("; close one\n")
-            assert re.search(rf"plan\.py \(pid {plan.pid}, 1\d places\)", said)
-            assert re.search(r"teleop MTMR_PSM1 \(pid \d+\)", said) and re.search(r"system \(pid \d+\)", said)
+            reported = full.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", code=1)
+            assert "PSM1: all 16 places for commands are taken: " in reported and reported.endswith("; close one\n")
+            assert re.search(rf"plan\.py \(pid {plan.pid}, 1\d places\)", reported)
+            assert re.search(r"teleop MTMR_PSM1 \(pid \d+\)", reported) and re.search(r"system \(pid \d+\)", reported)
             assert under_way.is_busy()
             assert full.trocar("send", "PSM1", "hold").startswith("done")
             with pytest.raises(trocar.Refused, match="replaced by hold"):

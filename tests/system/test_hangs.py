@@ -69,7 +69,7 @@ def test_whoever_hangs_is_killed_and_comes_back(robot: Robot) -> None:
 def held_up_supervisor_ends(robot: Robot) -> None:
     """Its processes have ended by themselves: it starts none of them again, and leaves nothing."""
     assert robot.supervisor is not None
-    before = robot.said().count("started again")
+    before = robot.output().count("started again")
     os.kill(robot.supervisor.pid, signal.SIGSTOP)
     time.sleep(3.0)  # what is tested is the time itself
     os.kill(robot.supervisor.pid, signal.SIGCONT)
@@ -77,8 +77,8 @@ def held_up_supervisor_ends(robot: Robot) -> None:
         assert robot.supervisor.wait(10) == 1
     finally:
         robot.down()
-    assert "was held up for 3." in robot.said() and "its processes have ended" in robot.said()
-    assert robot.said().count("started again") == before and robot.left_over() == []
+    assert "was held up for 3." in robot.output() and "its processes have ended" in robot.output()
+    assert robot.output().count("started again") == before and robot.left_over() == []
 
 
 def test_who_hangs_or_dies_holds_time_up_for_two_seconds_at_most(robot: Robot) -> None:

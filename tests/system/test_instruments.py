@@ -24,7 +24,7 @@ def sub_state(robot: Robot) -> str:
     return str(echo(robot, "PSM1/operating_state")["sub_state"])
 
 
-def said(robot: Robot) -> list[str]:
+def reported(robot: Robot) -> list[str]:
     events = directory.reader(robot.name, "PSM1", "events")
     texts = [row["text"].decode() for row in events.last(200)]
     events.close()
@@ -50,11 +50,11 @@ def test_adapter_and_instrument_are_engaged_and_a_successor_keeps_them(robot: Ro
     robot.trocar("send", "boards", "press", "PSM1_adapter", "1")
     wait_for(lambda: sub_state(robot) == "ENGAGING_ADAPTER", 60, "engaging the adapter")
     robot.trocar("home", "PSM1", "--timeout", "300", timeout=320)
-    assert any("engaging adapter 4 of 4" in text for text in said(robot))
+    assert any("engaging adapter 4 of 4" in text for text in reported(robot))
     robot.trocar("send", "boards", "insert_instrument", "PSM1 LARGE_NEEDLE_DRIVER:400006")
     wait_for(lambda: sub_state(robot) == "ENGAGING_TOOL", 120, "engaging the instrument")
     robot.trocar("home", "PSM1", "--timeout", "300", timeout=320)
-    assert any("engaging tool 3 of 3" in text for text in said(robot))
+    assert any("engaging tool 3 of 3" in text for text in reported(robot))
     setpoints = directory.reader(robot.name, "IO1", "state")
     old = robot.kill("PSM1")
     wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 60, "the arm's restart")

@@ -35,7 +35,7 @@ def there(robot: Robot, arm: str, goal: tuple[float, ...]) -> bool:
 
 def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) -> None:
     robot.up(KINEMATIC)
-    assert "PSM1 is KINEMATIC" in robot.said()
+    assert "PSM1 is KINEMATIC" in robot.output()
     homed(robot)
     assert np.allclose(echo(robot, "PSM1/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
@@ -107,7 +107,7 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
     assert rows == {"supervisor": "", "boards": "", "IO1": "", "PSM1": "", "io": "KINEMATIC", "PSM2": "KINEMATIC"}
     assert echo(robot, "PSM1/state")["simulated"] is False
     robot.kill("io")
-    wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 20, "FAULT of the played arm")
+    wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 20, "FAULT of the kinematic arm")
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True, "the other arm notices nothing"
 
 

@@ -27,7 +27,7 @@ def echo(robot: Robot, topic: str) -> Any:
     return json.loads(robot.trocar("echo", topic, "--json", "--once"))
 
 
-def said(robot: Robot, arm: str, event: str) -> list[float]:
+def reported(robot: Robot, arm: str, event: str) -> list[float]:
     """Values of all events of this name so far."""
     reader = directory.reader(robot.name, arm, "events")
     values = [float(row["value"]) for row in reader.last(1000) if row["event"] == event.encode()]
@@ -70,17 +70,17 @@ def test_both_masters_home_and_are_free_locked_and_held(robot: Robot, data: Call
         print(arm, "errors, degrees", np.degrees(error).round(3))
         assert (error[:6] < np.radians(4.0)).all() and error[6] < np.radians(6.0)
     robot.trocar("send", "boards", "place", "MTML_gripper", "-0.1")
-    wait_for(lambda: said(robot, "MTML", "gripper/closed") == [1.0], 20, "closed")
-    assert len(said(robot, "MTML", "gripper/pinch")) == 1 and said(robot, "MTMR", "gripper/closed") == []
+    wait_for(lambda: reported(robot, "MTML", "gripper/closed") == [1.0], 20, "closed")
+    assert len(reported(robot, "MTML", "gripper/pinch")) == 1 and reported(robot, "MTMR", "gripper/closed") == []
     assert echo(robot, "MTML/gripper/measured_js")["position"] == [pytest.approx(-0.1, abs=0.01)]
 
     for arm in ("MTML", "MTMR"):
         robot.trocar("send", arm, "body/servo_cf", *"000000", "--wait")
         robot.trocar("send", arm, "lock_orientation", "--wait")
-        assert said(robot, arm, "orientation_locked")[-1] == 1.0
+        assert reported(robot, arm, "orientation_locked")[-1] == 1.0
         since, old = cycle(robot), robot.kill(arm)
         wait_for(lambda: robot.pid(arm) != old and robot.state(arm) == "RUNNING", 30, "restart")  # noqa: B023
-        wait_for(lambda: said(robot, arm, "orientation_locked")[-1] == 0.0, 30, "unlocked")  # noqa: B023
+        wait_for(lambda: reported(robot, arm, "orientation_locked")[-1] == 0.0, 30, "unlocked")  # noqa: B023
         wait_for(lambda: cycle(robot) > since + 2000, 30, "time")  # noqa: B023
         far = jump(robot, arm, first_axis(robot, arm), since)
         print(arm, "jump, mm", far * 1e3)

@@ -100,9 +100,9 @@ def test_too_little_room_is_said_before_anything_is_made(system: SystemConfig, m
     monkeypatch.setattr(memory, "free_bytes", lambda: needed - 1)
     with pytest.raises(SegmentFull) as caught:
         memory.create_all(system, never)
-    said = str(caught.value)
-    assert "\n" not in said and f"needs {needed / 1e6:.1f} MB" in said and "are free in /dev/shm" in said
-    assert "trocar down" in said and "mount -o remount,size=" in said
+    reported = str(caught.value)
+    assert "\n" not in reported and f"needs {needed / 1e6:.1f} MB" in reported and "are free in /dev/shm" in reported
+    assert "trocar down" in reported and "mount -o remount,size=" in reported
     monkeypatch.setattr(memory, "free_bytes", lambda: needed)
     memory.create_all(system)
     memory.remove_all(system.name)
@@ -293,16 +293,16 @@ def as_user(name: str, act: Callable[[], object]) -> str:
             os.setgroups([])
             os.setgid(person.pw_gid)
             os.setuid(person.pw_uid)
-            said = str(act())
+            reported = str(act())
         except BaseException as error:
-            said = f"{type(error).__name__}: {error}"
-        os.write(mouth, said.encode())
+            reported = f"{type(error).__name__}: {error}"
+        os.write(mouth, reported.encode())
         os._exit(0)
     os.close(mouth)
     with os.fdopen(ear, encoding="utf-8") as heard:
-        said = heard.read()
+        reported = heard.read()
     os.waitpid(child, 0)
-    return said
+    return reported
 
 
 def attached(name: str) -> str:
@@ -314,10 +314,10 @@ def attached(name: str) -> str:
 def test_another_user_attaches_only_by_the_group(system: SystemConfig, group: str) -> None:
     as_root()
     memory.create_all(system, memory.maker(group))
-    said = as_user("daemon", lambda: attached(segment_name(system.name, "PSM1", "state")))
+    reported = as_user("daemon", lambda: attached(segment_name(system.name, "PSM1", "state")))
     memory.remove_all(system.name)
     refused = "not permitted, it belongs to user root; the system's `group` decides who else may attach"
-    assert said == "attached" if group else refused in said
+    assert reported == "attached" if group else refused in reported
 
 
 def test_a_system_of_another_user_is_seen_when_trusted(system: SystemConfig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -334,8 +334,9 @@ def test_a_system_of_another_user_is_seen_when_trusted(system: SystemConfig, mon
 
 
 def test_a_group_one_is_not_in_is_an_error_at_the_start(system: SystemConfig) -> None:
-    said = as_user("daemon", lambda: memory.create_all(system, memory.maker("root")))
-    assert "SegmentError: " in said and "cannot be given to group 0: Operation not permitted; a member of the" in said
+    reported = as_user("daemon", lambda: memory.create_all(system, memory.maker("root")))
+    assert "SegmentError: " in reported
+    assert "cannot be given to group 0: Operation not permitted; a member of the" in reported
     assert not list(FOLDER.glob(f"trocar~{system.name}~*"))
 
 
@@ -347,11 +348,11 @@ def test_what_may_not_be_removed_stops_the_start_plainly(system: SystemConfig) -
         os.environ[SERVICE_USER] = "nobody"
         return memory.clear_left_over(system.name)
 
-    said = as_user("daemon", clear)
+    reported = as_user("daemon", clear)
     path = paths(system.name)[0]
     memory.remove_all(system.name)
-    assert said.startswith("SegmentError: ") and "cannot be removed" in said
-    assert "belongs to user root: its owner, or root, has to remove it" in said and f"(rm {path})" in said
+    assert reported.startswith("SegmentError: ") and "cannot be removed" in reported
+    assert "belongs to user root: its owner, or root, has to remove it" in reported and f"(rm {path})" in reported
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ PACED = ("--clock", "paced")
 
 def test_up_and_status_say_which_clock_and_how_fast(robot: Robot) -> None:
     robot.up(DEMO, "--boards", "emulated", *PACED)
-    assert "clock: paced, simulated time, never faster than real time" in robot.said()
+    assert "clock: paced, simulated time, never faster than real time" in robot.output()
     wait_for(lambda: json.loads(robot.trocar("status", "--json"))["speed"] > 0.0, 20.0, "a speed")
     status = json.loads(robot.trocar("status", "--json"))
     assert status["clock"] == "paced" and status["speed"] < 1.02
@@ -43,7 +43,7 @@ def test_a_busy_machine_costs_no_deadline_and_no_fault(robot: Robot) -> None:
     state = json.loads(robot.trocar("echo", "PSM1/operating_state", "--json", "--once"))
     assert state["state"] == "ENABLED" and state["is_homed"]
     rows = json.loads(robot.trocar("status", "--json"))["processes"]
-    assert {row["name"]: (row["missed"], row["trouble"], row["restarts"]) for row in rows} == {
+    assert {row["name"]: (row["missed"], row["problem"], row["restarts"]) for row in rows} == {
         row["name"]: (0, "", 0) for row in rows}
     assert robot.down() == 0
 
@@ -51,6 +51,6 @@ def test_a_busy_machine_costs_no_deadline_and_no_fault(robot: Robot) -> None:
 def test_another_clock_can_be_asked_for(robot: Robot) -> None:
     robot.up(DEMO, "--clock", "wall")
     status = json.loads(robot.trocar("status", "--json"))
-    assert (status["clock"], status["speed"]) == ("wall", 1.0) and "clock: wall" in robot.said()
+    assert (status["clock"], status["speed"]) == ("wall", 1.0) and "clock: wall" in robot.output()
     assert "allowed are wall, paced, lockstep" in robot.trocar("up", "--clock", "sundial", code=2)
     assert robot.down() == 0

@@ -54,10 +54,10 @@ class Part:
             pause(PAUSE_S)
         finally:
             os.kill(pid, signal.SIGCONT)
-        wait_for(lambda: self.ring.epoch == epoch + 1, 10, f"{self.name} begins anew")
+        wait_for(lambda: self.ring.epoch == epoch + 1, 10, f"{self.name} restarts")
         assert self.robot.pid(self.name) == pid, "the same process"
-        said = [row["text"].decode() for row in self.events.last(100) if row["code"] == b"held-up"]
-        assert said[-1].startswith(f"{self.name} was held up for 0.")
+        reported = [row["text"].decode() for row in self.events.last(100) if row["code"] == b"held-up"]
+        assert reported[-1].startswith(f"{self.name} was held up for 0.")
         wait_for(lambda: self.ring.newest() and self.ring.stamp_ns > stopped_ns + PAUSE_S * 1e9, 10, "its record")
         return stopped_ns
 

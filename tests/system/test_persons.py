@@ -45,7 +45,7 @@ class Operator:
         self.press(True)
         wait_for(lambda: "waiting: pinch" in self.teleop.value("reason"), 60, "presence asked for")
         self.pinch()
-        wait_for(lambda: self.teleop.is_following, 30, f"following; {self.teleop.told}")
+        wait_for(lambda: self.teleop.is_following, 30, f"following; {self.teleop.reported}")
 
     def states(self) -> list[str]:
         return [str(arm.value("sub_state")) for arm in self.arms]
@@ -116,5 +116,5 @@ def test_a_fault_under_a_pressed_pedal_leaves_the_robot_off_until_a_person_asks(
     powered = {int(row["origin"]) for row in rows if row["outcome"] != b"refused"}
     assert powered and powered <= asked
     assert 0 not in asked
-    told = robot.trocar("logs", "IO1", "--commands", "-n", "200")
-    assert re.search(r"IO1: power_on PSM1: accepted; for \w+, number", told), told
+    reported = robot.trocar("logs", "IO1", "--commands", "-n", "200")
+    assert re.search(r"IO1: power_on PSM1: accepted; for \w+, number", reported), reported

@@ -32,16 +32,16 @@ def test_missing_rights_are_told_with_what_grants_them(robot: Robot) -> None:
         robot.supervisor = subprocess.Popen(command, cwd=ROOT, env=robot.environment, stdout=out, stderr=out,
                                             text=True, preexec_fn=without_rights)
     wait_for(robot.is_up, UP_S, "system up")
-    wait_for(lambda: "is up" in robot.said(), 10, "all that is said at the start")
-    for told in (robot.said(), robot.trocar("status", code=None)):
+    wait_for(lambda: "is up" in robot.output(), 10, "all that is said at the start")
+    for reported in (robot.output(), robot.trocar("status", code=None)):
         for lacking in ("no real-time priority (FIFO refused): ", "memory not locked (mlockall refused): "):
-            (names,) = (line.partition(lacking)[2] for line in told.splitlines() if lacking in line)
+            (names,) = (line.partition(lacking)[2] for line in reported.splitlines() if lacking in line)
             assert {"io", "PSM1"} <= set(names.split(", "))
-        assert all(line in told for line in limits_lines(user()))
-    said = json.loads(robot.trocar("status", "--json", code=None))
-    assert all(line in said["rights"] for line in limits_lines(user()))
+        assert all(line in reported for line in limits_lines(user()))
+    printed = json.loads(robot.trocar("status", "--json", code=None))
+    assert all(line in printed["rights"] for line in limits_lines(user()))
 
 
 def test_a_system_that_got_all_it_asked_for_says_nothing_of_rights(robot: Robot) -> None:
     robot.up(ROOT / "configs/systems/kinematic.yaml", "--set", "clock=lockstep")
-    assert "limits.d" not in robot.said() + robot.trocar("status", code=None)
+    assert "limits.d" not in robot.output() + robot.trocar("status", code=None)

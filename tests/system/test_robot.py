@@ -20,7 +20,7 @@ def test_a_real_site_file_starts_on_emulated_boards_and_homes(robot: Robot, data
     file = data("dvrk-site/jhu-dVRK/system-PSM1.json")
     before = hashlib.sha256(file.read_bytes()).hexdigest()
     robot.up(file, "--path", str(data("dvrk-share")), "--boards", "emulated")
-    assert "port fw replaced by emulated boards 6, 7" in robot.said()
+    assert "port fw replaced by emulated boards 6, 7" in robot.output()
     robot.trocar("power-on")
     robot.trocar("home")
     state = json.loads(robot.trocar("echo", "PSM1/operating_state", "--json", "--once"))

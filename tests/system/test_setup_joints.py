@@ -1,4 +1,4 @@
-"""Set-up joints as processes of whole systems: base frames for others, killed, clutched, from stock files."""
+"""Setup joints as processes of whole systems: base frames for others, killed, clutched, from stock files."""
 
 from __future__ import annotations
 

@@ -47,4 +47,4 @@ def test_a_task_that_cannot_be_made_refuses_the_start(robot: Robot, tmp_path: Pa
     robot.up(system_file(tmp_path, "{force: 1.2}"), wait=False)
     assert robot.supervisor is not None
     assert robot.supervisor.wait(timeout=UP_S) == 1
-    assert "in-cycle task push.Push cannot be made for PSM1: line 4: KeyError: 'effort'" in robot.said()
+    assert "in-cycle task push.Push cannot be made for PSM1: line 4: KeyError: 'effort'" in robot.output()

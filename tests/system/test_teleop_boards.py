@@ -1,4 +1,4 @@
-"""The tele-operation of a real site on emulated boards: pedals, gripper and hand are those of the emulation."""
+"""The teleoperation of a real site on emulated boards: pedals, gripper and hand are those of the emulation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Surgeon:
-    """Pedals, gripper and hand at the master; what arms and the tele-operation show."""
+    """Pedals, gripper and hand at the master; what arms and the teleoperation show."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, name = robot, robot.name
@@ -52,7 +52,7 @@ class Surgeon:
         self.boards.ask("hand_release", text="MTML")
 
     def place(self) -> Array:
-        """Of the slave's set-point."""
+        """Of the slave's setpoint."""
         return np.array(self.slave.value("setpoint_cp")[:3])
 
     def away(self) -> Array:
@@ -63,7 +63,7 @@ class Surgeon:
         assert not self.teleop.is_following
 
     def follows(self) -> None:
-        wait_for(lambda: self.teleop.is_following, 60, f"following; {self.teleop.told}")
+        wait_for(lambda: self.teleop.is_following, 60, f"following; {self.teleop.reported}")
 
     def moves(self, far_m: float) -> None:
         begin = self.away()
@@ -114,7 +114,7 @@ def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None
     assert np.abs((goals - goals[0]) - 0.2 * (masters - masters[0])).max() < 1e-6
     assert np.linalg.norm(goals[-1] - goals[0]) > 0.004
     wait_for(lambda: np.linalg.norm(np.array(operator.slave.value("measured_cp")[:3]) - operator.place()) < 1e-3, 20,
-             "the slave at its set-point")
+             "the slave at its setpoint")
 
     operator.press("clutch", True)
     wait_for(lambda: not operator.teleop.is_following, 20, "the clutch")

@@ -16,7 +16,7 @@ from shm import directory
 from shm.client import Client
 from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 
 pytestmark = pytest.mark.slow
 SYSTEM = ROOT / "configs/systems/third-party-master.yaml"
@@ -43,7 +43,7 @@ def start(robot: Robot, file: Path) -> subprocess.Popen[str]:
 
 
 def state_of(robot: Robot, name: str) -> tuple[str, str]:
-    return next((life.state, life.trouble) for life in lives(robot.name) if life.name == name)
+    return next((process.state, process.problem) for process in statuses(robot.name) if process.name == name)
 
 
 def moved(ring: RingReader, records: np.ndarray) -> float:
@@ -92,7 +92,7 @@ def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_p
     assert np.abs(slave.field("setpoint_cp") - held).max() < 1e-6, "it waits for presence"
     following(True)
     robot.down()
-    _, said = master.communicate(timeout=20)
-    assert "the system has ended" in said and master.returncode == 0
+    _, reported = master.communicate(timeout=20)
+    assert "the system has ended" in reported and master.returncode == 0
     for part in (teleop, slave, console):
         part.close()

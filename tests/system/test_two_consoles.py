@@ -52,7 +52,7 @@ def dual(folder: Path) -> Path:
 
 
 class Consoles:
-    """The system, and what its consoles and tele-operations show."""
+    """The system, and what its consoles and teleoperations show."""
 
     def __init__(self, robot: Robot, file: Path) -> None:
         self.robot = robot
@@ -114,7 +114,7 @@ def both_follow(consoles: Consoles) -> None:
 def test_two_consoles_share_a_slave_and_neither_disturbs_the_other(consoles: Consoles) -> None:
     both_follow(consoles)
 
-    # its operator leaves: one console, one tele-operation, within a millisecond or two of io's record
+    # its operator leaves: one console, one teleoperation, within a millisecond or two of io's record
     before_ns = int(consoles.rings["PSM1"].stamp_ns) if consoles.rings["PSM1"].newest() else 0
     consoles.send("boards", "press", 0, text="coag")
     consoles.until("MTML_PSM1", "following", False)
@@ -124,7 +124,7 @@ def test_two_consoles_share_a_slave_and_neither_disturbs_the_other(consoles: Con
     absent_ns = consoles.since_ns("left", "operator_present", False, gone_ns)
     stopped_ns = consoles.since_ns("MTML_PSM1", "following", False, gone_ns)
     assert 0 <= absent_ns - gone_ns <= 1 * MS, "the console reacts to what io tells, not to its own period"
-    assert 0 <= stopped_ns - absent_ns <= 1 * MS, "within one cycle of the tele-operation"
+    assert 0 <= stopped_ns - absent_ns <= 1 * MS, "within one cycle of the teleoperation"
     assert consoles.shows("MTMR_PSM2", "following") is True
     consoles.send("boards", "press", 1, text="coag")
     consoles.until("MTML_PSM1", "following", True)

@@ -60,7 +60,7 @@ DISABLE, ENABLE, PAUSE = (("send", "PSM1", "state_command", word, "--wait") for 
 SCENARIOS = {
     "all well": Scenario(before=(DISABLE,)),
     "an amplifier is off": Scenario(("amp_fault PSM1 2 1",), mends=("amp_fault PSM1 2 0",)),
-    "cannot follow its set-point": Scenario(("encoder_jump PSM1 3 -40000",)),
+    "cannot follow its setpoint": Scenario(("encoder_jump PSM1 3 -40000",)),
     "motor power went off": Scenario(("emergency_stop 1",), mends=("emergency_stop 0",)),
     "motor power did not come on": Scenario(("emergency_stop 1",), ("home", "PSM1"), ("emergency_stop 0",),
                                             before=(DISABLE,)),
@@ -95,7 +95,7 @@ def homed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
         yield robot
 
 
-def said(robot: Robot, words: Words) -> str:
+def printed(robot: Robot, words: Words) -> str:
     """All that a command prints, whatever its exit code, in one line."""
     done = robot.types(*words)
     return " ".join(f"{done.stdout} {done.stderr}".split())
@@ -106,7 +106,7 @@ def see(robot: Robot, row: SightRow, words: Words) -> None:
     shown: list[str] = []
 
     def is_seen() -> bool:
-        shown.append(said(robot, words))
+        shown.append(printed(robot, words))
         return any(re.search(pattern, shown[-1]) for pattern in row.patterns)
 
     wait_for(is_seen, 60.0, f"{row.seen}: {row.patterns}, seen was: {shown[-1:]}")
@@ -115,7 +115,7 @@ def see(robot: Robot, row: SightRow, words: Words) -> None:
 def type_it(robot: Robot, row: SightRow) -> None:
     for words in row.typed:
         robot.trocar(*words, timeout=300)
-    assert "all well" in said(robot, STATUS)
+    assert "all well" in printed(robot, STATUS)
 
 
 @pytest.mark.parametrize("key", [key for key in SCENARIOS if key not in APART])
@@ -142,8 +142,8 @@ def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Pa
     file.write_text(yaml.safe_dump(system))
     robot.up(file, *LOCKSTEP)
     robot.trocar("send", "boards", "insert_instrument", *SCENARIOS[key].breaks[0].split()[1:])
-    told = said(robot, ("home", "--timeout", "15"))
-    assert re.search(ROWS[key].patterns[0], told), told
+    reported = printed(robot, ("home", "--timeout", "15"))
+    assert re.search(ROWS[key].patterns[0], reported), reported
     see(robot, ROWS[key], STATUS)
     type_it(robot, ROWS[key])
 

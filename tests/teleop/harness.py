@@ -1,4 +1,4 @@
-"""Arms, a console and a clock that a test writes, around one tele-operation."""
+"""Arms, a console and a clock that a test writes, around one teleoperation."""
 
 from __future__ import annotations
 
@@ -153,28 +153,28 @@ class FakeTeleopArm:
 
 class Reports:
     def __init__(self) -> None:
-        self.said: list[tuple[str, str]] = []
+        self.reported: list[tuple[str, str]] = []
 
     def status(self, text: str, component: str = "") -> None:
-        self.said.append(("status", text))
+        self.reported.append(("status", text))
 
     def report(self, code: Code, text: str, component: str = "") -> None:
-        self.said.append((SEVERITIES[code.severity], text))
+        self.reported.append((SEVERITIES[code.severity], text))
 
     def emit(self, event: str, text: str = "", *, value: float = math.nan) -> None:
-        self.said.append((event, str(text) if text else str(value)))
+        self.reported.append((event, str(text) if text else str(value)))
 
     def of(self, kind: str) -> list[str]:
-        return [text for said, text in self.said if said == kind]
+        return [text for reported, text in self.reported if reported == kind]
 
 
 class TeleopHarness:
-    """One tele-operation and everything around it; a PSM's unless `make_teleop` says something else."""
+    """One teleoperation and everything around it; a PSM's unless `make_teleop` says something else."""
 
     names = ("MTMR", "PSM1")
 
     def __init__(self, *, console: bool = True, base: bool = False, setup: int | None = None, **settings: Any) -> None:
-        """`base`: an ECM carries the slave; `setup`: the set-up arm of that place does."""
+        """`base`: an ECM carries the slave; `setup`: the setup arm of that place does."""
         self.now_ns = 5 * SECOND
         self.arms = {name: FakeTeleopArm(name) for name in self.names}
         self.console = FakeTeleopRing(CONSOLE_STATE, teleops=1) if console else None
@@ -252,10 +252,10 @@ class TeleopHarness:
     def forget(self) -> None:
         for arm in self.arms.values():
             arm.sent.clear()
-        self.reports.said.clear()
+        self.reports.reported.clear()
 
 
-class EcmTheatre(TeleopHarness):
+class EcmHarness(TeleopHarness):
     """Two masters and an ECM."""
 
     names = ("MTML", "MTMR", "ECM")

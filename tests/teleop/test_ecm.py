@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.teleop.harness import EcmTheatre
+from tests.teleop.harness import EcmHarness
 
 
 @pytest.fixture
-def harness() -> EcmTheatre:
-    made = EcmTheatre()
+def harness() -> EcmHarness:
+    made = EcmHarness()
     assert made.console is not None
     made.console.set(operator_present=False)  # the head sensor is not asked
     made.state_command("enable")
@@ -19,13 +19,13 @@ def harness() -> EcmTheatre:
     return made
 
 
-def test_masters_are_let_go_with_their_orientations_locked(harness: EcmTheatre) -> None:
+def test_masters_are_let_go_with_their_orientations_locked(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
         assert harness.arms[name].words()[:4] == ["body/set_cf_orientation_absolute", "body/servo_cf",
                                                   "use_gravity_compensation", "lock_orientation"]
 
 
-def test_the_ecm_goes_against_the_hands(harness: EcmTheatre) -> None:
+def test_the_ecm_goes_against_the_hands(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
         harness.arms[name].shift(0.02, 0, 0)
     harness.step()
@@ -34,7 +34,7 @@ def test_the_ecm_goes_against_the_hands(harness: EcmTheatre) -> None:
     assert harness.arms["MTML"].asked("lock_orientation")[-1][1][1] == pytest.approx(np.sin(0.049958 / 2), abs=1e-6)
 
 
-def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmTheatre) -> None:
+def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmHarness) -> None:
     harness.arms["MTML"].shift(0.01, 0, 0)
     harness.arms["MTMR"].shift(-0.01, 0, 0)
     harness.step()
@@ -46,14 +46,14 @@ def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmTheat
 
 
 def test_masters_elsewhere_are_refused_in_words() -> None:
-    harness = EcmTheatre()
+    harness = EcmHarness()
     harness.arms["MTML"].shift(0.5, 0, 0)
     harness.state_command("enable")
     harness.run(0.005)
     assert harness.text("state") == "DISABLED" and harness.text("reason").startswith("MTML is at (0.650,")
 
 
-def test_the_clutch_begins_from_a_new_place(harness: EcmTheatre) -> None:
+def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     harness.send("clutch", 1)
     assert not harness.following and harness.slave.words()[-1] == "hold"
     harness.arms["MTML"].shift(0, 0.05, 0)
@@ -66,7 +66,7 @@ def test_the_clutch_begins_from_a_new_place(harness: EcmTheatre) -> None:
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx((0, 0, 0.12, 0), abs=1e-9)
 
 
-def test_another_scale_moves_nothing(harness: EcmTheatre) -> None:
+def test_another_scale_moves_nothing(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
         harness.arms[name].shift(0.0, 0, 0.05)
     harness.step()
@@ -75,7 +75,7 @@ def test_another_scale_moves_nothing(harness: EcmTheatre) -> None:
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx(before, abs=1e-9)
 
 
-def test_a_silent_console_or_an_arm_in_trouble_ends_it(harness: EcmTheatre) -> None:
+def test_a_silent_console_or_an_arm_in_trouble_ends_it(harness: EcmHarness) -> None:
     harness.console_alive = False
     harness.run(0.04)
     assert harness.text("state") == "DISABLED" and not harness.following
@@ -89,13 +89,13 @@ def test_a_silent_console_or_an_arm_in_trouble_ends_it(harness: EcmTheatre) -> N
     assert not harness.following
 
 
-def test_it_aligns_nothing_and_locks_nothing(harness: EcmTheatre) -> None:
+def test_it_aligns_nothing_and_locks_nothing(harness: EcmHarness) -> None:
     assert harness.state_command("align_MTM").outcomes == ["refused"]
     assert harness.send("lock_rotation", 1).outcomes == ["refused"]
     assert harness.following
 
 
-def test_masters_that_are_played_are_left_to_who_moves_them(harness: EcmTheatre) -> None:
+def test_masters_that_are_played_are_left_to_who_moves_them(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
         harness.arms[name].ring.set(simulated=True)
     harness.forget()
@@ -104,20 +104,20 @@ def test_masters_that_are_played_are_left_to_who_moves_them(harness: EcmTheatre)
     assert harness.slave.asked("servo_jp") and not harness.arms["MTML"].sent
 
 
-def test_a_camera_at_its_limit_goes_on_following_and_says_so(harness: EcmTheatre) -> None:
+def test_a_camera_at_its_limit_goes_on_following_and_says_so(harness: EcmHarness) -> None:
     harness.slave.says["servo_jp"] = "clipped: insertion"
     harness.run(0.005)
     assert harness.following and harness.text("reason") == "ECM at its limit: insertion"
 
 
 def test_the_clutch_holds_the_camera_that_is_not_followed_too() -> None:
-    harness = EcmTheatre()
+    harness = EcmHarness()
     harness.send("clutch", 1)
     assert harness.slave.words() == ["hold"]
 
 
 def test_a_pose_that_is_not_known_is_waited_for_in_words() -> None:
-    harness = EcmTheatre()
+    harness = EcmHarness()
     harness.arms["MTML"].ring.set(reference_valid=False)
     harness.state_command("enable")
     harness.run(0.005)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_io import FakeRequest
-from tests.teleop.harness import EcmTheatre, TeleopHarness
-from tests.teleop.test_trouble import show
+from tests.teleop.harness import EcmHarness, TeleopHarness
+from tests.teleop.test_problems import show
 
 DEGREE = math.pi / 180
 
@@ -147,7 +147,7 @@ def test_a_gripper_that_is_not_seen_any_more_leaves_the_jaw(following: TeleopHar
 
 
 def test_what_a_torn_record_of_the_camera_says_is_no_place_to_begin() -> None:
-    harness = EcmTheatre()
+    harness = EcmHarness()
     harness.slave.ring.set(is_homed=False)
     harness.slave.obeys = False
     harness.state_command("enable")
@@ -169,7 +169,7 @@ def test_what_a_torn_record_of_the_camera_says_is_no_place_to_begin() -> None:
 
 
 def test_hands_that_cross_do_not_throw_the_camera_over() -> None:
-    harness = EcmTheatre()
+    harness = EcmHarness()
     harness.state_command("enable")
     harness.run(0.01)
     assert harness.following

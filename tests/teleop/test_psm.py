@@ -141,7 +141,7 @@ def test_unlocking_the_rotation_aligns_again(harness: TeleopHarness) -> None:
     harness.follow()
     harness.send("lock_rotation", 1)
     harness.master.turn(0, 0.5)
-    harness.reports.said.clear()
+    harness.reports.reported.clear()
     harness.send("lock_rotation", 0)
     harness.run(0.01)
     assert harness.reports.of("current_state") == ["DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED"]

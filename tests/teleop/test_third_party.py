@@ -1,4 +1,4 @@
-"""A master that is a program of somebody else: what a tele-operation believes of it; on a fake clock."""
+"""A master that is a program of somebody else: what a teleoperation believes of it; on a fake clock."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from procs.inputs import Input
 from procs.teleop.arms import TeleopArm
 from procs.teleop.third_party import STEP_RAD, ThirdPartyArm
-from shm.operator_topics import EXTERNAL_STATE
-from tests.teleop.harness import EcmTheatre, FakeTeleopArm, FakeTeleopRing, TeleopHarness
+from shm.operator_topics import THIRD_PARTY_STATE
+from tests.teleop.harness import EcmHarness, FakeTeleopArm, FakeTeleopRing, TeleopHarness
 
 RECORD_NS = 10_000_000  # a hundred records a second
 
@@ -21,7 +21,7 @@ class Program(FakeTeleopArm):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.ring, self.obeys = FakeTeleopRing(EXTERNAL_STATE, inputs=0), False
+        self.ring, self.obeys = FakeTeleopRing(THIRD_PARTY_STATE, inputs=0), False
         self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -85,9 +85,9 @@ def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: T
     stage.run(0.02)
     assert not stage.following and np.array_equal(stage.slave.pose, before)
     assert stage.slave.words()[-1] == "hold"
-    (said,) = stage.reports.of("error")
-    assert said.startswith("MTMR_PSM1: MTMR jumped by " + ("60°" if turn else "100 mm"))
-    assert said.removeprefix("MTMR_PSM1: ") in stage.text("reason")
+    (reported,) = stage.reports.of("error")
+    assert reported.startswith("MTMR_PSM1: MTMR jumped by " + ("60°" if turn else "100 mm"))
+    assert reported.removeprefix("MTMR_PSM1: ") in stage.text("reason")
     show_presence(stage)
     assert not stage.following, "it is not believed so soon"
     stage.run(0.5)
@@ -104,7 +104,7 @@ def test_a_master_that_jumps_all_the_time_is_told_once(stage: ThirdPartyStage) -
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "reported"),
     [({"measured_cp": (math.nan, 0, 0, 0, 0, 0, 1)}, "what MTMR says is no pose"),
      ({"measured_cp": (0, 0, 0, 0, 0, 0, 0)}, "what MTMR says is no pose"),
      ({"measured_cp": (0, 0, 0, 0, 0, 0, 2)}, "what MTMR says is no pose"),
@@ -114,11 +114,11 @@ def test_a_master_that_jumps_all_the_time_is_told_once(stage: ThirdPartyStage) -
      ({"gripper_position": math.nan}, "MTMR's gripper is no angle"),
      ({"gripper_valid": False}, "MTMR has lost its gripper")],
 )
-def test_nonsense_ends_following(stage: ThirdPartyStage, wrong: dict[str, object], said: str) -> None:
+def test_nonsense_ends_following(stage: ThirdPartyStage, wrong: dict[str, object], reported: str) -> None:
     before = stage.slave.pose
     stage.master.ring.set(**wrong)
     stage.run(0.02)
-    assert not stage.following and said in stage.reports.of("error")[0]
+    assert not stage.following and reported in stage.reports.of("error")[0]
     assert np.isfinite(stage.slave.pose).all() and np.array_equal(stage.slave.pose, before)
     assert len(stage.reports.of("error")) == 1
 
@@ -130,7 +130,7 @@ def test_a_master_that_does_not_know_where_it_is_is_left(stage: ThirdPartyStage)
     assert stage.text("reason") == "the pose of MTMR in its reference frame is not known"
 
 
-class Carriers(EcmTheatre):
+class Carriers(EcmHarness):
     """Two programs that carry the camera."""
 
     def start(self) -> None:

@@ -21,7 +21,7 @@ PERIOD_NS = 6_000_000_000
 
 @pytest.fixture
 def system(world: World) -> Iterator[str]:
-    """The memory of a system with a tele-operation, MTMR_PSM1, and a console."""
+    """The memory of a system with a teleoperation, MTMR_PSM1, and a console."""
     loaded = load_system(PROJECT_CONFIGS / "systems/kinematic-teleop.yaml", name=world.name, sets=["clock=wall"])
     assert loaded.system is not None, loaded.errors
     create_all(loaded.system)

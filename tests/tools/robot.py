@@ -52,7 +52,7 @@ def _document(name: str) -> SystemConfig:
     return SystemConfig(name, "made by a test", "wall", (io,), (arm,), None, processes)
 
 
-class Played:
+class ScriptedRobot:
     """The segments of one system, and the writing ends of its arm and io."""
 
     def __init__(self, name: str) -> None:
@@ -121,13 +121,13 @@ def nothing_ages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextlib.contextmanager
-def robot(name: str) -> Iterator[Played]:
+def robot(name: str) -> Iterator[ScriptedRobot]:
     """A system that is gone afterwards, whatever happens."""
-    made = Played(name)
+    made = ScriptedRobot(name)
     try:
         yield made
     finally:
         made.close()
 
 
-__all__ = ["JOINTS", "Played", "nothing_ages", "robot"]
+__all__ = ["JOINTS", "ScriptedRobot", "nothing_ages", "robot"]

@@ -14,7 +14,7 @@ from procs.arm_types import ARM_TYPES, class_of, found
 from procs.config.models.arm_file import ArmFile
 from shm.commands import COMMANDS
 from tests.arm.fake_io import ArmHarness
-from tests.tools.robot import Played, robot
+from tests.tools.robot import ScriptedRobot, robot
 from tools import cli
 from tools.client.arm import Arm
 
@@ -22,25 +22,25 @@ APP = cli.build()
 
 
 @pytest.fixture
-def played(world: Any) -> Iterator[Played]:
+def kinematic(world: Any) -> Iterator[ScriptedRobot]:
     with robot(world.name) as made:
         yield made
 
 
-def listed(played: Played, *words: str) -> str:
-    result = CliRunner().invoke(APP, [*words, "--system", played.name])
+def listed(kinematic: ScriptedRobot, *words: str) -> str:
+    result = CliRunner().invoke(APP, [*words, "--system", kinematic.name])
     assert result.exit_code == 0, result.output
     return result.stdout
 
 
-def test_a_psm_lists_no_commands_of_masters_and_cameras(played: Played) -> None:
-    text = listed(played, "send", "PSM1")
+def test_a_psm_lists_no_commands_of_masters_and_cameras(kinematic: ScriptedRobot) -> None:
+    text = listed(kinematic, "send", "PSM1")
     assert "set_tool_type" in text and "jaw/move_jp" in text and "move_cp" in text
     assert "set_endoscope_type" not in text and "lock_orientation" not in text
 
 
-def test_a_psm_lists_no_events_and_views_of_masters_and_cameras(played: Played) -> None:
-    text = listed(played, "list")
+def test_a_psm_lists_no_events_and_views_of_masters_and_cameras(kinematic: ScriptedRobot) -> None:
+    text = listed(kinematic, "list")
     assert "PSM1/tool_type" in text and "PSM1/jaw/measured_js" in text and "PSM1/goal_reached" in text
     for other in ("gripper", "endoscope_type", "orientation_locked"):
         assert f"PSM1/{other}" not in text

@@ -9,29 +9,29 @@ import pytest
 from shm.clock import pause
 from shm.origins import Origin
 from tests.conftest import World
-from tests.tools.robot import Played, nothing_ages, robot
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools.arms import HOMED, bring, silent
 
 
-def served(played: Played, origins: list[Origin], over: threading.Event) -> None:
+def served(kinematic: ScriptedRobot, origins: list[Origin], over: threading.Event) -> None:
     """The arm does at once what it is asked for."""
     words: list[str] = []
     while not over.is_set():
-        for command in played.mailbox.drain():
+        for command in kinematic.mailbox.drain():
             words.append(command.text)
             origins.append(command.origin)
             command.done()
-            played.show_arm(state="ENABLED", homed="home" in words)
+            kinematic.show_arm(state="ENABLED", homed="home" in words)
         pause(0.001)
 
 
 def test_power_and_homing_are_one_command(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing_ages(monkeypatch)
-    with robot(world.name) as played:
-        played.show_arm()
+    with robot(world.name) as kinematic:
+        kinematic.show_arm()
         origins: list[Origin] = []
         over = threading.Event()
-        arm = threading.Thread(target=served, args=(played, origins, over))
+        arm = threading.Thread(target=served, args=(kinematic, origins, over))
         arm.start()
         try:
             assert bring(world.name, ["PSM1"], HOMED, 10.0, silent) == {"PSM1": ""}

@@ -44,8 +44,8 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
     loop.on_behalf(Origin(0x4D2, 3, "trocar home"))
     asked(system, "PSM1", loop)
     asked(system, "ECM", LoopClient(system, "ECM"))
-    told = [in_words(row).split("  ", 1)[1] for row in rows_of(system, None, 20)]
-    assert [line.partition(" by pid")[0] for line in told] == [
+    reported = [in_words(row).split("  ", 1)[1] for row in rows_of(system, None, 20)]
+    assert [line.partition(" by pid")[0] for line in reported] == [
         "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
         "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
         f"ECM: state_command home: refused ({NOBODYS}); for nobody"]

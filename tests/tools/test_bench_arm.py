@@ -43,13 +43,13 @@ def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
 def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once() -> None:
     with bench_arm.ArmBench("kinematic") as bench:
         loop = bench._loop
-        told = directory.reader(bench.name, "PSM1", "events")
+        reported = directory.reader(bench.name, "PSM1", "events")
         assert [loop.periods(short, bench.now_ns) for short in (False, True, True)] == [1, SHORT_PERIODS, SHORT_PERIODS]
         for _ in range(AT_REST + 3):
             bench.step()
         assert loop.periods(True, bench.now_ns) == REST_PERIODS and loop.periods(False, bench.now_ns) == 1
-        warnings = [row["text"].decode() for row in told.since(0) if row["code"] == b"cpu-overload"]
-        told.close()
+        warnings = [row["text"].decode() for row in reported.since(0) if row["code"] == b"cpu-overload"]
+        reported.close()
     assert warnings == ["PSM1: the machine is short of time: one cycle in 2"]
 
 

@@ -13,12 +13,12 @@ import pytest
 
 from shm.segment import names_of
 from tools.bench import boards as bench_boards
-from tools.bench.boards import FIGURES, BoardsResult, Said
+from tools.bench.boards import FIGURES, BoardsReport, BoardsResult
 from tools.bench.children import ROOT
 from tools.errors import Problem
 
 
-def turn(p50: int) -> Said:
+def turn(p50: int) -> BoardsReport:
     measured = {what for _, what, _ in FIGURES.values()}
     return {what: {"p10": p50 - 1, "p50": p50, "p99": 3 * p50, "n": 10} for what in measured}
 

@@ -59,8 +59,8 @@ def test_the_example_of_help_measures_every_process_and_whoever_follows() -> Non
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))
     command = [sys.executable, "-m", "tools", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
     with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE) as done:
-        said, _ = done.communicate(timeout=180)
-    result = json.loads(said)
+        reported, _ = done.communicate(timeout=180)
+    result = json.loads(reported)
     rows = {each["name"]: each for each in result["processes"]}
     assert {"io", "MTMR", "PSM1", "MTMR_PSM1", "console", "system", "bench"} <= set(rows)
     assert result["homed"] == ["ECM", "MTML", "MTMR", "PSM1", "PSM2", "PSM3", "SUJ"] and result["figures"]["arms"] == 7

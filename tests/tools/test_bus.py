@@ -122,8 +122,8 @@ def test_port_that_this_machine_has_not_is_told() -> None:
 def test_boards_that_share_an_id_are_told() -> None:
     with StubBus([StubBoard(5, 0), StubBoard(2, 1), StubBoard(2, 4)], port=wire.UDP_PORT) as stub:
         name = f"udp:{stub.address}"
-        said = " ".join(run("scan", name, "--no-serials", code=1).stdout.split())
-        assert said.count("2 boards have id 2 (nodes 1 and 4); set every rotary switch differently") == 2
+        reported = " ".join(run("scan", name, "--no-serials", code=1).stdout.split())
+        assert reported.count("2 boards have id 2 (nodes 1 and 4); set every rotary switch differently") == 2
         assert "2 boards have id 2" in run("read", name, 2, "STATUS", code=1).stderr
         assert "2 boards have id 2" in run("write", name, "all", "STATUS", 0, "--yes", code=1).stderr
         run("read", name, 5, "STATUS")
@@ -166,7 +166,7 @@ def test_absent_board_is_told_with_those_there_are(desk_bus: Recorded) -> None:
     assert "boards there: 0, 3" in text
 
 
-@pytest.mark.parametrize(("words", "said"), [
+@pytest.mark.parametrize(("words", "reported"), [
     (("0", "WATCHDOK"), "no register WATCHDOK; allowed: a number, or WATCHDOG"),
     (("0", "ENCODER:11"), "allowed: ENCODER:1 to ENCODER:10"),
     (("0", "ENCODER:0"), "allowed: ENCODER:1 to ENCODER:10"),
@@ -175,8 +175,8 @@ def test_absent_board_is_told_with_those_there_are(desk_bus: Recorded) -> None:
     (("16", "STATUS"), "board 16: allowed 0 to 15"),
     (("all", "STATUS"), "board all: allowed 0 to 15"),
 ])
-def test_wrong_words_are_misuse_before_the_bus_is_asked(words: tuple[str, ...], said: str) -> None:
-    assert said in run("read", "udp:127.99.0.1", *words, code=2).stderr
+def test_wrong_words_are_misuse_before_the_bus_is_asked(words: tuple[str, ...], reported: str) -> None:
+    assert reported in run("read", "udp:127.99.0.1", *words, code=2).stderr
 
 
 # -- write -------------------------------------------------------------------------------------------------------------
@@ -218,11 +218,11 @@ def test_write_asks_at_a_terminal(desk_bus: Recorded, answer: str, code: int, af
                              stderr=subprocess.PIPE, text=True)
     try:
         os.write(ours, f"{answer}\n".encode())
-        _, said = child.communicate(timeout=30)
+        _, reported = child.communicate(timeout=30)
     finally:
         os.close(ours)
         os.close(theirs)
-    assert "Write it?" in said and child.returncode == code
+    assert "Write it?" in reported and child.returncode == code
     assert rows("read", desk_bus.name, 0, "WATCHDOG")[0]["value"] == after
 
 
@@ -232,8 +232,8 @@ def test_running_io_keeps_its_bus(desk_bus: Recorded, words: tuple[Any, ...]) ->
     run("scan", desk_bus.name, "--no-serials")
     del desk_bus.requests[:]
     with owner.hold(desk_bus.name):
-        said = run(words[0], desk_bus.name, *words[1:], code=1).stderr
-    assert f"in use by pid {os.getpid()}" in said
+        reported = run(words[0], desk_bus.name, *words[1:], code=1).stderr
+    assert f"in use by pid {os.getpid()}" in reported
     assert not desk_bus.writes and not desk_bus.samples
 
 
@@ -251,11 +251,11 @@ def test_another_host_keeps_its_bus(desk_bus: Recorded) -> None:
         host = threading.Thread(target=drive)
         host.start()
         try:
-            said = run("write", desk_bus.name, 0, "WATCHDOG", 0, "--yes", code=1).stderr
+            reported = run("write", desk_bus.name, 0, "WATCHDOG", 0, "--yes", code=1).stderr
         finally:
             stop.set()
             host.join()
-    assert "another host uses this bus" in said and "nothing was written" in said
+    assert "another host uses this bus" in reported and "nothing was written" in reported
 
 
 # -- watch -------------------------------------------------------------------------------------------------------------
@@ -329,14 +329,14 @@ def test_dqla_tells_its_two_halves_apart() -> None:
 
 
 def test_writing_the_status_register_is_told_as_control() -> None:
-    said = register_names.written_meaning(registers.STATUS, 0x000C_0303, QLA)
-    assert said == "motor power on, amplifiers on: 1 2"
+    reported = register_names.written_meaning(registers.STATUS, 0x000C_0303, QLA)
+    assert reported == "motor power on, amplifiers on: 1 2"
     assert register_names.written_meaning(registers.STATUS, registers.CONTROL_POWER_OFF, QLA) == "motor power off"
     assert register_names.written_meaning(registers.STATUS, 1, QLA).startswith("no mask bit is set")
     assert "reboot" in register_names.written_meaning(registers.STATUS, registers.CONTROL_REBOOT, QLA)
 
 
-@pytest.mark.parametrize(("name", "value", "said"), [
+@pytest.mark.parametrize(("name", "value", "reported"), [
     ("ENCODER:1", 0x0080_0064, "+100 counts"),
     ("ENCODER:1", 0x017F_FFFF, "-1 counts, overflow"),
     ("ADC:1", 0x8000_8000, "pot 2.2500 V, current +0.0000 A"),
@@ -352,16 +352,16 @@ def test_writing_the_status_register_is_told_as_control() -> None:
     ("MOTOR_STATUS:1", registers.MOTOR_STATUS_AMP_ON | 0x8000, "amplifier on, commanded 0x8000"),
     ("QUERY", 5, ""),
 ])
-def test_known_registers_are_decoded(name: str, value: int, said: str) -> None:
+def test_known_registers_are_decoded(name: str, value: int, reported: str) -> None:
     (address,) = register_names.addresses(name, QLA)
-    assert register_names.meaning(address, value, QLA) == said
+    assert register_names.meaning(address, value, QLA) == reported
 
 
-@pytest.mark.parametrize(("word", "said"), [
+@pytest.mark.parametrize(("word", "reported"), [
     (0, "off"), (registers.MOTOR_STATUS_AMP_REQUESTED, "requested"), (registers.MOTOR_STATUS_AMP_ON, "on"),
     (registers.MOTOR_STATUS_SAFETY, "cut (current)"), (registers.MOTOR_STATUS_AMP_FAULT, "fault")])
-def test_amplifiers_are_told_in_words(word: int, said: str) -> None:
-    assert register_names.amplifier(0, word, 0, "QLA1", 8) == said
+def test_amplifiers_are_told_in_words(word: int, reported: str) -> None:
+    assert register_names.amplifier(0, word, 0, "QLA1", 8) == reported
 
 
 def test_rev_7_amplifiers_come_from_the_status() -> None:
@@ -385,10 +385,10 @@ def test_sample_tells_velocity_and_overflow() -> None:
     assert second.velocity_counts_s == pytest.approx(1000.0)
 
 
-@pytest.mark.parametrize(("data", "said"), [
+@pytest.mark.parametrize(("data", "reported"), [
     (b"FPGA 1234-56\xff\xff", "1234-56"), (b"QLA 1234-56\0\xff", ""), (b"\xff" * 16, ""), (b"\0" * 16, "")])
-def test_serial_numbers_end_where_text_ends(data: bytes, said: str) -> None:
-    assert serials.text_of(data, "FPGA") == said
+def test_serial_numbers_end_where_text_ends(data: bytes, reported: str) -> None:
+    assert serials.text_of(data, "FPGA") == reported
 
 
 # -- help --------------------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ def test_check_says_all_that_up_with_emulated_boards_would(
     ("text", "kind", "code"),
     [
         ('{"$id": "dvrk-sistem.schema.json"}', "unknown", 1),
-        ('{"arms": [{"name": "ECM", "measured_cp": []}]}', "set-up joints, fixed", 1),
+        ('{"arms": [{"name": "ECM", "measured_cp": []}]}', "setup joints, fixed", 1),
         ('{"GC_controller": {}}', "gravity", 1),
         ('{"serial": "1", "lookup": []}', "potentiometer table", 1),
         ('{"arms": [{"name": "PSM1", "arm": "x.json"}]}', "system", 1),

@@ -242,7 +242,7 @@ def test_files_of_setup_joints_get_todays_names_and_consoles_find_them(tmp_path:
     written(site, old, "suj-1.json")
     console(site, "A", arms=[{"name": "SUJ", "type": "SUJ", "simulation": "KINEMATIC", "kinematic": "suj-1.json"}])
     done = run(site, "--to", to)
-    assert "wrote " + str(to / "suj-1.json") + ": set-up joints, Classic file, fine" in done.stdout, done.stdout
+    assert "wrote " + str(to / "suj-1.json") + ": setup joints, Classic file, fine" in done.stdout, done.stdout
     assert "converted: arms[0].primary-offsets → primary_offsets (today's name)" in done.stdout
     system = json.loads((to / "system-A.json").read_text())
     assert (system["arms"][0]["arm_file"], done.exit_code) == ("suj-1.json", 0)

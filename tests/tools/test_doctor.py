@@ -26,13 +26,13 @@ def test_the_kernel_is_told_real_time_or_not(tmp_path: Path) -> None:
     assert machine.kernel(tmp_path).state == OK
 
 
-@pytest.mark.parametrize(("words", "state", "said"), [
+@pytest.mark.parametrize(("words", "state", "reported"), [
     ("FIFO 90, locked", OK, "FIFO 90"), ("no FIFO, locked", BAD, "no real-time priority for"),
     ("no FIFO, not locked", BAD, "no real-time priority and memory cannot be locked for"),
 ])
-def test_rights_that_are_lacking_come_with_the_file_that_grants_them(words: str, state: str, said: str) -> None:
+def test_rights_that_are_lacking_come_with_the_file_that_grants_them(words: str, state: str, reported: str) -> None:
     found = machine.rights(words)
-    assert found.state == state and said in found.found
+    assert found.state == state and reported in found.found
     assert ("/etc/security/limits.d/trocar.conf" in found.mend and "rtprio 98" in found.mend) == (state == BAD)
 
 

@@ -54,7 +54,7 @@ def scribble(robot: Robot, instance: str, what: str) -> None:
         file.write(b"nonsense")
 
 
-def said_to(user: str, *words: str) -> str:
+def reported_to(user: str, *words: str) -> str:
     """Exit code and messages of a verb that another user types."""
     app = cli.build()
 
@@ -69,12 +69,13 @@ def test_another_user_is_told_whose_the_system_is(tmp_path: Path) -> None:
     as_root()
     with up(tmp_path) as robot:
         for verb in ("down", "status", "list", "logs", "power-off", "up"):
-            said = said_to("nobody", verb, "--system", robot.name)
-            assert said.startswith(f"1 trocar: not permitted: system {robot.name} belongs to user root"), (verb, said)
+            reported = reported_to("nobody", verb, "--system", robot.name)
+            assert reported.startswith(f"1 trocar: not permitted: system {robot.name} belongs to user root"), (verb,
+                                                                                                               reported)
         assert robot.state("PSM1") == "RUNNING"
         os.truncate(path_of(segment_name(robot.name, "supervisor", "control")), 0)  # it dies, others as well
-        said = robot.trocar("down", "--system", robot.name)
-        assert f"system {robot.name} is down" in said or "segments that" in said
+        reported = robot.trocar("down", "--system", robot.name)
+        assert f"system {robot.name} is down" in reported or "segments that" in reported
         assert is_down(robot), names_of(robot.name)
 
 

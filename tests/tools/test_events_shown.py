@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from procs import codes
 from shm.rows import Field
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
-from tests.tools.robot import Played, nothing_ages, robot
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools import cli
 from tools.inspect.enumerations import in_words
 
@@ -23,21 +23,21 @@ TIME = r"\d\d:\d\d:\d\d\.\d{3}"
 
 
 @pytest.fixture
-def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
 
-def run(played: Played, *words: str) -> Result:
-    return CliRunner().invoke(APP, [*words, "--system", played.name])
+def run(kinematic: ScriptedRobot, *words: str) -> Result:
+    return CliRunner().invoke(APP, [*words, "--system", kinematic.name])
 
 
-def test_echo_of_events_prints_the_history_with_local_time(played: Played) -> None:
-    played.events.status("PSM1: HOMED", "PSM1")
-    played.events.operating_state("ENABLED", "HOMED", True, False)
-    played.events.report(codes.TRACKING, "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
-    shown = run(played, "echo", "PSM1/events", "-n", "3").stdout.splitlines()
+def test_echo_of_events_prints_the_history_with_local_time(kinematic: ScriptedRobot) -> None:
+    kinematic.events.status("PSM1: HOMED", "PSM1")
+    kinematic.events.operating_state("ENABLED", "HOMED", True, False)
+    kinematic.events.report(codes.TRACKING, "PSM1 axis 2 (insertion), board 6: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+    shown = run(kinematic, "echo", "PSM1/events", "-n", "3").stdout.splitlines()
     assert [re.sub(f"^{TIME}", "AT", line) for line in shown] == [
         "AT  status  PSM1: HOMED",
         "AT  operating_state  ENABLED (HOMED), homed",
@@ -46,36 +46,36 @@ def test_echo_of_events_prints_the_history_with_local_time(played: Played) -> No
     ]
 
 
-def test_echo_of_one_kind_of_event_leaves_out_the_others(played: Played) -> None:
-    played.events.status("PSM1: HOMED", "PSM1")
-    played.events.report(codes.CLIPPED, "clipped to the joint limits: insertion", "PSM1")
-    shown = run(played, "echo", "PSM1/warning", "--timeout", "0")
+def test_echo_of_one_kind_of_event_leaves_out_the_others(kinematic: ScriptedRobot) -> None:
+    kinematic.events.status("PSM1: HOMED", "PSM1")
+    kinematic.events.report(codes.CLIPPED, "clipped to the joint limits: insertion", "PSM1")
+    shown = run(kinematic, "echo", "PSM1/warning", "--timeout", "0")
     assert shown.exit_code == 0 and shown.stdout.count("\n") == 1
     assert "PSM1: clipped to the joint limits: insertion" in shown.stdout
 
 
-def test_the_newest_are_shown_of_many_events(played: Played) -> None:
+def test_the_newest_are_shown_of_many_events(kinematic: ScriptedRobot) -> None:
     for number in range(9):
-        played.events.status(f"number {number}", "PSM1")
-    shown = run(played, "echo", "PSM1/status", "-n", "2").stdout.splitlines()
+        kinematic.events.status(f"number {number}", "PSM1")
+    shown = run(kinematic, "echo", "PSM1/status", "-n", "2").stdout.splitlines()
     assert [line[-1] for line in shown] == ["7", "8"]
 
 
 @pytest.mark.parametrize("words", [("--timeout", "0"), ("-n", "3", "--timeout", "0.02"), ("--once", "--timeout", "0")])
-def test_no_events_are_nothing_yet_and_the_wait_ends(played: Played, words: tuple[str, ...]) -> None:
-    shown = run(played, "echo", "PSM1/error", *words)
+def test_no_events_are_nothing_yet_and_the_wait_ends(kinematic: ScriptedRobot, words: tuple[str, ...]) -> None:
+    shown = run(kinematic, "echo", "PSM1/error", *words)
     assert shown.exit_code == 1 and shown.stdout == "" and "PSM1/error: nothing yet" in shown.stderr
 
 
-def test_counting_records_ends_where_nothing_new_comes(played: Played) -> None:
-    played.show_arm()
-    shown = run(played, "echo", "PSM1/measured_js", "-n", "5", "--timeout", "0.05")
+def test_counting_records_ends_where_nothing_new_comes(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    shown = run(kinematic, "echo", "PSM1/measured_js", "-n", "5", "--timeout", "0.05")
     assert shown.exit_code == 1 and "nothing new for 0.05 s" in shown.stderr
 
 
-def test_events_carry_all_their_data_for_programs(played: Played) -> None:
-    played.events.report(codes.TRACKING, "cannot follow", "PSM1", 2, 0.06, 0.05, 6)
-    (row,) = (json.loads(line) for line in run(played, "echo", "PSM1/error", "--once", "--json").stdout.splitlines())
+def test_events_carry_all_their_data_for_programs(kinematic: ScriptedRobot) -> None:
+    kinematic.events.report(codes.TRACKING, "cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+    (row,) = (json.loads(line) for line in run(kinematic, "echo", "PSM1/error", "--once", "--json").stdout.splitlines())
     assert (row["code"], row["component"], row["axis"], row["board"], row["value"], row["limit"], row["hint"]) == (
         "tracking", "PSM1", 2, 6, 0.06, 0.05, codes.TRACKING.remedy)
     assert row["local_ns"] > 10**18 and row["monotonic_ns"] > 0
@@ -95,25 +95,25 @@ def test_enumerations_are_words(topic: Any, name: str, value: Any, word: Any) ->
     assert in_words(field(topic, name), value) == word
 
 
-def test_a_record_is_printed_with_words(played: Played) -> None:
-    played.arm.field("control_mode")[...] = 2
-    played.show_arm()
-    shown = run(played, "echo", "PSM1/state", "--once").stdout
+def test_a_record_is_printed_with_words(kinematic: ScriptedRobot) -> None:
+    kinematic.arm.field("control_mode")[...] = 2
+    kinematic.show_arm()
+    shown = run(kinematic, "echo", "PSM1/state", "--once").stdout
     assert re.search(r"control_mode +trajectory", shown) and re.search(r"is_homed +no", shown)
 
 
 def test_logs_of_several_come_in_the_order_in_which_they_were_written(
-    played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kinematic: ScriptedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
-    folder = tmp_path / played.name
+    folder = tmp_path / kinematic.name
     folder.mkdir()
     day = "2026-11-22 20:50:01.12345"
     (folder / "IO1.log").write_text(f"{day}6 10.5 ERROR PSM1 axis 2: too far\n{day}7 12.5 INFO ended\nTraceback\n")
     (folder / "PSM1.log").write_text(f"{day}6 11.5 ERROR PSM1 axis 2: too far\n{day}8 13.5 INFO ended\n")
-    shown = run(played, "logs").stdout.splitlines()
+    shown = run(kinematic, "logs").stdout.splitlines()
     assert shown == ["20:50:01.123  IO1  ERROR  PSM1 axis 2: too far",
                      "20:50:01.123  PSM1  ERROR  PSM1 axis 2: too far",
                      "20:50:01.123  IO1  INFO  ended", "IO1  Traceback", "20:50:01.123  PSM1  INFO  ended"]
-    rows = [json.loads(line) for line in run(played, "logs", "--json").stdout.splitlines()]
+    rows = [json.loads(line) for line in run(kinematic, "logs", "--json").stdout.splitlines()]
     assert [row["monotonic_s"] for row in rows] == [10.5, 11.5, 12.5, None, 13.5]

@@ -59,7 +59,7 @@ class FakePad:
     def active_keys(self) -> list[int]:
         return self.pressed
 
-    def tell(self, kind: int, code: int, value: int) -> None:
+    def report(self, kind: int, code: int, value: int) -> None:
         self.waiting.append(SimpleNamespace(type=kind, code=code, value=value))
 
     def read(self) -> Iterator[Any]:
@@ -80,15 +80,15 @@ def moved(pad: FakePad, seconds: float = 1.0) -> tuple[np.ndarray, GamepadTip]:
 
 def test_nothing_moves_unless_the_deadman_is_held() -> None:
     pad = FakePad()
-    pad.tell(EV_ABS, ABS_X, 32767)
+    pad.report(EV_ABS, ABS_X, 32767)
     pose, hand = moved(pad)
     assert pose.tolist() == [0, 0, 0, 0, 0, 0, 1] and not hand.twist.any()
     pad.pressed = [BTN_TL]
-    pad.tell(EV_ABS, ABS_X, 32767)
+    pad.report(EV_ABS, ABS_X, 32767)
     pose, hand = moved(pad)
     assert pose[0] == pytest.approx(0.05, abs=1e-4) and hand.twist[0] == pytest.approx(0.05, abs=1e-4)
     gamepad = Gamepad(pad)
-    pad.tell(EV_KEY, BTN_TL, 0)
+    pad.report(EV_KEY, BTN_TL, 0)
     assert hand.step(gamepad.poll(), 0.01).tolist() == pose.tolist() and not hand.twist.any()
 
 
@@ -96,7 +96,7 @@ def test_nothing_moves_unless_the_deadman_is_held() -> None:
 def test_sticks_are_velocities(axis: int, place: int, sign: int) -> None:
     pad = FakePad()
     pad.pressed = [BTN_TL]
-    pad.tell(EV_ABS, axis, 32767)
+    pad.report(EV_ABS, axis, 32767)
     pose, _ = moved(pad, 0.5)
     assert pose[place] == pytest.approx(sign * 0.025, abs=1e-4) and np.count_nonzero(np.abs(pose[:3]) > 1e-6) == 1
 
@@ -104,17 +104,17 @@ def test_sticks_are_velocities(axis: int, place: int, sign: int) -> None:
 def test_a_stick_near_its_middle_is_at_rest() -> None:
     pad = FakePad()
     pad.pressed = [BTN_TL]
-    pad.tell(EV_ABS, ABS_X, 3000)
+    pad.report(EV_ABS, ABS_X, 3000)
     assert moved(pad)[0].tolist() == [0, 0, 0, 0, 0, 0, 1]
 
 
 def test_the_tip_rolls_about_its_own_axis_and_says_so_in_the_base_s() -> None:
     pad = FakePad()
     pad.pressed = [BTN_TL]
-    pad.tell(EV_ABS, ABS_HAT0X, 32767)
+    pad.report(EV_ABS, ABS_HAT0X, 32767)
     _, hand = moved(pad, math.pi / 2 / 0.5)  # a quarter about y: now its z points along x
     gamepad = Gamepad(pad)
-    pad.tell(EV_ABS, ABS_RX, 32767)
+    pad.report(EV_ABS, ABS_RX, 32767)
     before = hand.pose.copy()
     after = matrix_from_pose(hand.step(gamepad.poll(), 0.01))
     assert rotation_vector(before[:3, :3].T @ after[:3, :3]) == pytest.approx([0, 0, 0.005], abs=1e-6)
@@ -126,12 +126,12 @@ def test_the_trigger_is_the_gripper() -> None:
     gamepad, hand = Gamepad(pad), GamepadTip(0.05, 0.5)
     hand.step(gamepad.poll(), 0.01)
     assert hand.gripper == OPEN_RAD
-    pad.tell(EV_ABS, ABS_RZ, 255)
+    pad.report(EV_ABS, ABS_RZ, 255)
     hand.step(gamepad.poll(), 0.01)
     assert hand.gripper == 0.0
     plain = FakePad((ABS_X, ABS_Y))
     gamepad = Gamepad(plain)
-    plain.tell(EV_KEY, BTN_TR2, 1)
+    plain.report(EV_KEY, BTN_TR2, 1)
     hand.step(gamepad.poll(), 0.01)
     assert hand.gripper == 0.0, "a button in its place"
 
@@ -147,7 +147,7 @@ def test_events_that_the_kernel_dropped_are_looked_up() -> None:
     pad = FakePad()
     gamepad = Gamepad(pad)
     pad.info[ABS_X].value, pad.pressed = -32768, [BTN_EAST]
-    pad.tell(EV_SYN, SYN_DROPPED, 0)
+    pad.report(EV_SYN, SYN_DROPPED, 0)
     sticks = gamepad.poll()
     assert sticks.axes[ABS_X] == -1.0 and sticks.keys == {BTN_EAST}
 
@@ -155,7 +155,7 @@ def test_events_that_the_kernel_dropped_are_looked_up() -> None:
 def test_an_axis_without_a_range_stands_still() -> None:
     pad = FakePad()
     pad.info[ABS_X] = SimpleNamespace(min=0, max=0, value=0)
-    pad.tell(EV_ABS, ABS_X, 100)
+    pad.report(EV_ABS, ABS_X, 100)
     assert Gamepad(pad).poll().axes[ABS_X] == 0.0
 
 
@@ -180,13 +180,13 @@ class FakeMaster:
 
 
 def test_the_console_s_buttons_are_those_it_asks_for() -> None:
-    pad, master, said = FakePad(), FakeMaster(("clutch", "operator_present")), list[str]()
-    pad.tell(EV_KEY, BTN_EAST, 1)
-    gamepad_master.drive(master, Gamepad(pad), GamepadTip(0.05, 0.5), said.append)  # type: ignore[arg-type]
-    assert master.pressed == {"operator_present": False, "clutch": True} and len(master.written) == 3 and not said
+    pad, master, reported = FakePad(), FakeMaster(("clutch", "operator_present")), list[str]()
+    pad.report(EV_KEY, BTN_EAST, 1)
+    gamepad_master.drive(master, Gamepad(pad), GamepadTip(0.05, 0.5), reported.append)  # type: ignore[arg-type]
+    assert master.pressed == {"operator_present": False, "clutch": True} and len(master.written) == 3 and not reported
     other = FakeMaster(())
-    gamepad_master.drive(other, Gamepad(pad), GamepadTip(0.05, 0.5), said.append)  # type: ignore[arg-type]
-    assert not other.pressed and "does not take operator_present" in said[0]
+    gamepad_master.drive(other, Gamepad(pad), GamepadTip(0.05, 0.5), reported.append)  # type: ignore[arg-type]
+    assert not other.pressed and "does not take operator_present" in reported[0]
 
 
 def test_a_gamepad_that_is_pulled_out_ends_it() -> None:

@@ -104,15 +104,16 @@ def test_a_master_is_held_by_the_parameters_its_arm_file_names(ask: Any) -> None
     np.testing.assert_allclose(row["tau"], (-0.04732, 0.5073, 0.21282, 0.05798, 0.04149, -0.03281, 0), atol=1e-5)
 
 
-@pytest.mark.parametrize(("line", "said"), [
+@pytest.mark.parametrize(("line", "reported"), [
     ("{", "not JSON"), ("[1]", "not an object"), ({}, "q is missing"), ({"q": [0.0] * 5}, "q: 6 numbers"),
     ({"q": ["a"] * 6}, "q: not numbers"), ('{"q": [0, 0, 0, 0, 0, NaN]}', "q: not finite"), ({"q": None}, "q: "),
     ({"q": [[0.0] * 6]}, "q: 6 numbers, one a joint; not shape (1, 6)"),
 ])
-def test_a_line_that_cannot_be_answered_says_why_and_the_others_are_answered(ask: Any, line: Any, said: str) -> None:
+def test_a_line_that_cannot_be_answered_says_why_and_the_others_are_answered(ask: Any, line: Any,
+                                                                             reported: str) -> None:
     files = {"kinematic": share("kinematic/PSM.json"), "tool": share(f"tool/{LND}.json")}
     code, (first, second) = ask(fk, [line, "", {"q": [0.0] * 6}], **files)
-    assert code == 1 and first["line"] == 1 and said in first["error"]
+    assert code == 1 and first["line"] == 1 and reported in first["error"]
     assert "fk" in second
 
 

@@ -162,7 +162,7 @@ def test_show_marks_what_is_not_as_in_the_file(ring: RingWriter) -> None:
     assert "2.5*" in text and "3 roll" in text
 
 
-@pytest.mark.parametrize(("words", "code", "said"), [
+@pytest.mark.parametrize(("words", "code", "reported"), [
     (("show", "PSM9"), 1, "no joint controller PSM9; near are: PSM1"),
     (("set", "PSM1", "9", "p_gain=1"), 2, "axis 9 of PSM1; allowed: 0 to 6, yaw, pitch"),
     (("set", "PSM1", "0", "p_gain"), 2, "KEY=VALUE is needed"),
@@ -171,9 +171,9 @@ def test_show_marks_what_is_not_as_in_the_file(ring: RingWriter) -> None:
     (("set", "PSM1", "0", *(f"{gain.key}=1" for gain in GAINS)), 2, "give fewer gains at once"),
     (("save", "PSM1", "x.yaml"), 2, "NAME.json"),
 ])
-def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], code: int, said: str) -> None:
+def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], code: int, reported: str) -> None:
     done = run(*words)
-    assert done.exit_code == code and said in done.stderr
+    assert done.exit_code == code and reported in done.stderr
 
 
 @pytest.mark.parametrize("takes", [True, False])

@@ -9,24 +9,24 @@ import pytest
 
 from procs import codes
 from shm.clock import monotonic_ns, pause
-from tests.tools.robot import Played
+from tests.tools.robot import ScriptedRobot
+from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tests.tools.test_verbs import lines, run
-from tests.tools.test_verbs import played as played  # a fixture
 
 
-def play_arm(played: Played, script: dict[str, tuple[str, bool]], commands: int) -> threading.Thread:
+def play_arm(kinematic: ScriptedRobot, script: dict[str, tuple[str, bool]], commands: int) -> threading.Thread:
     """An arm that answers state commands by going to the state the script gives for the word."""
 
     def loop() -> None:
         left, end = commands, monotonic_ns() + 10 * 10**9
         while left and monotonic_ns() < end:
-            for command in played.mailbox.drain():
+            for command in kinematic.mailbox.drain():
                 left -= 1
                 command.done()
                 state, homed = script[command.text]
                 if state == "FAULT":
-                    played.events.report(codes.POWER_FAULT, "the supply is off")
-                played.show_arm(state=state, homed=homed)
+                    kinematic.events.report(codes.POWER_FAULT, "the supply is off")
+                kinematic.show_arm(state=state, homed=homed)
             pause(0.001)
 
     thread = threading.Thread(target=loop)
@@ -34,28 +34,28 @@ def play_arm(played: Played, script: dict[str, tuple[str, bool]], commands: int)
     return thread
 
 
-def test_home_disables_faults_and_enables_first(played: Played) -> None:
-    played.show_arm(state="FAULT")
+def test_home_disables_faults_and_enables_first(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="FAULT")
     script = {"disable": ("DISABLED", False), "enable": ("ENABLED", False), "home": ("ENABLED", True)}
-    thread = play_arm(played, script, 3)
-    (row,) = lines(run("home", "--json", "--system", played.name))
+    thread = play_arm(kinematic, script, 3)
+    (row,) = lines(run("home", "--json", "--system", kinematic.name))
     thread.join()
     assert row == {"arm": "PSM1", "goal": "homed", "done": True, "problem": None}
 
 
-def test_power_on_tells_the_arms_error(played: Played) -> None:
-    played.show_arm(state="DISABLED")
-    thread = play_arm(played, {"enable": ("FAULT", False)}, 1)
-    result = run("power-on", "PSM1", "--json", "--system", played.name)
+def test_power_on_tells_the_arms_error(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="DISABLED")
+    thread = play_arm(kinematic, {"enable": ("FAULT", False)}, 1)
+    result = run("power-on", "PSM1", "--json", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 1
     assert json.loads(result.stdout)["problem"] == f"the supply is off; {codes.POWER_FAULT.remedy}"
 
 
-def test_power_off_that_takes_too_long_says_so(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    thread = play_arm(played, {"disable": ("ENABLED", False)}, 1)
-    result = run("power-off", "--timeout", "0.1", "--json", "--system", played.name)
+def test_power_off_that_takes_too_long_says_so(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    thread = play_arm(kinematic, {"disable": ("ENABLED", False)}, 1)
+    result = run("power-off", "--timeout", "0.1", "--json", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 1
     assert "not disabled in time; it is ENABLED" in json.loads(result.stdout)["problem"]
@@ -67,26 +67,26 @@ def test_power_off_that_takes_too_long_says_so(played: Played) -> None:
     (0.0, None, False, "IO1 has not shown its state"),
 ])
 def test_power_is_off_when_io_sees_it(
-    played: Played, age_s: float, io_age_s: float | None, amp_on: bool, problem: str | None
+    kinematic: ScriptedRobot, age_s: float, io_age_s: float | None, amp_on: bool, problem: str | None
 ) -> None:
-    played.show_arm(state="DISABLED", age_s=age_s)
-    played.io.field("amp_on")[6] = amp_on
+    kinematic.show_arm(state="DISABLED", age_s=age_s)
+    kinematic.io.field("amp_on")[6] = amp_on
     if io_age_s is not None:
-        played.io.publish(monotonic_ns() - round(io_age_s * 1e9))
-    result = run("power-off", "--timeout", "0.05", "--json", "--system", played.name)
+        kinematic.io.publish(monotonic_ns() - round(io_age_s * 1e9))
+    result = run("power-off", "--timeout", "0.05", "--json", "--system", kinematic.name)
     assert result.exit_code == (1 if problem else 0)
-    said = json.loads(result.stdout)["problem"]
-    assert said is None if problem is None else problem in said
+    reported = json.loads(result.stdout)["problem"]
+    assert reported is None if problem is None else problem in reported
 
 
-def test_a_homed_arm_that_hangs_is_not_taken_for_homed(played: Played) -> None:
-    played.show_arm(state="ENABLED", homed=True, age_s=1.0)
+def test_a_homed_arm_that_hangs_is_not_taken_for_homed(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED", homed=True, age_s=1.0)
     for verb in ("home", "power-on"):
-        result = run(verb, "--timeout", "0.05", "--json", "--system", played.name)
+        result = run(verb, "--timeout", "0.05", "--json", "--system", kinematic.name)
         assert result.exit_code == 1 and "its last record is " in json.loads(result.stdout)["problem"]
 
 
-def test_home_of_an_unknown_arm_names_those_there_are(played: Played) -> None:
-    result = run("home", "PSM7", "--system", played.name)
+def test_home_of_an_unknown_arm_names_those_there_are(kinematic: ScriptedRobot) -> None:
+    result = run("home", "PSM7", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "PSM1" in result.stderr

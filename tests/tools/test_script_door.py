@@ -14,24 +14,24 @@ import pytest
 
 import trocar
 from shm.clock import monotonic_ns, pause
-from tests.tools.robot import Played, nothing_ages, robot
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools.systems import ROOT
 
 
 @pytest.fixture
-def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
 
-def told(played: Played, answer: Callable[[Any], object]) -> threading.Thread:
+def reported(kinematic: ScriptedRobot, answer: Callable[[Any], object]) -> threading.Thread:
     """The arm answers one command."""
 
     def loop() -> None:
         end = monotonic_ns() + 10 * 10**9
         while monotonic_ns() < end:
-            for command in played.mailbox.drain():
+            for command in kinematic.mailbox.drain():
                 answer(command)
                 return
             pause(0.001)
@@ -41,20 +41,20 @@ def told(played: Played, answer: Callable[[Any], object]) -> threading.Thread:
     return thread
 
 
-def answering(played: Played, *outcomes: str) -> threading.Thread:
+def answering(kinematic: ScriptedRobot, *outcomes: str) -> threading.Thread:
     """The arm answers one command with each of the outcomes in turn."""
 
     def each(command: Any) -> None:
         for outcome in outcomes:
-            played.show_arm(0.3, state="ENABLED")
+            kinematic.show_arm(0.3, state="ENABLED")
             getattr(command, outcome)()
 
-    return told(played, each)
+    return reported(kinematic, each)
 
 
-def test_reads_return_value_and_stamp(played: Played) -> None:
-    played.show_arm(0.25, state="ENABLED", homed=True)
-    with trocar.arm("PSM1", played.name) as psm:
+def test_reads_return_value_and_stamp(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.25, state="ENABLED", homed=True)
+    with trocar.arm("PSM1", kinematic.name) as psm:
         position, stamp_ns = psm.measured_jp()
         assert position.tolist() == [0.25] * 6
         assert 0 < stamp_ns <= monotonic_ns()
@@ -69,45 +69,45 @@ def test_reads_return_value_and_stamp(played: Played) -> None:
         assert not psm.is_busy()
 
 
-def test_an_absent_arm_times_out(played: Played) -> None:
+def test_an_absent_arm_times_out(kinematic: ScriptedRobot) -> None:
     with pytest.raises(TimeoutError, match="no arm PSM9"):
-        trocar.arm("PSM9", played.name, timeout=0.0)
+        trocar.arm("PSM9", kinematic.name, timeout=0.0)
 
 
-def test_a_system_may_be_named_by_the_environment(played: Played, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TROCAR_SYSTEM", played.name)
-    assert trocar.system().name == played.name
-    monkeypatch.setenv("TROCAR_SYSTEM", f"{played.name}-2")
+def test_a_system_may_be_named_by_the_environment(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_SYSTEM", kinematic.name)
+    assert trocar.system().name == kinematic.name
+    monkeypatch.setenv("TROCAR_SYSTEM", f"{kinematic.name}-2")
     with pytest.raises(TimeoutError, match="no system"):
         trocar.arm("PSM1", timeout=0.0)
-    assert trocar.system(played.name).name == played.name
+    assert trocar.system(kinematic.name).name == kinematic.name
 
 
-def test_a_silent_arm_times_out(played: Played) -> None:
+def test_a_silent_arm_times_out(kinematic: ScriptedRobot) -> None:
     with pytest.raises(TimeoutError, match="does not show its state"):
-        trocar.arm("PSM1", played.name, timeout=0.0)
+        trocar.arm("PSM1", kinematic.name, timeout=0.0)
 
 
-def test_invalid_values_are_not_handed_out(played: Played) -> None:
-    played.show_arm(valid=False)
-    with trocar.arm("PSM1", played.name) as psm, pytest.raises(TimeoutError, match="not valid"):
+def test_invalid_values_are_not_handed_out(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(valid=False)
+    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(TimeoutError, match="not valid"):
         psm.measured_jp()
 
 
-def test_a_move_is_busy_until_done(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
-        thread = answering(played, "accept", "done")
+def test_a_move_is_busy_until_done(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        thread = answering(kinematic, "accept", "done")
         handle = psm.move_jp([0] * 6)
         thread.join()
         handle.wait(5.0)
         assert not handle.is_busy()
 
 
-def test_a_move_that_is_not_done_times_out(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
-        thread = answering(played, "accept")
+def test_a_move_that_is_not_done_times_out(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        thread = answering(kinematic, "accept")
         handle = psm.move_jp([0] * 6)
         thread.join()
         assert handle.is_busy()
@@ -115,29 +115,30 @@ def test_a_move_that_is_not_done_times_out(played: Played) -> None:
             handle.wait(0.02)
 
 
-def test_a_move_that_is_done_at_once_is_not_waited_for(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
-        thread = answering(played, "done")
+def test_a_move_that_is_done_at_once_is_not_waited_for(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        thread = answering(kinematic, "done")
         assert not psm.move_jp([0] * 6).is_busy()
         thread.join()
 
 
-def test_a_move_that_fails_says_why(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
-        thread = told(played, lambda command: (command.accept(), command.fail("replaced by hold")))
+def test_a_move_that_fails_says_why(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        thread = reported(kinematic, lambda command: (command.accept(), command.fail("replaced by hold")))
         handle = psm.jaw.open()
         thread.join()
         with pytest.raises(trocar.Refused, match="PSM1 jaw/move_jp was failed: replaced by hold"):
             handle.wait(5.0)
 
 
-def test_a_refused_command_raises_the_reason(played: Played) -> None:
-    played.show_arm()
-    with trocar.arm("PSM1", played.name) as psm:
+def test_a_refused_command_raises_the_reason(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    with trocar.arm("PSM1", kinematic.name) as psm:
         asked: list[int] = []
-        thread = told(played, lambda command: (asked.append(len(command.values)), command.refuse("arm not ready")))
+        thread = reported(kinematic,
+                          lambda command: (asked.append(len(command.values)), command.refuse("arm not ready")))
         with pytest.raises(trocar.Refused, match="arm not ready"):
             psm.servo_jp([0] * 6, [0] * 6)
         thread.join()
@@ -145,47 +146,47 @@ def test_a_refused_command_raises_the_reason(played: Played) -> None:
 
 
 @pytest.mark.parametrize("answer", ["", "{}", "[1, 2, 3]", '["one", 0, 0, 0, 0, 0, 1]', "[[0], 1]"])
-def test_an_answer_that_is_no_pose_is_a_problem(played: Played, answer: str) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
-        thread = told(played, lambda command: command.done(answer))
+def test_an_answer_that_is_no_pose_is_a_problem(kinematic: ScriptedRobot, answer: str) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        thread = reported(kinematic, lambda command: command.done(answer))
         with pytest.raises(trocar.Problem, match="which are no"):
             psm.forward_kinematics([0] * 6)
         thread.join()
 
 
-def test_what_is_no_pose_is_not_sent(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    with trocar.arm("PSM1", played.name) as psm:
+def test_what_is_no_pose_is_not_sent(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.arm("PSM1", kinematic.name) as psm:
         for command in (psm.move_cp, psm.servo_cp, psm.servo_cr, psm.servo_cs, psm.set_base_frame):
             with pytest.raises(ValueError, match=r"transform|rotation"):
                 command(2.0 * np.eye(4))
         for command in (psm.servo_cf, psm.body.servo_cf, psm.spatial.servo_cf):
             with pytest.raises(ValueError, match="6 numbers"):
                 command([1.0, 2.0])
-        assert not list(played.mailbox.drain())
+        assert not list(kinematic.mailbox.drain())
 
 
-def test_an_arm_is_of_the_kind_that_is_asked_for(played: Played) -> None:
-    played.show_arm()
-    with trocar.psm("PSM1", played.name) as psm:
+def test_an_arm_is_of_the_kind_that_is_asked_for(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    with trocar.psm("PSM1", kinematic.name) as psm:
         assert isinstance(psm, trocar.Psm)
     with pytest.raises(trocar.Problem, match="PSM1 is no MTM, it is a PSM"):
-        trocar.mtm("PSM1", played.name)
+        trocar.mtm("PSM1", kinematic.name)
     with pytest.raises(TimeoutError, match="no suj SUJ"):
-        trocar.suj("SUJ", played.name, timeout=0.0)
+        trocar.suj("SUJ", kinematic.name, timeout=0.0)
 
 
-def test_a_system_lists_arms_and_processes(played: Played) -> None:
-    with trocar.system(played.name) as system:
+def test_a_system_lists_arms_and_processes(kinematic: ScriptedRobot) -> None:
+    with trocar.system(kinematic.name) as system:
         assert system.arms() == ["PSM1"]
-        assert {life.name for life in system.status()} == {"supervisor", "IO1", "PSM1"}
+        assert {process.name for process in system.status()} == {"supervisor", "IO1", "PSM1"}
 
 
-@pytest.mark.parametrize(("words", "said"), [
+@pytest.mark.parametrize(("words", "printed"), [
     ("time.sleep(60)", "ended by Ctrl-C\n"), ("trocar.arm('PSM1', 'nowhere', timeout=60)", "ended by Ctrl-C\n"),
 ])
-def test_a_script_ended_by_ctrl_c_says_so_in_one_line(words: str, said: str) -> None:
+def test_a_script_ended_by_ctrl_c_says_so_in_one_line(words: str, printed: str) -> None:
     code = f"import time, trocar\nprint('ready', flush=True)\n{words}\n"
     script = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                               text=True)
@@ -193,7 +194,7 @@ def test_a_script_ended_by_ctrl_c_says_so_in_one_line(words: str, said: str) -> 
     pause(0.2)
     script.send_signal(signal.SIGINT)
     _, errors = script.communicate(timeout=20)
-    assert errors == said and script.returncode == -signal.SIGINT, "the shell sees that it was interrupted"
+    assert errors == printed and script.returncode == -signal.SIGINT, "the shell sees that it was interrupted"
 
 
 def test_other_errors_of_a_script_keep_their_traceback() -> None:

@@ -98,8 +98,8 @@ def test_an_installation_says_what_it_is_at_and_how_it_ended(tmp_path: Path, cod
     fake.write_text(PIP)
     fake.chmod(0o755)
     done = ask(tmp_path, "start", {**environment, "PIP_CODE": str(code)})
-    said = done.stderr.splitlines()
-    assert set(said[1:4]) == {"Collecting numpy", "Installing collected packages: numpy", "a word"}
+    reported = done.stderr.splitlines()
+    assert set(reported[1:4]) == {"Collecting numpy", "Installing collected packages: numpy", "a word"}
     assert (done.returncode, done.stdout) == ((0, "started\n") if code == 0 else (1, ""))
     assert ("the installation failed" in done.stderr) == (code == 1)
 

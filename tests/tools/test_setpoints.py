@@ -1,4 +1,4 @@
-"""Files of set-points, tracking errors, and JSON values."""
+"""Files of setpoints, tracking errors, and JSON values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from procs import codes
 from shm.system_time import SystemTime
-from tests.tools.robot import Played, nothing_ages, robot
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools import following
 from tools.errors import Problem
 from tools.following import Follower, HeldUp, beats
@@ -52,7 +52,7 @@ def test_seven_bare_joints_have_no_jaw(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "reported"),
     [
         (["1,2,3"], "3 columns; for 6 joints"),
         (["1,2,3,4,5,6", "1,2,x,4,5,6"], "line 2"),
@@ -61,8 +61,8 @@ def test_seven_bare_joints_have_no_jaw(tmp_path: Path) -> None:
         (["a,b"], "no rows"),
     ],
 )
-def test_bad_files_are_refused_with_the_reason(tmp_path: Path, rows: list[str], said: str) -> None:
-    with pytest.raises(Problem, match=said):
+def test_bad_files_are_refused_with_the_reason(tmp_path: Path, rows: list[str], reported: str) -> None:
+    with pytest.raises(Problem, match=reported):
         read_setpoints(written(tmp_path, rows), 6, True)
 
 
@@ -106,36 +106,36 @@ def test_json_knows_no_nan() -> None:
 
 
 @pytest.fixture
-def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
 
 
-def test_samples_are_compared_with_the_row_in_force(played: Played) -> None:
-    played.show_arm(9.0, "ENABLED", homed=True)
-    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
+def test_samples_are_compared_with_the_row_in_force(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(9.0, "ENABLED", homed=True)
+    with Watch(kinematic.name, "PSM1") as watch, Remote(kinematic.name, "PSM1") as remote:
         watch.look()
         follower = Follower(watch, remote, True, SystemTime(""))
-        played.show_arm(5.0, "ENABLED", homed=True)  # before the first row: not compared
+        kinematic.show_arm(5.0, "ENABLED", homed=True)  # before the first row: not compared
         follower.send(np.full(6, 1.0), np.zeros(6), 1.0)
-        played.show_arm(1.5, "ENABLED", homed=True)
+        kinematic.show_arm(1.5, "ENABLED", homed=True)
         follower.send(np.full(6, 2.0), np.zeros(6), 2.0)  # the sample before is drained after it, and is the first's
-        played.show_arm(1.5, "ENABLED", homed=True)
+        kinematic.show_arm(1.5, "ENABLED", homed=True)
         follower.collect()
         assert follower.tracking.samples == 2
         assert np.allclose(follower.tracking.rms, 0.5)
         assert np.allclose(follower.tracking.most, 0.5)
-        names = [command.name for command in played.mailbox.drain()]
+        names = [command.name for command in kinematic.mailbox.drain()]
         assert names == ["servo_jp", "jaw/servo_jp"] * 2
 
 
-def test_following_ends_when_the_arm_faults(played: Played) -> None:
-    played.show_arm(0.0, "ENABLED", homed=True)
-    with Watch(played.name, "PSM1") as watch, Remote(played.name, "PSM1") as remote:
+def test_following_ends_when_the_arm_faults(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.0, "ENABLED", homed=True)
+    with Watch(kinematic.name, "PSM1") as watch, Remote(kinematic.name, "PSM1") as remote:
         watch.look()
         follower = Follower(watch, remote, False, SystemTime(""))
-        played.events.report(codes.WATCHDOG, "the boards cut the amplifiers")
-        played.show_arm(0.0, "FAULT")
+        kinematic.events.report(codes.WATCHDOG, "the boards cut the amplifiers")
+        kinematic.show_arm(0.0, "FAULT")
         with pytest.raises(Problem, match="FAULT: the boards cut"):
             follower.collect()

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from procs import codes
 from shm.clock import monotonic_ns, pause
-from tests.tools.robot import Played, nothing_ages, robot
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools import cli
 from tools.arms import ArmBringUp
 from tools.inspect import standing
@@ -25,45 +25,45 @@ OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should 
 
 
 @pytest.fixture
-def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
     monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)
     with robot(world.name) as made:
         yield made
 
 
-def status(played: Played, *words: str) -> Result:
-    return CliRunner().invoke(APP, ["status", *words, "--system", played.name])
+def status(kinematic: ScriptedRobot, *words: str) -> Result:
+    return CliRunner().invoke(APP, ["status", *words, "--system", kinematic.name])
 
 
-def test_status_ends_with_all_well(played: Played) -> None:
-    played.show_arm(state="ENABLED", homed=True)
-    shown = status(played)
+def test_status_ends_with_all_well(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED", homed=True)
+    shown = status(kinematic)
     assert shown.exit_code == 0 and shown.stdout.splitlines()[-1] == "all well"
 
 
-def test_arms_without_power_are_well_and_the_next_step_is_told(played: Played) -> None:
-    played.show_arm()
-    assert status(played).stdout.splitlines()[-1] == "all well; next: trocar home"
+def test_arms_without_power_are_well_and_the_next_step_is_told(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    assert status(kinematic).stdout.splitlines()[-1] == "all well; next: trocar home"
 
 
-def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(played: Played) -> None:
-    played.events.report(codes.AMPLIFIER, OFF, "PSM1", 2, board=6)
-    played.events.status("PSM1: FAULT", "PSM1")
-    played.arm.field("reason")[...] = OFF.encode()
-    played.show_arm(state="FAULT")
-    shown = status(played)
+def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(kinematic: ScriptedRobot) -> None:
+    kinematic.events.report(codes.AMPLIFIER, OFF, "PSM1", 2, board=6)
+    kinematic.events.status("PSM1: FAULT", "PSM1")
+    kinematic.arm.field("reason")[...] = OFF.encode()
+    kinematic.show_arm(state="FAULT")
+    shown = status(kinematic)
     assert shown.exit_code == 1
     assert shown.stdout.splitlines()[-1] == f"first: {OFF}; {codes.AMPLIFIER.remedy}. Then: trocar home PSM1"
-    (row,) = json.loads(status(played, "--json").stdout)["standings"]
+    (row,) = json.loads(status(kinematic, "--json").stdout)["standings"]
     assert (row["state"], row["homed"], row["reason"]) == ("FAULT", False, OFF)
     assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)
 
 
-def test_what_a_person_has_to_do_for_an_arm_comes_first(played: Played) -> None:
-    played.arm.field("reason")[...] = NAMED.encode()
-    played.show_arm(state="ENABLED")
-    shown = status(played)
+def test_what_a_person_has_to_do_for_an_arm_comes_first(kinematic: ScriptedRobot) -> None:
+    kinematic.arm.field("reason")[...] = NAMED.encode()
+    kinematic.show_arm(state="ENABLED")
+    shown = status(kinematic)
     assert shown.exit_code == 0 and shown.stdout.splitlines()[-1] == f"first: PSM1 waits: {NAMED}"
 
 
@@ -73,7 +73,7 @@ def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytes
     monkeypatch.setattr(standing, "_flag", lambda *_: False)
     error = {"text": "A_B: PSM1 has no jaw", "hint": codes.NO_JAW.remedy}
     monkeypatch.setattr(standing, "_last_error", lambda *_: error)
-    assert standing._teleop("s", life("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
+    assert standing._teleop("s", process("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
 
 
 def fault(name: str, code: str, stamp_ns: int) -> Standing:
@@ -81,16 +81,16 @@ def fault(name: str, code: str, stamp_ns: int) -> Standing:
         "code": code, "hint": "", "monotonic_ns": stamp_ns})
 
 
-def life(name: str, trouble: str = "") -> ProcessStatus:
-    return ProcessStatus(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, trouble, {})
+def process(name: str, problem: str = "") -> ProcessStatus:
+    return ProcessStatus(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {})
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
-    ([life("IO1", "dead"), life("PSM1")], [fault("PSM1", "io-timeout", 5)], "IO1 is dead: trocar logs IO1"),
+    ([process("IO1", "dead"), process("PSM1")], [fault("PSM1", "io-timeout", 5)], "IO1 is dead: trocar logs IO1"),
     ([], [fault("PSM1", "shared-board", 1), fault("PSM2", "amplifier", 2)],
      "PSM2: amplifier. Then: trocar home PSM2 PSM1"),
     ([], [fault("PSM1", "power-lost", 3), fault("PSM2", "watchdog", 2)], "PSM2: watchdog. Then: trocar home PSM2 PSM1"),
-    ([life("PSM1")], [Standing("PSM1", "arm", "ENABLED HOMED", True)], ""),
+    ([process("PSM1")], [Standing("PSM1", "arm", "ENABLED HOMED", True)], ""),
     ([], [Standing("A_B", "teleop", "ENABLED", None, "the operator to hold the master")], ""),
 ])
 def test_the_cause_comes_before_what_follows_from_it(
@@ -104,21 +104,21 @@ def test_no_next_step_while_some_arms_have_power() -> None:
     assert next_step(arms) == "" and next_step(arms[:1]) == "trocar home"
 
 
-def test_home_says_what_an_arm_waits_for(played: Played) -> None:
-    played.arm.field("reason")[...] = NAMED.encode()
-    played.show_arm(state="ENABLED")
+def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot) -> None:
+    kinematic.arm.field("reason")[...] = NAMED.encode()
+    kinematic.show_arm(state="ENABLED")
     stop = threading.Event()
 
     def accept() -> None:
         while not stop.is_set():
-            for command in played.mailbox.drain():
+            for command in kinematic.mailbox.drain():
                 command.accept()
             pause(0.001)
 
     answering = threading.Thread(target=accept)
     answering.start()
     try:
-        shown = CliRunner().invoke(APP, ["home", "--timeout", "1.5", "--system", played.name])
+        shown = CliRunner().invoke(APP, ["home", "--timeout", "1.5", "--system", kinematic.name])
     finally:
         stop.set()
         answering.join()
@@ -147,5 +147,5 @@ def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
     now = monotonic_ns()
     assert bring_up.news(now) == "" and bring_up.news(now + second // 2) == ""
     watch.reason = NAMED
-    told = [bring_up.news(now + k * second // 4) for k in range(4, 40)]
-    assert list(filter(None, told)) == [f"PSM1 waits: {NAMED}"]
+    reported = [bring_up.news(now + k * second // 4) for k in range(4, 40)]
+    assert list(filter(None, reported)) == [f"PSM1 waits: {NAMED}"]

@@ -79,8 +79,8 @@ def test_the_demo_leaves_nothing_when_it_is_interrupted(tmp_path: Path, world: A
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     world.until(lambda: names_of(world.name), "the demo's shared memory")
     demo.send_signal(2)
-    said, _ = demo.communicate(timeout=90)
-    assert names_of(world.name) == [], said
+    reported, _ = demo.communicate(timeout=90)
+    assert names_of(world.name) == [], reported
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 from procs import codes
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
-from tests.tools.robot import JOINTS, Played, nothing_ages, robot
+from tests.tools.robot import JOINTS, ScriptedRobot, nothing_ages, robot
 from tools import cli
 from tools.errors import Misuse
 from tools.systems import clear, left_over
@@ -26,7 +26,7 @@ APP = cli.build()
 
 
 @pytest.fixture
-def played(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
+def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
@@ -76,9 +76,9 @@ def test_an_absent_system_is_named(world: Any) -> None:
     assert f"no system {world.name} is up" in result.stderr
 
 
-def test_echo_prints_a_view_as_json(played: Played) -> None:
-    played.show_arm(0.25)
-    (row,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", played.name))
+def test_echo_prints_a_view_as_json(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.25)
+    (row,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", kinematic.name))
     assert row["name"] == list(JOINTS)
     assert row["position"] == [0.25] * 6
     assert row["velocity"] == [None] * 6  # not finite
@@ -86,104 +86,104 @@ def test_echo_prints_a_view_as_json(played: Played) -> None:
     assert row["sequence"] == 1
 
 
-def test_invalid_values_are_null(played: Played) -> None:
-    played.show_arm(valid=False, jaw=False)
-    (js,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", played.name))
-    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", played.name))
-    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", played.name))
+def test_invalid_values_are_null(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(valid=False, jaw=False)
+    (js,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", kinematic.name))
+    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", kinematic.name))
+    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", kinematic.name))
     assert (js["valid"], js["position"]) == (False, None)
     assert (cp["position"], cp["orientation"]) == (None, None)
     assert (jaw["valid"], jaw["position"]) == (False, None)
 
 
-def test_echo_knows_poses_jaws_and_jacobians(played: Played) -> None:
-    played.show_arm(0.5)
-    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", played.name))
-    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", played.name))
-    (jacobian,) = lines(run("echo", "PSM1/body/jacobian", "--once", "--json", "--system", played.name))
+def test_echo_knows_poses_jaws_and_jacobians(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.5)
+    (cp,) = lines(run("echo", "PSM1/measured_cp", "--once", "--json", "--system", kinematic.name))
+    (jaw,) = lines(run("echo", "PSM1/jaw/measured_js", "--once", "--json", "--system", kinematic.name))
+    (jacobian,) = lines(run("echo", "PSM1/body/jacobian", "--once", "--json", "--system", kinematic.name))
     assert cp["position"] == [1, 2, 3]
     assert cp["orientation"] == [0, 0, 0, 1]
     assert (jaw["name"], jaw["position"]) == (["jaw"], [0.5])
     assert np.shape(jacobian["data"]) == (6, 6)
 
 
-def test_echo_cuts_a_robot_out_of_io(played: Played) -> None:
-    played.io.field("valid")[...] = True
-    played.io.field("position")[...] = np.arange(7)
-    played.io.publish(monotonic_ns())
-    (row,) = lines(run("echo", "IO1/PSM1/measured_js", "--once", "--json", "--system", played.name))
+def test_echo_cuts_a_robot_out_of_io(kinematic: ScriptedRobot) -> None:
+    kinematic.io.field("valid")[...] = True
+    kinematic.io.field("position")[...] = np.arange(7)
+    kinematic.io.publish(monotonic_ns())
+    (row,) = lines(run("echo", "IO1/PSM1/measured_js", "--once", "--json", "--system", kinematic.name))
     assert row["position"] == list(range(7))
     assert row["name"] == [*JOINTS, "jaw"]
 
 
-def test_echo_prints_a_whole_record(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    (row,) = lines(run("echo", "PSM1/state", "--once", "--json", "--system", played.name))
+def test_echo_prints_a_whole_record(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    (row,) = lines(run("echo", "PSM1/state", "--once", "--json", "--system", kinematic.name))
     assert row["state"] == "ENABLED"
     assert row["names"][:6] == list(JOINTS)
 
 
-def test_operating_state_comes_from_history(played: Played) -> None:
-    played.events.operating_state("ENABLED", "HOMED", True, False)
-    played.events.status("something else")
-    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", played.name))
+def test_operating_state_comes_from_history(kinematic: ScriptedRobot) -> None:
+    kinematic.events.operating_state("ENABLED", "HOMED", True, False)
+    kinematic.events.status("something else")
+    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", kinematic.name))
     assert (row["state"], row["sub_state"], row["is_homed"], row["is_busy"]) == ("ENABLED", "HOMED", True, False)
     assert row["sequence"] == 1
 
 
-def test_operating_state_without_events_comes_from_the_record(played: Played) -> None:
-    played.show_arm(state="FAULT")
-    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", played.name))
+def test_operating_state_without_events_comes_from_the_record(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="FAULT")
+    (row,) = lines(run("echo", "PSM1/operating_state", "--once", "--json", "--system", kinematic.name))
     assert (row["state"], row["is_homed"], row["is_busy"]) == ("FAULT", False, False)
 
 
-def test_error_events_carry_their_numbers(played: Played) -> None:
-    played.events.report(codes.TRACKING, "joint 2 is off", "PSM1", 2, 0.3)
-    (row,) = lines(run("echo", "PSM1/error", "--once", "--json", "--system", played.name))
+def test_error_events_carry_their_numbers(kinematic: ScriptedRobot) -> None:
+    kinematic.events.report(codes.TRACKING, "joint 2 is off", "PSM1", 2, 0.3)
+    (row,) = lines(run("echo", "PSM1/error", "--once", "--json", "--system", kinematic.name))
     assert (row["code"], row["axis"], row["value"], row["limit"]) == ("tracking", 2, 0.3, None)
 
 
-def test_an_unknown_topic_names_the_nearest(played: Played) -> None:
-    result = run("echo", "PSM1/mesured_js", "--once", "--system", played.name)
+def test_an_unknown_topic_names_the_nearest(kinematic: ScriptedRobot) -> None:
+    result = run("echo", "PSM1/mesured_js", "--once", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "PSM1/measured_js" in result.stderr
 
 
-def test_a_topic_nobody_wrote_is_an_error(played: Played) -> None:
-    result = run("echo", "PSM1/state", "--once", "--timeout", "0", "--system", played.name)
+def test_a_topic_nobody_wrote_is_an_error(kinematic: ScriptedRobot) -> None:
+    result = run("echo", "PSM1/state", "--once", "--timeout", "0", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "nothing yet" in result.stderr
 
 
-def test_echo_is_readable_for_people(played: Played) -> None:
-    played.show_arm(0.25)
-    text = run("echo", "PSM1/measured_js", "--once", "--system", played.name).stdout
+def test_echo_is_readable_for_people(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.25)
+    text = run("echo", "PSM1/measured_js", "--once", "--system", kinematic.name).stdout
     assert "0.25 0.25" in text
     assert "rad|m" in text
 
 
-def test_list_shows_records_views_and_events(played: Played) -> None:
-    rows = {row["topic"]: row for row in lines(run("list", "--json", "--system", played.name))}
+def test_list_shows_records_views_and_events(kinematic: ScriptedRobot) -> None:
+    rows = {row["topic"]: row for row in lines(run("list", "--json", "--system", kinematic.name))}
     assert rows["PSM1/measured_js"]["kind"] == "js"
     assert rows["IO1/PSM1/measured_js"]["rate_hz"] == 1500
     assert rows["PSM1/operating_state"]["kind"] == "event"
     assert {f["unit"] for f in rows["PSM1/state"]["fields"]} >= {"rad|m", "m, -"}
-    assert "PSM1/jaw/measured_js" in run("list", "--system", played.name).stdout
-    assert "measured joint position" in run("list", "-v", "--system", played.name).stdout
+    assert "PSM1/jaw/measured_js" in run("list", "--system", kinematic.name).stdout
+    assert "measured joint position" in run("list", "-v", "--system", kinematic.name).stdout
 
 
-def test_hz_counts_what_comes(played: Played) -> None:
+def test_hz_counts_what_comes(kinematic: ScriptedRobot) -> None:
     stop = threading.Event()
 
     def write() -> None:
         while not stop.is_set():
-            played.show_arm()
+            kinematic.show_arm()
             pause(0.002)
 
     writer = threading.Thread(target=write)
     writer.start()
     try:
-        (row,) = lines(run("hz", "PSM1/measured_js", "--window", "0.2", "--json", "--system", played.name))
+        (row,) = lines(run("hz", "PSM1/measured_js", "--window", "0.2", "--json", "--system", kinematic.name))
     finally:
         stop.set()
         writer.join()
@@ -191,24 +191,24 @@ def test_hz_counts_what_comes(played: Played) -> None:
     assert row["hz"] > 0
 
 
-def test_hz_of_a_silent_topic_is_wrong(played: Played) -> None:
-    result = run("hz", "PSM1/state", "--window", "0.05", "--json", "--system", played.name)
+def test_hz_of_a_silent_topic_is_wrong(kinematic: ScriptedRobot) -> None:
+    result = run("hz", "PSM1/state", "--window", "0.05", "--json", "--system", kinematic.name)
     assert result.exit_code == 1
 
 
-def test_status_shows_every_process(played: Played) -> None:
+def test_status_shows_every_process(kinematic: ScriptedRobot) -> None:
     stop = threading.Event()
 
     def beat() -> None:
         while not stop.is_set():
-            played.beat()
+            kinematic.beat()
             pause(0.001)
 
     beating = threading.Thread(target=beat)
     beating.start()
-    played.restarted(2, "killed by SIGKILL")
+    kinematic.restarted(2, "killed by SIGKILL")
     try:
-        (status,) = lines(run("status", "--json", "--system", played.name))
+        (status,) = lines(run("status", "--json", "--system", kinematic.name))
     finally:
         stop.set()
         beating.join()
@@ -218,36 +218,36 @@ def test_status_shows_every_process(played: Played) -> None:
     assert rows["IO1"]["kind"] == "io"
 
 
-def test_status_finds_stalled_and_failed_processes(played: Played) -> None:
-    played.pages["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
-    played.pages["PSM1"].show("FAILED", "no such file")
-    result = run("status", "--json", "--system", played.name)
+def test_status_finds_stalled_and_failed_processes(kinematic: ScriptedRobot) -> None:
+    kinematic.pages["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - 10**9
+    kinematic.pages["PSM1"].show("FAILED", "no such file")
+    result = run("status", "--json", "--system", kinematic.name)
     rows = {row["name"]: row for row in json.loads(result.stdout)["processes"]}
     assert result.exit_code == 1
-    assert rows["IO1"]["trouble"] == "stalled"
-    assert rows["PSM1"]["trouble"] == "failed: no such file"
+    assert rows["IO1"]["problem"] == "stalled"
+    assert rows["PSM1"]["problem"] == "failed: no such file"
 
 
-def test_attach_prints_one_page(played: Played) -> None:
-    played.show_arm(state="ENABLED")
-    played.arm.field("reason")[...] = b"brakes to let go"
-    played.show_arm(state="ENABLED")
+def test_attach_prints_one_page(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    kinematic.arm.field("reason")[...] = b"brakes to let go"
+    kinematic.show_arm(state="ENABLED")
     for _ in range(2):
-        played.events.report(codes.TRACKING, "something broke")
-    played.events.report(codes.CURRENT, "and another thing")
-    text = run("attach", "--once", "--system", played.name).stdout
+        kinematic.events.report(codes.TRACKING, "something broke")
+    kinematic.events.report(codes.CURRENT, "and another thing")
+    text = run("attach", "--once", "--system", kinematic.name).stdout
     assert "PSM1/state" in text and "brakes to let go" in text
     assert 0 < text.index("and another thing") < text.index("something broke")  # newest first
     assert text.count("something broke") == 1
 
 
-def answer(played: Played, how: str) -> threading.Thread:
+def answer(kinematic: ScriptedRobot, how: str) -> threading.Thread:
     """One command is answered, as an arm would."""
 
     def loop() -> None:
         end = monotonic_ns() + 10 * 10**9
         while monotonic_ns() < end:
-            for command in played.mailbox.drain():
+            for command in kinematic.mailbox.drain():
                 received.append((command.name, command.values.tolist(), command.text))
                 command.done() if how == "done" else command.refuse(how)
                 return
@@ -260,43 +260,43 @@ def answer(played: Played, how: str) -> threading.Thread:
     return thread
 
 
-def test_send_prints_the_answer(played: Played) -> None:
-    thread = answer(played, "done")
-    result = run("send", "PSM1", "servo_jp", "-0.1", "0", "0.12", "0", "0", "-1e-3", "--system", played.name)
+def test_send_prints_the_answer(kinematic: ScriptedRobot) -> None:
+    thread = answer(kinematic, "done")
+    result = run("send", "PSM1", "servo_jp", "-0.1", "0", "0.12", "0", "0", "-1e-3", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 0, result.stderr
     assert result.stdout.strip() == "done"
     assert thread.received == [("servo_jp", [-0.1, 0, 0.12, 0, 0, -1e-3], "")]  # type: ignore[attr-defined]
 
 
-def test_send_tells_why_it_was_refused(played: Played) -> None:
-    thread = answer(played, "home is not allowed in DISABLED")
-    result = run("send", "PSM1", "state_command", "home", "--system", played.name)
+def test_send_tells_why_it_was_refused(kinematic: ScriptedRobot) -> None:
+    thread = answer(kinematic, "home is not allowed in DISABLED")
+    result = run("send", "PSM1", "state_command", "home", "--system", kinematic.name)
     thread.join()
     assert result.exit_code == 1
     assert "home is not allowed in DISABLED" in result.stderr
     assert thread.received == [("state_command", [], "home")]  # type: ignore[attr-defined]
 
 
-def test_send_without_a_command_lists_them(played: Played) -> None:
-    result = run("send", "PSM1", "--system", played.name)
+def test_send_without_a_command_lists_them(kinematic: ScriptedRobot) -> None:
+    result = run("send", "PSM1", "--system", kinematic.name)
     assert result.exit_code == 0
     assert any(line.split()[:2] == ["move_jp", "position"] for line in result.stdout.splitlines())
-    rows = [json.loads(line) for line in run("send", "PSM1", "--json", "--system", played.name).stdout.splitlines()]
+    rows = [json.loads(line) for line in run("send", "PSM1", "--json", "--system", kinematic.name).stdout.splitlines()]
     known = [command.name for command in COMMANDS["arm"] if "PSM" in (command.types or ("PSM",))]
     assert [row["name"] for row in rows] == known
     assert rows[0]["component"] == "PSM1"
 
 
-def test_send_names_the_nearest_command(played: Played) -> None:
-    result = run("send", "PSM1", "move_jq", "--system", played.name)
+def test_send_names_the_nearest_command(kinematic: ScriptedRobot) -> None:
+    result = run("send", "PSM1", "move_jq", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "move_jp" in result.stderr
-    assert "PSM1" in run("send", "PSM9", "hold", "--system", played.name).stderr
+    assert "PSM1" in run("send", "PSM9", "hold", "--system", kinematic.name).stderr
 
 
-def test_send_without_an_owner_times_out(played: Played) -> None:
-    result = run("send", "PSM1", "hold", "--timeout", "0.05", "--system", played.name)
+def test_send_without_an_owner_times_out(kinematic: ScriptedRobot) -> None:
+    result = run("send", "PSM1", "hold", "--timeout", "0.05", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "did not answer hold" in result.stderr
 
@@ -312,7 +312,7 @@ def test_words_become_numbers_and_text() -> None:
 
 
 def test_down_clears_what_a_dead_system_left(world: Any) -> None:
-    made = Played(world.name)
+    made = ScriptedRobot(world.name)
     assert left_over(world.name) == []
     for page in made.pages.values():
         page.close()

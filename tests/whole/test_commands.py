@@ -23,21 +23,21 @@ from tests.whole.test_bring_up import FakeArm
 
 
 class FakeEvents:
-    """Remembers what is told."""
+    """Remembers what is reported."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[str, str]] = []
+        self.reported: list[tuple[str, str]] = []
         self.components: list[str] = []
 
     def emit(self, event: str, text: str = "", *, component: str = "", **_: object) -> None:
-        self.told.append((event, text))
+        self.reported.append((event, text))
         self.components.append(component)
 
     def status(self, text: str, component: str = "") -> None:
-        self.told.append(("status", text))
+        self.reported.append(("status", text))
 
     def report(self, code: Code, text: str, *_: object) -> None:
-        self.told.append((SEVERITIES[code.severity], text))
+        self.reported.append((SEVERITIES[code.severity], text))
 
 
 class FakeConsole:
@@ -89,7 +89,7 @@ def test_power_off_ends_homing() -> None:
 def test_volume_is_clamped() -> None:
     stage = CommandStage()
     assert stage.ask("set_volume", 1.7).outcome == "done" and stage.commands.volume == 1.0
-    assert ("volume", "") in stage.events.told
+    assert ("volume", "") in stage.events.reported
     assert stage.ask("set_volume", math.nan).outcome == "refused" and stage.commands.volume == 1.0
 
 
@@ -101,7 +101,7 @@ def test_senseless_beep_is_refused(values: tuple[float, ...]) -> None:
 def test_long_beep_is_clipped_with_a_warning() -> None:
     stage = CommandStage()
     assert stage.ask("beep", 100.0, 3000.0, 2.0).outcome == "done"
-    assert [event for event, _ in stage.events.told] == ["warning", "warning", "beep"]
+    assert [event for event, _ in stage.events.reported] == ["warning", "warning", "beep"]
 
 
 def test_computer_without_sound_says_so() -> None:
@@ -134,11 +134,11 @@ def test_errors_of_all_are_repeated_and_beep_every_two_seconds() -> None:
             return False
 
     events, beeps = FakeEvents(), []
-    told: Any = events
-    centre = MessageHub([MessageSource("PSM1", FakeCommandRing())], told, lambda: beeps.append(1))
+    reported: Any = events
+    centre = MessageHub([MessageSource("PSM1", FakeCommandRing())], reported, lambda: beeps.append(1))
     waiting += [(3, "a"), (0, "no message"), (3, "b"), (2, "c"), (1, "d")]
     centre.step(1)
-    assert events.told == [("error", "a"), ("error", "b"), ("warning", "c"), ("status", "d")]
+    assert events.reported == [("error", "a"), ("error", "b"), ("warning", "c"), ("status", "d")]
     assert set(events.components) == {"PSM1"} and (centre.errors, centre.warnings, len(beeps)) == (2, 1, 1)
     waiting.append((3, "e"))
     centre.step(BEEP_NS)
@@ -184,13 +184,13 @@ def test_programs_are_those_of_the_path_and_what_they_fail_at_is_told_once(
         (tmp_path / name).chmod(0o755)
     sound = Sound()
     assert sound.name == "paplay, espeak-ng" and sound.lacks == ""
-    told = []
+    reported = []
     for _ in range(2):
         sound.beep(0.1, 1000.0, 0.5)
-        told.append(sound.step(0))
+        reported.append(sound.step(0))
         sound.finish()
-        told.append(sound.step(0))
-    assert told == ["", f"{tmp_path}/paplay ended with 3: nothing may have been heard", "", ""]
+        reported.append(sound.step(0))
+    assert reported == ["", f"{tmp_path}/paplay ended with 3: nothing may have been heard", "", ""]
     sound.say("hello", 0.5)
     assert sound.step(0) == "" and sound.step(GIVE_UP_NS - 1) == ""
     assert "espeak-ng does not end" in sound.step(GIVE_UP_NS) and sound.step(GIVE_UP_NS) == ""

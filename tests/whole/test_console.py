@@ -170,12 +170,13 @@ def test_a_teleoperation_keeps_the_pace_of_its_master(driven: Room, monkeypatch:
 
 def test_a_teleoperation_that_refuses_is_reported_once(driven: Room, monkeypatch: pytest.MonkeyPatch) -> None:
     loop: Any = driven.host.loops["console"]
-    told: list[str] = []
-    monkeypatch.setattr(driven.host.node["console"].events, "report", lambda code, text, component: told.append(text))
+    reported: list[str] = []
+    monkeypatch.setattr(driven.host.node["console"].events, "report", lambda code, text,
+                        component: reported.append(text))
     for _ in range(2):
         assert loop._desk.ask("MTMR_PSM1", "set_scale", (-1.0,))
         driven.host.run(0.05)
-    assert len(told) == 1 and told[0].startswith("MTMR_PSM1 refuses: set_scale")
+    assert len(reported) == 1 and reported[0].startswith("MTMR_PSM1 refuses: set_scale")
 
 
 def test_a_console_gives_its_head_sensor_back(driven: Room) -> None:

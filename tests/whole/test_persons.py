@@ -77,7 +77,7 @@ class Judge:
         assert self.io.newest()
         robots = list(self.io.info["robots"])
         for arm in ARMS:
-            self._power(arm, bool(self.io.field("power_wanted")[robots.index(arm)]))
+            self._power(arm, bool(self.io.field("power_requested")[robots.index(arm)]))
             self._state(arm)
 
     def _power(self, arm: str, wanted: bool) -> None:

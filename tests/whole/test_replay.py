@@ -1,4 +1,4 @@
-"""A recorded day of a played PSM goes through io's step and through the arm's step, each by itself: the same comes out.
+"""A recorded day of a kinematic PSM goes through io's step and through the arm's step, each by itself: same output.
 
 `python -m tests.whole.test_replay --record` makes the recording anew; that is a commit of its own.
 """
@@ -22,7 +22,7 @@ from procs.io.record import IoRecord as IoRecord
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import FakeReports, FakeRequest, Record, View
-from tests.arm.test_kinematic_arm import Order, Source, played_system
+from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
 
 FILE: Final = Path(__file__).with_name("replay.npz")
 PERIOD_NS: Final = 10_000_000
@@ -45,12 +45,12 @@ def ns(cycle: int) -> int:
 
 
 class IoAlone:
-    """io on the set-points it is given."""
+    """io on the setpoints it is given."""
 
     def __init__(self, setpoint: Record) -> None:
         self.memory, self.cycle = Record(IO_STATE, **AXES), 0
         self.source = Source(setpoint)
-        self.core = KinematicIo(played_system().io("io"), lambda: ns(self.cycle), IoRecord(self.memory.field),
+        self.core = KinematicIo(kinematic_system().io("io"), lambda: ns(self.cycle), IoRecord(self.memory.field),
                                 [self.source])
 
     def step(self, cycle: int) -> None:
@@ -67,12 +67,12 @@ class ArmAlone:
 
     def __init__(self, io: Record) -> None:
         self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
-        self.arm = PsmLogic(played_system().arms[0], Surroundings(
+        self.arm = PsmLogic(kinematic_system().arms[0], Surroundings(
             io.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, FakeReports(),
             lambda number: FaultReport(codes.IO_FAULT, f"fault number {number}")))
 
     def send(self, name: str, values: Any, text: str) -> int:
-        raise AssertionError(f"a played robot needs no order, not {name}")
+        raise AssertionError(f"a kinematic robot needs no order, not {name}")
 
     def on_behalf(self, origin: object) -> None: ...
 

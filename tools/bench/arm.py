@@ -2,7 +2,7 @@
 
 KINEMATIC arms with their io, both in this process, on rings and mailboxes of a system of their own and on a clock that
 is stepped. What is timed (thread CPU time) is all that an arm does in a cycle: io's record and the commands in, the
-set-points and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it.
+setpoints and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it.
 """
 
 from __future__ import annotations

@@ -62,17 +62,17 @@ KINDS = {
     "not counted": "state record (state_record_us), waking up and pacing of the process",
 }
 
-Said = dict[str, dict[str, int]]
+BoardsReport = dict[str, dict[str, int]]
 
 
 @dataclass
 class BoardsResult:
     """What the turns gave, by number of boards."""
 
-    turns: dict[int, list[Said]] = field(default_factory=lambda: {boards: [] for boards in PSMS})
+    turns: dict[int, list[BoardsReport]] = field(default_factory=lambda: {boards: [] for boards in PSMS})
     ratios: list[float] = field(default_factory=list)
 
-    def keep_round(self, before: Said, ten: Said, after: Said) -> None:
+    def keep_round(self, before: BoardsReport, ten: BoardsReport, after: BoardsReport) -> None:
         """A turn of ten boards between two turns of two; `after` is the `before` of the next."""
         if not self.turns[2]:
             self.turns[2].append(before)

@@ -61,10 +61,10 @@ def serve(turn: Turn) -> None:
     print("{}", flush=True)
     for line in sys.stdin:
         try:
-            said = {name: summary(times) for name, times in turn(float(line)).items()}
+            reported = {name: summary(times) for name, times in turn(float(line)).items()}
         except Problem as problem:
             sys.exit(str(problem))
-        print(json.dumps(said), flush=True)
+        print(json.dumps(reported), flush=True)
 
 
 class Team:
@@ -98,7 +98,7 @@ class Team:
         return self._hear(PATIENCE_S + seconds)
 
     def _hear(self, patience_s: float) -> dict[str, dict[str, int]]:
-        """One line of each; the first that ends without one is told, for it is the cause of whatever comes next."""
+        """One line of each; the first that ends without one is reported, for it is the cause of whatever comes next."""
         end = monotonic_ns() + int(patience_s * 1e9)
         texts = dict.fromkeys(self._children, b"")
         while waiting := {role: out for role, out in self._outs().items() if not texts[role].endswith(b"\n")}:
@@ -110,10 +110,10 @@ class Team:
                     raise Problem(f"bench {self.name}: {role} ended {self._last_words(role)}")
             if monotonic_ns() > end:
                 raise Problem(f"bench {self.name}: {' and '.join(waiting)} did not answer within {patience_s:g} s")
-        said: dict[str, dict[str, int]] = {}
+        reported: dict[str, dict[str, int]] = {}
         for text in texts.values():
-            said |= json.loads(text)
-        return said
+            reported |= json.loads(text)
+        return reported
 
     def _outs(self) -> dict[str, int]:
         return {role: child.stdout.fileno() for role, child in self._children.items() if child.stdout is not None}

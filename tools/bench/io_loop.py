@@ -24,7 +24,7 @@ from shm.ring import RingReader
 from tools.arms import HOMED, bring
 from tools.cleanup import own_folder
 from tools.errors import Problem
-from tools.inspect.processes import ProcessStatus, lives
+from tools.inspect.processes import ProcessStatus, statuses
 from tools.inspect.watch import arm_names
 from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
@@ -174,7 +174,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
 
 def _look(reader: RingReader) -> None:
     if not reader.newest():
-        raise Problem(f"io's state cannot be read: {reader.trouble or 'it has shown none'}; see trocar logs")
+        raise Problem(f"io's state cannot be read: {reader.problem or 'it has shown none'}; see trocar logs")
 
 
 def _home_all(system: str) -> None:
@@ -193,7 +193,7 @@ def _packets() -> int:
 
 
 def _io(system: str) -> ProcessStatus:
-    return next(life for life in lives(system) if life.name == "IO1")
+    return next(process for process in statuses(system) if process.name == "IO1")
 
 
 def _cpu() -> str:

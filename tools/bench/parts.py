@@ -71,8 +71,8 @@ def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
         while not arrived():
             pass
         payload[0] = 0.0
-        if answer != begin or answers.stamp_ns != now or answers.lost or answers.trouble:
-            raise Problem(f"this was not the answer {answers.trouble}")
+        if answer != begin or answers.stamp_ns != now or answers.lost or answers.problem:
+            raise Problem(f"this was not the answer {answers.problem}")
         return {what: times}
 
     return turn
@@ -166,8 +166,8 @@ def poller(system: str) -> Turn:
         turns += 1
         while not arrived() or payload[0] != turns * LAST:
             pass
-        if reader.trouble:
-            raise Problem(reader.trouble)
+        if reader.problem:
+            raise Problem(reader.problem)
         return {}
 
     return turn
@@ -184,8 +184,8 @@ def looker(system: str) -> Turn:
         turns += 1
         while not reader.newest() or payload[0] != turns * LAST:
             pause(LOOK_S)
-        if reader.trouble:
-            raise Problem(reader.trouble)
+        if reader.problem:
+            raise Problem(reader.problem)
         return {}
 
     return turn

@@ -57,7 +57,7 @@ FIGURES = {
     "wakeup_us_p99": ("wakeup", "p99", 1e3),
 }
 
-Said = Mapping[str, Mapping[str, int]]
+BoardsReport = Mapping[str, Mapping[str, int]]
 Commands = dict[str, list[str]]  # of a team: role and command line
 
 
@@ -68,12 +68,12 @@ class RingResult:
     turns: dict[str, list[Mapping[str, int]]] = field(default_factory=dict)
     by_ours: dict[str, list[float]] = field(default_factory=dict)
 
-    def keep(self, said: Said) -> None:
+    def keep(self, reported: BoardsReport) -> None:
         """Add a turn."""
-        for name, turn in said.items():
+        for name, turn in reported.items():
             self.turns.setdefault(name, []).append(turn)
 
-    def keep_peer(self, name: str, before: Said, theirs: Said, after: Said) -> None:
+    def keep_peer(self, name: str, before: BoardsReport, theirs: BoardsReport, after: BoardsReport) -> None:
         """Add a turn of a peer, between two of ours."""
         self.keep({name: theirs["trip"]})
         pairs = self.by_ours.setdefault(name, [])

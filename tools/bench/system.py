@@ -1,8 +1,8 @@
 """`trocar bench system [SYSTEM]`: a whole system at work: rates, missed deadlines and CPU time of every process.
 
 The system is started as `trocar up` does it, all arms are homed, an operator is emulated at every console. Each
-tele-operation has to follow for once; then, for `--seconds`, those that are selected follow while their masters move
-all the time. Masters without a robot (KINEMATIC) are moved by joint set-points of ours, 200 a second; our own CPU time
+teleoperation has to follow for once; then, for `--seconds`, those that are selected follow while their masters move
+all the time. Masters without a robot (KINEMATIC) are moved by joint setpoints of ours, 200 a second; our own CPU time
 is `bench` among the processes and no part of the total.
 
 `io_rate_hz` and `io_missed_percent` are those of the io that does worst; missed are deadlines that passed without a
@@ -29,7 +29,7 @@ from tools.arms import home, power_off
 from tools.errors import Problem
 from tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
 from tools.following import beats
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 from tools.inspect.watch import Watch, powered_names
 from tools.printing import number, plain, table
 from tools.supervising import Background, StartRequest
@@ -39,7 +39,7 @@ FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
 SECONDS = 60.0
 MOVES_HZ = 200.0
 TRIES = 3
-TOLD = 1024  # newest events of a process that are looked at
+REPORTED = 1024  # newest events of a process that are looked at
 KEPT_TEXTS = 5
 FIFO_SHARE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 
@@ -103,7 +103,7 @@ class Mark:
     scheduling: str
 
 
-class Told:
+class SystemReport:
     """Warnings and errors of one process from now on."""
 
     def __init__(self, system: str, name: str) -> None:
@@ -112,7 +112,7 @@ class Told:
 
     def count(self, severity: int) -> tuple[int, list[str]]:
         """How many came, and the newest different texts."""
-        kept = self._ring.last(TOLD)
+        kept = self._ring.last(REPORTED)
         texts = [str(plain(bytes(text))) for text in
                  kept["text"][(kept["sequence"] > self._since) & (kept["severity"] == severity)]]
         return len(texts), list(dict.fromkeys(reversed(texts)))[:KEPT_TEXTS]
@@ -125,9 +125,10 @@ class Told:
 def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str, Any]:
     chosen = [teleop for seat in taken for teleop in seat.expected()]
     with contextlib.ExitStack() as stack:
-        sways = [Sway(system, name) for name in _played(system, [m for teleop in chosen for m in teleop.masters])]
-        told = {life.name: Told(system, life.name) for life in lives(system) if life.kind != "supervisor"}
-        for close in (*(sway.close for sway in sways), *(each.close for each in told.values())):
+        sways = [Sway(system, name) for name in _kinematic(system, [m for teleop in chosen for m in teleop.masters])]
+        names = [process.name for process in statuses(system) if process.kind != "supervisor"]
+        reported = {name: SystemReport(system, name) for name in names}
+        for close in (*(sway.close for sway in sways), *(each.close for each in reported.values())):
             stack.callback(close)
         before, begin, used = marks(system), monotonic_ns(), _cpu_s(os.getpid())
         for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
@@ -137,16 +138,17 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         rows = [row(name, before[name], after[name]) for name in after if name in before]
         bench = {"name": "bench", "kind": "bench", "cpu_percent": (_cpu_s(os.getpid()) - used) / passed_s * 100.0}
         following = [teleop.name for teleop in chosen if teleop.is_following]
-        missing = [teleop.told for teleop in chosen if not teleop.is_following]
-        errors = {name: each.count(ERROR) for name, each in told.items()}
-        warnings = {name: each.count(WARNING) for name, each in told.items()}
+        missing = [teleop.reported for teleop in chosen if not teleop.is_following]
+        errors = {name: each.count(ERROR) for name, each in reported.items()}
+        warnings = {name: each.count(WARNING) for name, each in reported.items()}
         homed = [name for name in powered_names(system) if _is_homed(system, name)]
     return {
         "figures": {**figures(rows), "arms": len(homed), "teleops": len(following),
                     "errors": sum(count for count, _ in errors.values()),
                     "warnings": sum(count for count, _ in warnings.values())},
         "homed": homed, "following": following, "processes": [*rows, bench],
-        "told": {name: [*errors[name][1], *warnings[name][1]] for name in told if errors[name][0] + warnings[name][0]},
+        "told": {name: [*errors[name][1],
+                        *warnings[name][1]] for name in reported if errors[name][0] + warnings[name][0]},
         "problems": _problems(system, homed, missing, errors, before, after),
     }
 
@@ -154,11 +156,11 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
 def marks(system: str) -> dict[str, Mark]:
     """Every process of a system as it is now."""
     found = {}
-    for life in lives(system):
-        page = ControlPage(system, life.name)
+    for process in statuses(system):
+        page = ControlPage(system, process.name)
         beat_ns, cycles = int(page.get("heartbeat_ns")), int(page.get("cycles"))
-        found[life.name] = Mark(beat_ns, monotonic_ns(), life.kind, life.pid, cycles, int(page.get("missed")),
-                                int(page.get("overruns")), _cpu_s(life.pid), life.scheduling)
+        found[process.name] = Mark(beat_ns, monotonic_ns(), process.kind, process.pid, cycles, int(page.get("missed")),
+                                   int(page.get("overruns")), _cpu_s(process.pid), process.scheduling)
         page.close()
     return found
 
@@ -209,13 +211,13 @@ def show(result: dict[str, Any]) -> None:
 
 def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
               before: dict[str, Mark], after: dict[str, Mark]) -> list[str]:
-    said = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
-    said += [f"{name} told {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
+    printed = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
+    printed += [f"{name} told {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
     restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
-    return said + [f"{name} was started anew" for name in restarted]
+    return printed + [f"{name} was started anew" for name in restarted]
 
 
-def _played(system: str, masters: list[str]) -> list[str]:
+def _kinematic(system: str, masters: list[str]) -> list[str]:
     """Of some masters those without a robot, each once."""
     arms = set(instances_of_kind(system, "arm"))
     return [name for name in dict.fromkeys(masters) if name in arms and _flag(system, name, "simulated")]

@@ -1,15 +1,15 @@
-"""`trocar bench teleop`: how long it takes from an edge of a master's encoder to the slave's set-point.
+"""`trocar bench teleop`: how long it takes from an edge of a master's encoder to the slave's setpoint.
 
 The system of `trocar demo` on emulated boards, but at the usual periods, following; the master weighs nothing and
 nobody touches it. At random moments, about twenty a second, its first actuator is put NUDGE_RAD further, or back: its
 encoder runs there within one physics step (1 ms), which the boards' record has with its time. What is looked for is the
-first set-point of the slave that has gone PART of the way that this nudge makes it go, and the edge that is PART of the
+first setpoint of the slave that has gone PART of the way that this nudge makes it go, and the edge that is PART of the
 way is where time begins.
 
-- `master_to_slave_ms`: to the slave's set-point as io has taken it (`PSM1/setpoint_js` shows it): the time is when the
-  boards' reply was in (`recv_ns`), after which io takes set-points.
+- `master_to_slave_ms`: to the slave's setpoint as io has taken it (`PSM1/setpoint_js` shows it): the time is when the
+  boards' reply was in (`recv_ns`), after which io takes setpoints.
 - `master_to_write_ms`: until the write to the slave's boards had been sent that carries the answer to it (`write_ns`).
-- `master_to_setpoint_ms`: to the set-point record that the slave's arm process published, by the begin of the cycle
+- `master_to_setpoint_ms`: to the setpoint record that the slave's arm process published, by the begin of the cycle
   that made it.
 - `sample_to_write_ms`: the same way of every goal, nudged or not, by stamps only and without the wait for a sample.
 """
@@ -30,11 +30,11 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.events import ERROR
 from tools.arms import home, power_off, silent
-from tools.bench.system import Told
+from tools.bench.system import SystemReport
 from tools.errors import Problem
 from tools.examples.hand import Hand
 from tools.examples.operator_sim import OperatorSim, SimTeleop
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 from tools.inspect.tracing import Column, Trace
 from tools.inspect.watch import arm_document
 from tools.supervising import Background, StartRequest
@@ -65,13 +65,15 @@ def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any
         background.wait_until_up(silent)
         home(name)
         with OperatorSim(name, "console") as seat:
-            told = [Told(name, life.name) for life in lives(name) if life.kind not in ("supervisor", "system")]
+            reported = [SystemReport(name,
+                                     process.name) for process in statuses(name) if process.kind not in ("supervisor",
+                                                                                                   "system")]
             try:
                 found, problems = _measure(name, seat, seconds), []
             except Problem as problem:
                 found, problems = {}, [str(problem)]
             problems += [f"it did not follow to the end: {missing}" for missing in _missing(seat)]
-            for each in told:
+            for each in reported:
                 problems += each.count(ERROR)[1]
                 each.close()
         with contextlib.suppress(Problem):
@@ -93,7 +95,7 @@ def show(result: dict[str, Any]) -> None:
 
 
 def _missing(seat: OperatorSim) -> list[str]:
-    return [teleop.told for teleop in seat.teleops if not teleop.is_following]
+    return [teleop.reported for teleop in seat.teleops if not teleop.is_following]
 
 
 def _measure(system: str, seat: OperatorSim, seconds: float) -> dict[str, Any]:
@@ -124,7 +126,7 @@ def _measure(system: str, seat: OperatorSim, seconds: float) -> dict[str, Any]:
         early = fault_handler(nudges, stamps, own[:, : to.stop - to.start]) * 1e-6
         figures = trace.figures()
     if not (len(taken) and len(late) and len(early)):
-        raise Problem(f"no nudge of the master was seen at the slave: {teleop.told}")
+        raise Problem(f"no nudge of the master was seen at the slave: {teleop.reported}")
     return {
         **_percentiles("master_to_slave_ms", taken), **_percentiles("master_to_write_ms", late),
         **_percentiles("master_to_setpoint_ms", early),
@@ -160,7 +162,7 @@ def edges(times: Stamps, positions: Array) -> Stamps:
 
 
 def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
-    """ns from each nudge to the first of the set-points (m, k) that has gone PART of its way; those without left out.
+    """ns from each nudge to the first of the setpoints (m, k) that has gone PART of its way; those without left out.
 
     The way is the largest change within LONGEST_NS, per axis; drift before the nudge does not count.
     """
@@ -193,7 +195,7 @@ def _place(system: str, at: slice) -> Array:
     """Where actuators are, as the boards know it."""
     reader = directory.reader(system, "boards", "state")
     if not reader.newest():
-        raise Problem(f"the boards' state cannot be read: {reader.trouble or 'they have shown none'}")
+        raise Problem(f"the boards' state cannot be read: {reader.problem or 'they have shown none'}")
     place: Array = reader.field("position")[at].copy()
     reader.close()
     return place

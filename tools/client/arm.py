@@ -33,7 +33,7 @@ class Arm(Instance, Joints):
         return self._record.pose("measured_cp")
 
     def setpoint_cp(self) -> Stamped:
-        """Set-point tip pose (4, 4)."""
+        """Setpoint tip pose (4, 4)."""
         return self._record.pose("setpoint_cp")
 
     def measured_cv(self) -> Stamped:
@@ -41,7 +41,7 @@ class Arm(Instance, Joints):
         return self._record.part("measured_cv", "twist")
 
     def setpoint_cv(self) -> Stamped:
-        """Twist (6,) of the set-point tip."""
+        """Twist (6,) of the setpoint tip."""
         return self._record.part("setpoint_cv", "twist")
 
     def move_cp(self, pose: ArrayLike) -> MoveHandle:
@@ -60,7 +60,7 @@ class Arm(Instance, Joints):
         self._remote.ask("servo_cp", values)
 
     def servo_cr(self, change: ArrayLike) -> None:
-        """Follow the set-point pose, shifted and turned about its tip (4, 4)."""
+        """Follow the setpoint pose, shifted and turned about its tip (4, 4)."""
         self._remote.ask("servo_cr", pose_numbers(change))
 
     def servo_cs(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None,
@@ -100,7 +100,7 @@ class Arm(Instance, Joints):
         self._remote.ask("servo_jp", values if velocity is None else np.concatenate((values, numbers(velocity))))
 
     def servo_jr(self, increment: ArrayLike) -> None:
-        """Follow the set-point plus these increments (n,)."""
+        """Follow the setpoint plus these increments (n,)."""
         self._remote.ask("servo_jr", numbers(increment))
 
     def servo_jv(self, velocity: ArrayLike) -> None:
@@ -112,7 +112,7 @@ class Arm(Instance, Joints):
         self._remote.ask("servo_jf", numbers(effort))
 
     def hold(self) -> None:
-        """Stay at the present set-point."""
+        """Stay at the present setpoint."""
         self._remote.ask("hold")
 
     def free(self) -> None:

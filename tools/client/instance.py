@@ -1,4 +1,4 @@
-"""What arms and set-up joints have in common: an operating state, and commands that change it."""
+"""What arms and setup joints have in common: an operating state, and commands that change it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Self
 from tools import arms
 from tools.client.moves import until
 from tools.client.record import InstanceRecord
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 from tools.remote import Remote
 
 
 class Instance:
-    """One arm, or set of set-up joints, of a running system; a context manager. Each thread has to make its own."""
+    """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
@@ -85,10 +85,10 @@ class Instance:
 
     def period_statistics(self) -> dict[str, dict[str, float]]:
         """avg, std, min, max and p99 (s) of the `period` and the `work` of its loop, in its last full second."""
-        return next((life.statistics for life in lives(self.system) if life.name == self.name), {})
+        return next((process.statistics for process in statuses(self.system) if process.name == self.name), {})
 
     def close(self) -> None:
-        """Detach; it goes on with what it does."""
+        """Detach; it resumes with what it does."""
         self._open.close()
 
     def __enter__(self) -> Self:

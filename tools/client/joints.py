@@ -1,4 +1,4 @@
-"""Reads of one set of joints: an arm's, a jaw's, a gripper's, a set-up arm's."""
+"""Reads of one set of joints: an arm's, a jaw's, a gripper's, a setup arm's."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Psm(Arm):
         self.jaw = Jaw(self._record, self._remote)
 
     def insert_jp(self, depth: float) -> MoveHandle:
-        """Move the insertion (m) alone; the other joints go to their present set-points."""
+        """Move the insertion (m) alone; the other joints go to their present setpoints."""
         position, _ = self.setpoint_jp()
         position[INSERTION] = depth
         return self.move_jp(position)
@@ -106,7 +106,7 @@ class Gripper(Measured):
     def closed(self) -> bool:
         """Whether it is closed, and has been for the time that its file gives."""
         position, _ = self.measured_jp()  # an arm that was restarted meanwhile does not tell that it finds it open
-        return self._record.said("gripper/closed") and bool(position[0] <= self._zero)
+        return self._record.reported("gripper/closed") and bool(position[0] <= self._zero)
 
 
 class Mtm(Arm):
@@ -132,4 +132,4 @@ class Mtm(Arm):
     def orientation_locked(self) -> bool:
         """Whether it is held."""
         self._record.look()
-        return self._record.said("orientation_locked")
+        return self._record.reported("orientation_locked")

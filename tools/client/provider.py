@@ -23,12 +23,12 @@ from shm.commands import COMMANDS
 from shm.mailbox import PER_CYCLE
 from shm.mailbox_map import COMMANDS_DEPTH
 from shm.received import Received
-from shm.topics import EXTERNAL_STATE
+from shm.topics import THIRD_PARTY_STATE
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem, Refused
 from tools.systems import unknown
 
-KIND: Final = "external"
+KIND: Final = "third_party"
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 READY: Final = ("enable", "home")
 PRESSED: Final = {True: ("pressed", 0.0), False: ("released", 1.0)}
@@ -51,7 +51,7 @@ class Provider:
         """Take the place; Problem when there is none of this name, SegmentError when somebody has it."""
         self.name, self.system = name, system
         document = _document(system)
-        places = {row.name: row for row in document.externals}
+        places = {row.name: row for row in document.third_parties}
         if name not in places:
             raise unknown("place for a program of yours", name, places)
         self._place, self._period_ns = places[name], round(1e9 / rate)
@@ -66,14 +66,14 @@ class Provider:
             raise
         self._page, self._events = self._own.page, self._own.events
         self._pauses = Pauses(round(self._own.late_s * 1e9))
-        self._untold: list[tuple[str, str, float]] = []  # what became of buttons since the last record
+        self._unreported: list[tuple[str, str, float]] = []  # what became of buttons since the last record
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
         self._begin(program or _program())
 
     def _take_ring(self) -> None:
         """Claim the ring for records; each claim shows as a new life."""
         self._ring = directory.writer(self.system, self.name, "state", KIND)
-        self._fields = {field.name: self._ring.field(field.name) for field in EXTERNAL_STATE.fields}
+        self._fields = {field.name: self._ring.field(field.name) for field in THIRD_PARTY_STATE.fields}
 
     def _begin(self, program: str) -> None:
         for cells in self._fields.values():
@@ -99,7 +99,7 @@ class Provider:
 
         `pose`: 4×4 or x y z qx qy qz qw in its own base (m); None: not known now. `twist`: linear (m/s), angular
         (rad/s), in axes of the base. `gripper` (rad) of a master. Of a slave: `setpoint`, the pose it goes to (without
-        it: where it is), `jaw` (rad) and `joints`, set-points. ValueError when they are none; then nothing is shown.
+        it: where it is), `jaw` (rad) and `joints`, setpoints. ValueError when they are none; then nothing is shown.
         After a pause since the last `write` or `tick` the pose is taken for unknown, see `held_up_s`.
         """
         values: dict[str, Any] = {"reference_valid": pose is not None}
@@ -121,8 +121,8 @@ class Provider:
         now = monotonic_ns()
         self._page.field("heartbeat_ns")[...] = now
         self._ring.publish(max(now, self._ring.stamp_ns + 1))
-        if self._untold:
-            self._tell_buttons()
+        if self._unreported:
+            self._report_buttons()
 
     def set_state(self, state: str, *, homed: bool = True, busy: bool = False, words: str = "") -> None:
         """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in words of yours."""
@@ -145,19 +145,19 @@ class Provider:
         cells, place = self._fields["input"], self._button(button)
         if bool(cells[place]) != pressed:
             cells[place] = pressed
-            self._untold.append((button, *PRESSED[pressed]))
+            self._unreported.append((button, *PRESSED[pressed]))
 
     def click(self, button: str) -> None:
         """A button was tapped: too short to count as pressed; told with the next record."""
         self._button(button)
-        self._untold.append((button, *CLICKED))
+        self._unreported.append((button, *CLICKED))
 
     def status(self, text: str) -> None:
         """Tell people something."""
         self._events.status(text, self.name)
 
     def error(self, text: str) -> None:
-        """Something failed: tele-operations that use it stop until a person asks for them again."""
+        """Something failed: teleoperations that use it stop until a person asks for them again."""
         self._events.report(codes.THIRD_PARTY_ERROR, text, self.name)
 
     def _button(self, button: str) -> int:
@@ -165,11 +165,11 @@ class Provider:
             raise unknown("button", button, self._place.inputs)
         return self._place.inputs.index(button)
 
-    def _tell_buttons(self) -> None:
+    def _report_buttons(self) -> None:
         """Events come after the record, and consoles look at both at once."""
-        for button, kind, value in self._untold:
+        for button, kind, value in self._unreported:
             self._events.emit("button", kind, code=kind, component=button, value=value)
-        self._untold.clear()
+        self._unreported.clear()
         for console in self._consoles:
             console.wake()
 
@@ -191,7 +191,7 @@ class Provider:
 
     def serve(self) -> None:
         """Answer what came in: carry out what there is a handler for, refuse the rest in plain words."""
-        for _ in range(COMMANDS_DEPTH // PER_CYCLE):  # a tele-operation sends several a millisecond: take all there is
+        for _ in range(COMMANDS_DEPTH // PER_CYCLE):  # a teleoperation sends several a millisecond: take all there is
             for command in self._mailbox.drain(monotonic_ns()):
                 self._carry_out(command)
             if not self._mailbox.has_news:
@@ -231,7 +231,7 @@ class Provider:
         return self.alive()
 
     def _look_for_pause(self) -> None:
-        """Whoever was held up begins anew, as if it had been killed: nothing from before counts."""
+        """Whoever was held up restarts, as if it had been killed: nothing from before counts."""
         held_up_ns = self._pauses.next(self._period_ns)
         self.held_up_s = held_up_ns * 1e-9
         if held_up_ns:
@@ -246,7 +246,7 @@ class Provider:
         return not self._own.lost_s() and self._own.supervisor_state not in ("STOPPING", "STOPPED", "FAILED")
 
     def close(self) -> None:
-        """Leave the place; tele-operations that use it stop."""
+        """Leave the place; teleoperations that use it stop."""
         self._page.show("STOPPED")
         self._ring.close()
         self._own.leave()

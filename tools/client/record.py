@@ -28,7 +28,7 @@ class JointState(NamedTuple):
 
 
 class InstanceRecord:
-    """All that one arm, or set of set-up joints, shows; every read looks for the newest record."""
+    """All that one arm, or set of setup joints, shows; every read looks for the newest record."""
 
     def __init__(self, system: str, instance: str) -> None:
         """Attach; SegmentError when there is no such record."""
@@ -74,7 +74,7 @@ class InstanceRecord:
         """Names of the joints of a view."""
         return self._newest(view).labels()
 
-    def said(self, event: str) -> bool:
+    def reported(self, event: str) -> bool:
         """The flag that an event of this name told last; False when there was none."""
         source = self._events.get(event)
         if source is None:

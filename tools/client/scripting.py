@@ -1,4 +1,4 @@
-"""What `import trocar` gives scripts: arms, set-up joints and systems by name, and places for programs of one's own."""
+"""What `import trocar` gives scripts: arms, setup joints and systems by name, and places for programs of one's own."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def mtm(name: str, system: str | None = None, timeout: float = 5.0) -> Mtm:
 
 
 def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0) -> Suj:
-    """The set-up joints `name`, once they are connected; TimeoutError after `timeout` s."""
+    """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
     return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
 
 

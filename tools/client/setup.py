@@ -1,4 +1,4 @@
-"""Set-up joints: where the arms of a patient cart stand."""
+"""Setup joints: where the arms of a patient cart stand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tools.systems import unknown
 
 
 class SetupArm(Measured):
-    """One set-up arm; its poses are those of the base of the arm that it carries."""
+    """One setup arm; its poses are those of the base of the arm that it carries."""
 
     def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
         """Made by `Suj`."""
@@ -42,7 +42,7 @@ class SetupArm(Measured):
 
 
 class SetupLocal:
-    """A set-up arm seen from the cart."""
+    """A setup arm seen from the cart."""
 
     def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
         """Made by `SetupArm`."""
@@ -58,7 +58,7 @@ class SetupLocal:
 
 
 class Suj(Instance):
-    """The set-up joints of a patient cart: `suj.PSM1`, or `suj.arm("PSM1")`, is one of its arms."""
+    """The setup joints of a patient cart: `suj.PSM1`, or `suj.arm("PSM1")`, is one of its arms."""
 
     def __init__(self, system: str, name: str) -> None:
         """Attach; Problem or SegmentError when they are not there (yet)."""
@@ -74,17 +74,17 @@ class Suj(Instance):
         """One of them; Problem says which there are."""
         found = self._arms.get(name)
         if found is None:
-            raise unknown("set-up arm", name, self._arms)
+            raise unknown("setup arm", name, self._arms)
         return found
 
     def __getattr__(self, name: str) -> SetupArm:
         arms: dict[str, SetupArm] = self.__dict__.get("_arms", {})
         if name not in arms:
-            raise AttributeError(f"there is no {name}; set-up arms are {', '.join(arms)}")
+            raise AttributeError(f"there is no {name}; setup arms are {', '.join(arms)}")
         return arms[name]
 
     def reference_arm(self) -> str:
-        """The set-up arm in the tip of whose arm base frames are given."""
+        """The setup arm in the tip of whose arm base frames are given."""
         return self._record.look().text("reference_arm")
 
     def set_reference_arm(self, name: str) -> None:

@@ -10,7 +10,7 @@ from shm.segment import SegmentError
 from tools import arms
 from tools.client.instance import Instance
 from tools.errors import Problem
-from tools.inspect.processes import ProcessStatus, lives
+from tools.inspect.processes import ProcessStatus, statuses
 from tools.inspect.watch import arm_names
 from tools.systems import instances_of_kind, unknown
 
@@ -32,7 +32,7 @@ class System:
         return arm_names(self.name)
 
     def power_on(self, timeout: float = 10.0) -> None:
-        """Enable every arm, and the set-up joints; Problem says which are not and why."""
+        """Enable every arm, and the setup joints; Problem says which are not and why."""
         arms.power_on(self.name, (), timeout)
 
     def home(self, timeout: float = 60.0) -> None:
@@ -44,8 +44,8 @@ class System:
         arms.power_off(self.name, (), timeout)
 
     def status(self) -> list[ProcessStatus]:
-        """Every process: state, rate, missed deadlines, restarts, trouble."""
-        return lives(self.name)
+        """Every process: state, rate, missed deadlines, restarts, problem."""
+        return statuses(self.name)
 
     def __enter__(self) -> Self:
         return self

@@ -53,7 +53,7 @@ class Local:
         return self._record.pose("local/measured_cp")
 
     def setpoint_cp(self) -> Stamped:
-        """Set-point tip pose (4, 4)."""
+        """Setpoint tip pose (4, 4)."""
         return self._record.pose("local/setpoint_cp")
 
     def measured_cv(self) -> Stamped:

@@ -62,7 +62,7 @@ def run(bench: RobotBench, folder: Path, *, write: bool = False) -> Outcome:
         values = {name: {axis: (line.scale, line.offset) for axis, line in lines.items()}
                   for name, lines in robots.items()}
         saved = io_file.save(Path(source), values, folder, write=write)
-        bench.person.tell(saved.diff or f"{source}: nothing changes")
+        bench.person.report(saved.diff or f"{source}: nothing changes")
         outcome.notes += saved.notes
     return outcome
 

@@ -65,7 +65,7 @@ def judge(window: Window, subject: Subject) -> list[Finding]:
                                  "off its encoder at home", f"{row.distance:g} {subject.unit(axis)}",
                                  "calibrate its potentiometer (stage calibrate)"))
     checks = [("limits_enforced", "position limits")]
-    if subject.kind != MASTER:  # a hand moves it off its set-point
+    if subject.kind != MASTER:  # a hand moves it off its setpoint
         checks.append(("tracking_check", "the check of tracking errors"))
     for field, what in checks:
         if not window.flags(field, subject)[-1]:

@@ -124,7 +124,7 @@ def _went(bench: RunningBench, subject: Subject, arm: Arm, goal: Floats,
 
 
 def judge_tracking(window: Window, subject: Subject) -> list[Finding]:
-    """How far actuators were off their set-points on the way."""
+    """How far actuators were off their setpoints on the way."""
     errors = np.abs(window.axes("position_error", subject)).max(axis=0)
     return [Finding(subject.where(axis), f"tracking error {errors[axis]:.4f} {subject.unit(axis)} in a slow move",
                     f"{TRACKING * tolerance:.4f} {subject.unit(axis)}",

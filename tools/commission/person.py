@@ -81,7 +81,7 @@ class Person(Protocol):
     def show(self, line: str) -> None:
         """What is measured meanwhile."""
 
-    def tell(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """Something to know."""
 
 
@@ -96,16 +96,16 @@ class AtTerminal:
     def confirm(self, danger: str, word: str) -> None:
         """See Person."""
         print(f"\n{danger}", flush=True)
-        said = input(f"Type {word} to go on, anything else stops: ").strip()
-        if said != word:
-            raise Declined(f"not confirmed: {said or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
+        reported = input(f"Type {word} to go on, anything else stops: ").strip()
+        if reported != word:
+            raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
 
     def agrees(self, question: str) -> bool:
         """See Person."""
         while True:
-            said = input(f"{question} [y/n] ").strip().lower()
-            if said in ("y", "yes", "n", "no"):
-                return said.startswith("y")
+            reported = input(f"{question} [y/n] ").strip().lower()
+            if reported in ("y", "yes", "n", "no"):
+                return reported.startswith("y")
 
     def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
         """See Person."""
@@ -132,6 +132,6 @@ class AtTerminal:
         """See Person."""
         print(f"\r\033[K{line}", end="", flush=True)
 
-    def tell(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """See Person."""
         print(line, flush=True)

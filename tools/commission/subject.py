@@ -81,7 +81,7 @@ class Subject:
 
 
 def subjects_of(system: SystemConfig, arms: list[str] | None = None) -> tuple[Subject, ...]:
-    """All robots of arms and grippers, or those of some arms; set-up joints and KINEMATIC ones are none."""
+    """All robots of arms and grippers, or those of some arms; setup joints and KINEMATIC ones are none."""
     return tuple(subject for io in system.ios if io.port for subject in _of(system, io)
                  if not arms or _owner(system, subject) in arms)
 

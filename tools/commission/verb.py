@@ -18,7 +18,7 @@ from shm.clock import monotonic_ns
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import AtTerminal, Declined, Person
-from tools.commission.played import AtBoards
+from tools.commission.person_sim import AtBoards
 from tools.commission.report import CommissionReport, fingerprint
 from tools.commission.stages import NAMES, STAGES, CommissionStage
 from tools.commission.subject import subjects_of
@@ -161,7 +161,7 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 return 1
             note(f"{row.name} passed")
             if row.name == "calibrate" and job.write:
-                note("the IO files have changed: run the same command again, it goes on with them")
+                note("the IO files have changed: run the same command again, it resumes with them")
                 return 0
     note(f"all done: {book.path}")
     return 0

@@ -27,7 +27,7 @@ _FLAGS = {"re-home": "re_home", "homing-zero-position": "homing_zero_position"}
 _NUMBERS = {"mounting-pitch": "mounting_pitch", "platform-gain": "platform_gain"}
 _MODEL = re.compile(r"_(\d{6})\Z")
 _VERSION = re.compile(r"\[(\d+)\]\Z")
-_PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the set-up joints
+_PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the setup joints
 
 
 def looks_like_arm(data: dict[str, object]) -> bool:
@@ -107,6 +107,6 @@ def _endoscope(keys: Keys, generation: str, row: Json) -> Json:
     added: Json = {"endoscope": new}
     if "mounting_pitch" not in row:
         pitch = round(_PITCH.get(generation, 0.0), 6)
-        keys.defaulted("mounting_pitch", f"{pitch} rad", "as on set-up joints: check it")
+        keys.defaulted("mounting_pitch", f"{pitch} rad", "as on setup joints: check it")
         added["mounting_pitch"] = pitch
     return added

@@ -35,7 +35,7 @@ _ONLY_NEW = {"IOs", "consoles", "$id", "$version", "$schema"}
 
 
 def looks_like_console(data: dict[str, object]) -> bool:
-    """Whether an object is a console file: arms, and nothing that only today's files, or set-up joints, have."""
+    """Whether an object is a console file: arms, and nothing that only today's files, or setup joints, have."""
     arms = data.get("arms")
     first = next((row for row in arms if isinstance(row, dict)), {}) if isinstance(arms, list) else {}
     if _ONLY_NEW & set(data) or _SETUP_JOINTS & {str(key).replace("_", "-") for key in first}:
@@ -183,7 +183,7 @@ def _own(keys: Keys) -> Json:
 
 
 def _rest(top: Keys, teleops: list[str]) -> Json:
-    """What is not of arms and console; `teleops` are the names that components had to stand for tele-operations."""
+    """What is not of arms and console; `teleops` are the names that components had to stand for teleoperations."""
     row: Json = {}
     chatty = top.flag("chatty")
     if chatty is not None:
@@ -199,13 +199,13 @@ def _rest(top: Keys, teleops: list[str]) -> Json:
 
 
 def _renamed(data: object, names: list[str], top: Keys) -> object:
-    """The same, with the names of tele-operations as they are today: `MTMR_PSM1`, not `MTMR-PSM1`."""
+    """The same, with the names of teleoperations as they are today: `MTMR_PSM1`, not `MTMR-PSM1`."""
     if isinstance(data, dict):
         return {key: _renamed(value, names, top) for key, value in data.items()}
     if isinstance(data, list):
         return [_renamed(item, names, top) for item in data]
     if isinstance(data, str) and data in names:
         new = data.replace("-", "_")
-        top.converted("component-manager", data, new, "today's name of a tele-operation")
+        top.converted("component-manager", data, new, "today's name of a teleoperation")
         return new
     return data

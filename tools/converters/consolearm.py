@@ -181,7 +181,7 @@ def _psm_file(keys: Keys, name: str, stem: str) -> Json:
 def _ecm_file(keys: Keys, name: str, stem: str) -> Json:
     on_cart = "SUJ" in str(keys.peek("base-frame"))
     pitch = _PITCH_ON_CART if on_cart else 0.0
-    why = "as on set-up joints" if on_cart else "no set-up joints are named"
+    why = "as on setup joints" if on_cart else "no setup joints are named"
     keys.defaulted("mounting_pitch", f"{pitch:.6f} rad", f"{why}: check it")
     keys.defaulted("endoscope", "Classic_SD_STRAIGHT", "the chain does not say: check it")
     return _new(keys, "ecm", "ECM") | {"endoscope": "Classic_SD_STRAIGHT", "mounting_pitch": round(pitch, 6)}

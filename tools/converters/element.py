@@ -1,4 +1,4 @@
-"""Reading an XML element attribute by attribute, so that whatever nobody asked for is told at the end."""
+"""Reading an XML element attribute by attribute, so that whatever nobody asked for is reported at the end."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Element:
         self.report.error(self.line, self.key(name), "", "this attribute is required", allowed)
 
     def child(self, tag: str) -> Element | None:
-        """The first child of this name; further ones are told as dropped."""
+        """The first child of this name; further ones are reported as dropped."""
         found = self.children(tag)
         for extra in found[1:]:
             extra.drop_all(_FIRST)

@@ -1,4 +1,4 @@
-"""Reading a JSON object key by key, so that whatever nobody asked for is told at the end."""
+"""Reading a JSON object key by key, so that whatever nobody asked for is reported at the end."""
 
 from __future__ import annotations
 

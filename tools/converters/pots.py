@@ -74,7 +74,7 @@ def _own_matrix(block: Element | None, size: int) -> Matrix:
 
 
 def _coupling(robot: Element, on_joints: bool, size: int) -> Matrix:
-    """The matrix for potentiometers out of the old block of four; the other three are told as dropped."""
+    """The matrix for potentiometers out of the old block of four; the other three are reported as dropped."""
     block = robot.child("Coupling")
     if block is None:
         return []

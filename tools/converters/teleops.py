@@ -1,4 +1,4 @@
-"""Tele-operations of old console files: the same parameters, with other names."""
+"""Teleoperations of old console files: the same parameters, with other names."""
 
 from __future__ import annotations
 

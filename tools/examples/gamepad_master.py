@@ -1,4 +1,4 @@
-"""A gamepad as the master of a tele-operation: an example of a program that takes an arm's place.
+"""A gamepad as the master of a teleoperation: an example of a program that takes an arm's place.
 
     pip install evdev
     python -m tools.examples.gamepad_master
@@ -58,12 +58,12 @@ def chosen(package: Any, path: str) -> Device:
     raise Problem(f"no gamepad is there that may be read (member of the group input?); there are: {known or 'none'}")
 
 
-def drive(master: Provider, pad: Gamepad, hand: GamepadTip, tell: Callable[[str], None]) -> None:
+def drive(master: Provider, pad: Gamepad, hand: GamepadTip, report: Callable[[str], None]) -> None:
     """Show the hand at the master's rate until the system ends; Problem: the gamepad is gone."""
     before = master.now_ns
     wired = [button for button in BUTTONS if button in master.buttons]
     if "operator_present" not in wired:
-        tell("the console does not take operator_present from here: say in another way that somebody is there")
+        report("the console does not take operator_present from here: say in another way that somebody is there")
     while master.tick():
         try:
             sticks = pad.poll()
@@ -85,7 +85,7 @@ def gamepad_master(
     listing: Annotated[bool, typer.Option("--list", help="Show the input devices and end.")] = False,
     system: SystemOption = None,
 ) -> int:
-    """Be the master of a tele-operation with a gamepad. Nothing moves unless the left bumper is held.
+    """Be the master of a teleoperation with a gamepad. Nothing moves unless the left bumper is held.
 
     Left stick: x and y; right stick: z and roll; cross: wrist; right trigger: gripper, pulled and let go: presence.
 

@@ -17,7 +17,7 @@ from tools.remote import Remote
 
 Array = NDArray[np.float64]
 
-PINCH = 0.8  # rad; tele-operations want to see 40° of it
+PINCH = 0.8  # rad; teleoperations want to see 40° of it
 FIRMLY = (500.0, 1.5)  # N/m, N·m/rad of a hand that guides
 BEATS_S = 0.01
 ALIGNED_S = 20.0
@@ -30,7 +30,7 @@ def figure_eight(angle: float, size_m: float) -> Array:
 
 
 class Hand:
-    """A hand at the master of a tele-operation; a context manager that lets go."""
+    """A hand at the master of a teleoperation; a context manager that lets go."""
 
     def __init__(self, system: str, seat: OperatorSim, teleop: SimTeleop) -> None:
         document = from_json(directory.document(system))
@@ -44,7 +44,7 @@ class Hand:
         self.place = np.zeros(7)
 
     def begin(self) -> None:
-        """Want tele-operation, step on the pedal, wait for the alignment, pinch; the tele-operation follows then.
+        """Want teleoperation, step on the pedal, wait for the alignment, pinch; the teleoperation follows then.
 
         Problem says what it waits for instead.
         """
@@ -79,7 +79,7 @@ class Hand:
         with Patience(self._system, seconds) as patience:
             while not (self._teleop.is_following if not reason else self._is_next(reason)):
                 if patience.is_over:
-                    raise Problem(f"after {seconds:g} s {self._teleop.told}")
+                    raise Problem(f"after {seconds:g} s {self._teleop.reported}")
                 pause(BEATS_S)
 
     def _is_next(self, reason: str) -> bool:

@@ -1,4 +1,4 @@
-"""Whoever sits at a console: shows presence, wants tele-operation, selects, and sees what each tele-operation does."""
+"""Whoever sits at a console: shows presence, wants teleoperation, selects, and sees what each teleoperation does."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class SeenRecord:
     def value(self, field: str) -> Any:
         """A field of the newest record as Python has it; Problem: there is none."""
         if not self.ring.newest():
-            raise Problem(f"{self.name}: its state cannot be read: {self.ring.trouble or 'it has shown none'}")
+            raise Problem(f"{self.name}: its state cannot be read: {self.ring.problem or 'it has shown none'}")
         return plain(self.ring.field(field))
 
 
 class SimTeleop(SeenRecord):
-    """A tele-operation as its record tells."""
+    """A teleoperation as its record tells."""
 
     def __init__(self, system: str, name: str) -> None:
         super().__init__(system, name, "teleop")
@@ -51,14 +51,14 @@ class SimTeleop(SeenRecord):
         return bool(self.value("following"))
 
     @property
-    def told(self) -> str:
+    def reported(self) -> str:
         """Its state, and what it waits for."""
         state, reason = self.value("state"), self.value("reason")
         return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
 
 
 class OperatorSim:
-    """One console with its tele-operations; a context manager."""
+    """One console with its teleoperations; a context manager."""
 
     def __init__(self, system: str, console: str) -> None:
         self._stack, self._system = contextlib.ExitStack(), system
@@ -72,7 +72,7 @@ class OperatorSim:
 
     @property
     def chosen(self) -> list[SimTeleop]:
-        """Tele-operations that are selected."""
+        """Teleoperations that are selected."""
         selected = self.console.value("selected")
         return [teleop for teleop, is_selected in zip(self.teleops, selected, strict=True) if is_selected]
 
@@ -82,7 +82,7 @@ class OperatorSim:
         return [teleop for teleop in self.chosen if teleop.kind == kind]
 
     def begin(self) -> None:
-        """Sit down and want tele-operation."""
+        """Sit down and want teleoperation."""
         self.ask("emulate_operator_present", 1)
         self.ask("teleop_enable", 1)
 
@@ -95,11 +95,11 @@ class OperatorSim:
         with Patience(self._system, seconds) as patience:
             while waiting := [teleop for teleop in self.expected() if not teleop.is_following]:
                 if patience.is_over:
-                    raise Problem(f"after {seconds:g} s {'; '.join(teleop.told for teleop in waiting)}")
+                    raise Problem(f"after {seconds:g} s {'; '.join(teleop.reported for teleop in waiting)}")
                 pause(POLL_S)
 
     def try_all(self) -> list[str]:
-        """Have every tele-operation follow for once, then those that did before; the names of all that followed."""
+        """Have every teleoperation follow for once, then those that did before; the names of all that followed."""
         before, found = self.chosen, {teleop.name for teleop in self.expected()}
         for teleop in self.teleops:
             if teleop.kind == "PSM" and teleop.name not in found:

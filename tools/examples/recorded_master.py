@@ -1,4 +1,4 @@
-"""A recording as the master of a tele-operation: an example of a program that takes an arm's place.
+"""A recording as the master of a teleoperation: an example of a program that takes an arm's place.
 
     python -m tools.examples.recorded_master configs/recordings/circle.csv --press operator_present
 """
@@ -51,7 +51,7 @@ def recorded_master(
     rate: Annotated[float, typer.Option("--rate", min=50.0, max=2000.0, help="Records a second.")] = 200.0,
     system: SystemOption = None,
 ) -> int:
-    """Play a recording as the master of a tele-operation, then leave: whoever followed it stops.
+    """Play a recording as the master of a teleoperation, then leave: whoever followed it stops.
 
     The columns stand in docs/third-party-masters.md; what lies between two rows is interpolated.
 

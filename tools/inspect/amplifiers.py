@@ -6,12 +6,12 @@ from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.errors import Problem
-from tools.inspect.watch import document_of, trouble_of
+from tools.inspect.watch import document_of, problem_of
 from tools.systems import is_simulated
 
 
 class Amplifiers:
-    """Those of one arm, or of set-up joints; a context manager."""
+    """Those of one arm, or of setup joints; a context manager."""
 
     def __init__(self, system: str, name: str) -> None:
         """Attach to the record of its io, whatever that is like: who wants power off must not be kept from asking."""
@@ -32,7 +32,7 @@ class Amplifiers:
             first = 0
             for row, robot in enumerate(robots):
                 end = first + len(robot.actuators)
-                if robot.name == wanted:  # set-up joints may have none, and then no amplifiers
+                if robot.name == wanted:  # setup joints may have none, and then no amplifiers
                     self._io, self._row, self._drives = io, row, slice(first, end)
                     self._reader = directory.reader(system, io, "state", "io")
                 first = end
@@ -44,8 +44,8 @@ class Amplifiers:
             return self._why
         if not reader.newest():
             return f"{self._io} has not shown its state"
-        if trouble := trouble_of(reader, self._simulated):
-            return f"{self._io}: {trouble}"
+        if problem := problem_of(reader, self._simulated):
+            return f"{self._io}: {problem}"
         on = reader.field("amps_on")[self._row] or reader.field("amp_on")[self._drives].any()
         return f"{self._io} sees amplifiers that are on" if on else ""
 

@@ -10,7 +10,7 @@ import numpy as np
 from procs.document.system import from_json
 from shm import directory
 from shm.events import ERROR
-from tools.inspect.processes import ProcessStatus, lives
+from tools.inspect.processes import ProcessStatus, statuses
 from tools.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
@@ -31,7 +31,7 @@ class HealthWatch:
             instance: directory.reader(system, instance, ring)
             for instance, ring in directory.rings(system) if ring == "events"
         }
-        self._begin = {life.name: life for life in lives(system)}
+        self._begin = {process.name: process for process in statuses(system)}
         self.errors: list[str] = []
 
     def collect(self) -> None:
@@ -48,14 +48,14 @@ class HealthWatch:
     def summary(self) -> dict[str, Any]:
         """Figures of the run; what was not healthy stands in `problems`."""
         self.collect()
-        now = {life.name: life for life in lives(self.system)}
-        processes = [self._process(life) for life in now.values()]
+        now = {process.name: process for process in statuses(self.system)}
+        processes = [self._process(process) for process in now.values()]
         stamps, latency = np.array(self._stamps, dtype=np.int64), np.array(self._latency) * 1e-3
         periods = np.diff(stamps) * 1e-3
         nominal = 1.0 / from_json(directory.document(self.system)).io(self._io).period_s
         rate = 1e6 / periods.mean() if len(periods) else 0.0
         problems = list(self.errors)
-        problems += [f"{life.name}: {life.trouble}" for life in now.values() if life.trouble]
+        problems += [f"{process.name}: {process.problem}" for process in now.values() if process.problem]
         problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
         if rate < FEWER * nominal:
             problems.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")
@@ -64,13 +64,13 @@ class HealthWatch:
             **_spread("read_to_write_us", latency), "processes": processes, "problems": problems,
         }
 
-    def _process(self, life: ProcessStatus) -> dict[str, Any]:
-        begin = self._begin.get(life.name, life)
-        cycles, missed = life.cycles - begin.cycles, life.missed - begin.missed
-        return {"name": life.name, "cycles": cycles, "missed": missed, "overruns": life.overruns - begin.overruns,
-                "missed_percent": 100.0 * missed / cycles if cycles else None, "restarts": life.restarts,
-                "rate_hz": life.rate_hz, "period_p99_s": life.period_p99_s, "work_p99_s": life.work_p99_s,
-                "scheduling": life.scheduling}
+    def _process(self, process: ProcessStatus) -> dict[str, Any]:
+        begin = self._begin.get(process.name, process)
+        cycles, missed = process.cycles - begin.cycles, process.missed - begin.missed
+        return {"name": process.name, "cycles": cycles, "missed": missed, "overruns": process.overruns - begin.overruns,
+                "missed_percent": 100.0 * missed / cycles if cycles else None, "restarts": process.restarts,
+                "rate_hz": process.rate_hz, "period_p99_s": process.period_p99_s, "work_p99_s": process.work_p99_s,
+                "scheduling": process.scheduling}
 
     def close(self) -> None:
         """Unmap."""

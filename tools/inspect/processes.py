@@ -18,8 +18,8 @@ from tools.systems import alive, is_simulated
 LOOK_AGAIN_S = 0.02
 TRIES = 5
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
-COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "deaths", "trouble")
-RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "deaths")
+COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
+RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
@@ -27,11 +27,11 @@ PARTS = ("avg", "std", "min", "max", "p99")
 
 @dataclass(frozen=True, slots=True)
 class ProcessStatus:
-    """One process: figures are of its last full second, counts since its start; `trouble` is empty when all is well.
+    """One process: figures are of its last full second, counts since its start; `problem` is empty when all is well.
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
     reply to the next write; what it has not measured is absent. `pauses`: it was held up and began anew so often.
-    Of a program of somebody else `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
+    Of a third-party program `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
     without a robot, and for the process that plays it.
     """
 
@@ -50,12 +50,12 @@ class ProcessStatus:
     exit_reason: str
     scheduling: str
     silent_s: float | None
-    trouble: str
+    problem: str
     statistics: dict[str, dict[str, float]]
     simulation: str = ""
 
 
-def lives(system: str) -> list[ProcessStatus]:
+def statuses(system: str) -> list[ProcessStatus]:
     """Every process of a system, the supervisor first."""
     ledger, rows = _ledger(system), _rows(system)
     simulated = is_simulated(system)
@@ -66,9 +66,10 @@ def lives(system: str) -> list[ProcessStatus]:
         except SegmentError:  # the system went down while we looked
             continue
         try:
-            said = _said(system, name)
-            life = _life(name, page, {"kind": said.get("kind", ""), **ledger.get(name, {})}, simulated, rows.get(name))
-            found.append(dataclasses.replace(life, simulation=str(said.get("simulation", ""))))
+            reported = _reported(system, name)
+            process = _life(name, page, {"kind": reported.get("kind", ""), **ledger.get(name, {})}, simulated,
+                         rows.get(name))
+            found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
         finally:
             page.close()
     return found
@@ -82,7 +83,7 @@ def _rows(system: str) -> dict[str, Process]:
         return {}
 
 
-def _said(system: str, name: str) -> dict[str, Any]:
+def _reported(system: str, name: str) -> dict[str, Any]:
     """What its state record says about itself; it may say anything."""
     try:
         with Segment(segment_name(system, name, "state")) as segment:
@@ -125,11 +126,11 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
-        trouble=_trouble(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
+        problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 
 
-def _trouble(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool) -> str:
+def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool) -> str:
     if state == "FAILED":
         return f"failed: {plain(page.get('error'))}"
     if not lives_on:
@@ -155,21 +156,22 @@ def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     return True
 
 
-def cells(life: ProcessStatus) -> tuple[str, ...]:
+def cells(process: ProcessStatus) -> tuple[str, ...]:
     """A process as a row of a table with COLUMNS; times are the 99 % ones of period and work."""
-    in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (life.period_p99_s, life.work_p99_s)]
-    name = f"{life.name} {life.simulation}".rstrip()
-    return (name, life.state, str(life.pid or "–"), number(life.rate_hz), *in_ms, str(life.missed), str(life.restarts),
-            life.trouble)
+    in_ms = [number(None if s is None else s * 1e3, ".3f") for s in (process.period_p99_s, process.work_p99_s)]
+    name = f"{process.name} {process.simulation}".rstrip()
+    return (name, process.state, str(process.pid or "–"), number(process.rate_hz), *in_ms, str(process.missed),
+            str(process.restarts),
+            process.problem)
 
 
-def remarks(life: ProcessStatus) -> str:
+def remarks(process: ProcessStatus) -> str:
     """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
-    parts = [f"{life.simulation}, there is no robot"] if life.simulation else []
-    parts += [life.scheduling] if life.scheduling else []
-    latency = life.statistics.get("latency")
+    parts = [f"{process.simulation}, there is no robot"] if process.simulation else []
+    parts += [process.scheduling] if process.scheduling else []
+    latency = process.statistics.get("latency")
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
         parts.append("reply to write {avg:.0f} ± {std:.0f} µs, {min:.0f} to {max:.0f}, p99 {p99:.0f}".format(**in_us))
-    parts += [f"held up {life.pauses} times"] if life.pauses else []
-    return "; ".join(parts + ([f"last ended: {life.exit_reason}"] if life.exit_reason else []))
+    parts += [f"held up {process.pauses} times"] if process.pauses else []
+    return "; ".join(parts + ([f"last ended: {process.exit_reason}"] if process.exit_reason else []))

@@ -126,29 +126,29 @@ def _axes(bits: int) -> str:
 
 def status_words(value: int, hardware: str, firmware: int) -> list[str]:
     """What a status quadlet says."""
-    said = [f"board {registers.board_of(value)}"]
-    said += flags(_ALWAYS, value) + flags(_STATUS.get(hardware, ()), value)
+    reported = [f"board {registers.board_of(value)}"]
+    reported += flags(_ALWAYS, value) + flags(_STATUS.get(hardware, ()), value)
     if hardware == "QLA1":
         amplifiers = {"amplifiers on": value >> registers.STATUS_AMP_ON_SHIFT & 0xF,
                       "cut for their current": value >> registers.STATUS_SAFETY_SHIFT & 0xF,
                       "amplifiers requested": value & 0xF if firmware == 7 else 0}
-        said += [f"{text}: {_axes(bits)}" for text, bits in amplifiers.items() if bits]
-    return said
+        reported += [f"{text}: {_axes(bits)}" for text, bits in amplifiers.items() if bits]
+    return reported
 
 
 def control_words(value: int) -> str:
     """What writing this to the status register asks for; bits without their mask bit do nothing."""
     pairs = ((registers.CONTROL_RELAY_MASK, 1 << 16, "relay closed", "relay open"),
              (registers.CONTROL_POWER_MASK, 1 << 18, "motor power on", "motor power off"))
-    said = [on if value & bit else off for mask, bit, on, off in pairs if value & mask]
+    reported = [on if value & bit else off for mask, bit, on, off in pairs if value & mask]
     masked = value >> registers.CONTROL_AMP_MASK_SHIFT & 0xF
     for text, bits in (("on", masked & value), ("off", masked & ~value)):
-        said += [f"amplifiers {text}: {_axes(bits)}"] if bits else []
+        reported += [f"amplifiers {text}: {_axes(bits)}"] if bits else []
     if value & registers.CONTROL_REBOOT == registers.CONTROL_REBOOT:
-        said.append("reboot of the FPGA")
-    said += flags(((registers.CONTROL_DOUT_TEST, "digital outputs detected anew", ""),
-                   (registers.CONTROL_EXPANDER_TEST, "I/O expander detected anew", "")), value)
-    return ", ".join(said) or "no mask bit is set: changes nothing"
+        reported.append("reboot of the FPGA")
+    reported += flags(((registers.CONTROL_DOUT_TEST, "digital outputs detected anew", ""),
+                       (registers.CONTROL_EXPANDER_TEST, "I/O expander detected anew", "")), value)
+    return ", ".join(reported) or "no mask bit is set: changes nothing"
 
 
 def celsius(word: int, hardware: str) -> list[float | None]:
@@ -208,14 +208,14 @@ def input_words(word: int, hardware: str) -> str:
     if hardware not in ("QLA1", "DQLA"):
         return f"bits high: {' '.join(str(bit) for bit in range(32) if word >> bit & 1) or 'none'}"
     outputs = [~word >> registers.INPUT_DOUT_SHIFT & 0xF]
-    said = []
+    reported = []
     if hardware == "DQLA":
         outputs.append(~word >> registers.INPUT_DOUT_FAR_SHIFT & 0xF)
     else:
-        said = flags(((registers.INPUT_ENCODER_SUPPLY_FAULT, "encoder supply fault", ""),
-                      (registers.INPUT_WAVEFORM_ACTIVE, "waveform table plays", "")), word)
+        reported = flags(((registers.INPUT_ENCODER_SUPPLY_FAULT, "encoder supply fault", ""),
+                          (registers.INPUT_WAVEFORM_ACTIVE, "waveform table plays", "")), word)
     high = _axes(sum(bits << 4 * k for k, bits in enumerate(outputs)))
-    return ", ".join([*said, f"output pins high: {high or 'none'}"])
+    return ", ".join([*reported, f"output pins high: {high or 'none'}"])
 
 
 def _limits(word: int, board: FoundBoard) -> str:
@@ -270,10 +270,10 @@ def _speed(value: int, board: FoundBoard) -> str:
 
 def _config(value: int, board: FoundBoard) -> str:
     delay_s = (value >> registers.MOTOR_CONFIG_DELAY_SHIFT & 0xFF) * registers.MOTOR_CONFIG_DELAY_TICKS
-    said = [f"current limit {(value & registers.MOTOR_CONFIG_LIMIT_MASK) / registers.CURRENT_BITS_PER_A:.3f} A",
-            f"delay {delay_s / registers.CLOCK_HZ * 1e3:.2f} ms"]
-    return ", ".join(said + flags(((registers.MOTOR_CONFIG_NO_SAFETY_CHECK, "no current check", ""),
-                                   (registers.MOTOR_CONFIG_VOLTAGE, "has voltage mode", "")), value))
+    reported = [f"current limit {(value & registers.MOTOR_CONFIG_LIMIT_MASK) / registers.CURRENT_BITS_PER_A:.3f} A",
+                f"delay {delay_s / registers.CLOCK_HZ * 1e3:.2f} ms"]
+    return ", ".join(reported + flags(((registers.MOTOR_CONFIG_NO_SAFETY_CHECK, "no current check", ""),
+                                       (registers.MOTOR_CONFIG_VOLTAGE, "has voltage mode", "")), value))
 
 
 _AXIS: Final[dict[int, Callable[[int, FoundBoard], str]]] = {

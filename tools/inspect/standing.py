@@ -1,4 +1,4 @@
-"""How arms, tele-operations and consoles stand, why they are in FAULT or what they wait for, and what to do first."""
+"""How arms, teleoperations and consoles stand, why they are in FAULT or what they wait for, and what to do first."""
 
 from __future__ import annotations
 
@@ -42,15 +42,16 @@ class Standing:
 
 def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]:
     """All of a system, in the order of its processes."""
-    readers = {"arm": _arm, "suj": _arm, "external": _external, "teleop": _teleop, "console": _console}
+    readers = {"arm": _arm, "suj": _arm, "third_party": _third_party, "teleop": _teleop, "console": _console}
     found = []
-    for life in processes:
-        read = readers.get(life.kind)
+    for process in processes:
+        read = readers.get(process.kind)
         if read is not None:
             with contextlib.suppress(SegmentError):
-                reader = directory.reader(system, life.name, "state", life.kind)
+                reader = directory.reader(system, process.name, "state", process.kind)
                 try:
-                    one = read(system, life, reader) if reader.newest() else Standing(life.name, life.kind, "–")
+                    one = read(system, process, reader) if reader.newest() else Standing(process.name, process.kind,
+                                                                                         "–")
                 finally:
                     reader.close()
                 found.append(one)
@@ -65,41 +66,42 @@ def _flag(reader: RingReader, field: str) -> bool:
     return bool(reader.field(field)[()])
 
 
-def _arm(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
+def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state, inner, reason = _text(reader, "state"), _text(reader, "sub_state"), _text(reader, "reason")
     shown = state if inner == state else f"{state} {inner}"
-    fault = _last_error(system, life) if state == FAULT else None
-    return Standing(life.name, life.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason, fault)
+    fault = _last_error(system, process) if state == FAULT else None
+    return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
+                    fault)
 
 
-def _external(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
-    return Standing(life.name, life.kind, _text(reader, "state"), _flag(reader, "is_homed"))
+def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
+    return Standing(process.name, process.kind, _text(reader, "state"), _flag(reader, "is_homed"))
 
 
-def _teleop(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
+def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
-    reason, fault = _text(reader, "reason"), _last_error(system, life)
+    reason, fault = _text(reader, "reason"), _last_error(system, process)
     if reason and fault and str(fault["text"]).endswith(reason):
         reason += f"; {fault['hint']}"
-    return Standing(life.name, life.kind, state, None, reason)
+    return Standing(process.name, process.kind, state, None, reason)
 
 
-def _console(system: str, life: ProcessStatus, reader: RingReader) -> Standing:
+def _console(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     enabled, present = _flag(reader, "teleop_enabled"), _flag(reader, "operator_present")
     pressed = [word for word in ("clutch", "camera") if _flag(reader, word)]
     state = ", ".join(["teleoperation on" if enabled else "teleoperation off", *pressed])
     if not _flag(reader, "valid"):
         reason = "one of its inputs is silent: the operator counts as absent"
     elif not enabled:
-        reason = f"a person: trocar send {life.name} teleop_enable 1"
+        reason = f"a person: trocar send {process.name} teleop_enable 1"
     else:
         reason = "" if present else "the operator: pedal or head sensor"
-    return Standing(life.name, life.kind, state, None, reason)
+    return Standing(process.name, process.kind, state, None, reason)
 
 
-def _last_error(system: str, life: ProcessStatus) -> dict[str, Any] | None:
+def _last_error(system: str, process: ProcessStatus) -> dict[str, Any] | None:
     """The newest error of an instance, as data."""
-    reader = directory.reader(system, life.name, "events", life.kind)
+    reader = directory.reader(system, process.name, "events", process.kind)
     try:
         rows = reader.last(1 << 16)
         errors = rows[rows["event"] == b"error"]
@@ -110,10 +112,10 @@ def _last_error(system: str, life: ProcessStatus) -> dict[str, Any] | None:
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """What a person does first, in a line; empty: all is well."""
-    for life in processes:
-        if life.trouble:
-            more = f" ({life.exit_reason})" if life.exit_reason else ""
-            return f"{life.name} is {life.trouble}{more}: trocar logs {life.name}"
+    for process in processes:
+        if process.problem:
+            more = f" ({process.exit_reason})" if process.exit_reason else ""
+            return f"{process.name} is {process.problem}{more}: trocar logs {process.name}"
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
     if faults:
         one = faults[0]

@@ -18,7 +18,7 @@ from shm.segment import Segment, SegmentError, segment_name
 from shm.topics import Field, View
 from tools.systems import unknown
 
-SAID_BY_ALL = ("status", "warning", "error")
+EVENTS_OF_ALL = ("status", "warning", "error")
 SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types
 RECORD, EVENT = "record", "event"
 
@@ -28,8 +28,8 @@ class TopicEntry:
     """One topic: the ring it lives in, and how it is seen.
 
     `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes; of a
-    set-up arm `row` is its place among all, and `count` the number of its joints.
-    `trouble` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
+    setup arm `row` is its place among all, and `count` the number of its joints.
+    `problem` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
     KINEMATIC where there is no robot.
     """
 
@@ -46,7 +46,7 @@ class TopicEntry:
     count: int = 0
     row: int = -1
     labels: tuple[str, ...] = field(default=())
-    trouble: str = ""
+    problem: str = ""
     simulation: str = ""
 
 
@@ -74,11 +74,11 @@ def _entries(system: str, instance: str, ring: str) -> list[TopicEntry]:
             entries = _described(instance, ring, segment.header.info, segment.header.schema.text)
             simulation = str(segment.header.info.get("simulation", ""))
     except SegmentError as error:
-        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=str(error))]
+        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, problem=str(error))]
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # a header may say anything
         text = f"what its header says of it makes no sense ({type(error).__name__}: {error})"
-        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, trouble=text)]
-    return [dataclasses.replace(entry, trouble=writer_gone(gone), simulation=simulation) for entry in entries]
+        return [TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, 0.0, problem=text)]
+    return [dataclasses.replace(entry, problem=writer_gone(gone), simulation=simulation) for entry in entries]
 
 
 def writer_gone(who: str) -> str:
@@ -93,10 +93,10 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
     kind, own = str(info.get("kind", "")), ARM_TYPES.get(str(info.get("type", "")))
     record = TopicEntry(f"{instance}/{ring}", instance, ring, RECORD, rate, fields)
     if ring == "events":
-        said = next((row.events for row in PROCS if row.kind == kind), ())
-        said += (own.events if own is not None else ()) + SAID_BY_ALL
+        reported = next((row.events for row in PROCS if row.kind == kind), ())
+        reported += (own.events if own is not None else ()) + EVENTS_OF_ALL
         return [record] + [TopicEntry(f"{instance}/{name}", instance, ring, EVENT, 0.0, fields,
-                                      event=name) for name in said]
+                                      event=name) for name in reported]
     try:
         views = topic_of(kind, ring).views
     except KeyError:
@@ -119,7 +119,7 @@ def _described(instance: str, ring: str, info: dict[str, Any], text: bytes) -> l
 def _of_each(
     view: View, instance: str, ring: str, rate: float, seen: tuple[Field, ...], parts: dict[str, Any]
 ) -> list[TopicEntry]:
-    """A view for every robot, or every set-up arm."""
+    """A view for every robot, or every setup arm."""
     found = []
     for robot, cut in parts.items():
         labels = tuple(str(label) for label in cut.get("names", ()))

@@ -1,7 +1,7 @@
-"""How a slave follows its master: from the records of a tele-operation, its slave and their io, while they run.
+"""How a slave follows its master: from the records of a teleoperation, its slave and their io, while they run.
 
-Error: the measured pose of the slave against the goal in force, the last one that the tele-operation had sent.
-Latency: from the read request that brought the master's sample to the write that carries the set-point made of it. It
+Error: the measured pose of the slave against the goal in force, the last one that the teleoperation had sent.
+Latency: from the read request that brought the master's sample to the write that carries the setpoint made of it. It
 is put together from stamps; where a stamp is that of a cycle's begin, what the cycle makes counts as out STEP_NS later.
 """
 
@@ -35,7 +35,7 @@ class IoTrace:
 
 
 def latencies(masters: Stamps, sent: Stamps, setpoints: Stamps, io: IoTrace) -> Stamps:
-    """ns, for every goal that can be told: sent in a cycle that began at `sent`, of a master's record of `masters`.
+    """ns, for every goal that can be reported: sent in a cycle that began at `sent`, of a master's record of `masters`.
 
     `setpoints`: begins of the slave's cycles. A goal whose way does not lie within the records is left out.
     """
@@ -85,7 +85,7 @@ class Column:
 
 
 class Trace:
-    """Watches a tele-operation from now on; call `collect` at least once a second. Close it."""
+    """Watches a teleoperation from now on; call `collect` at least once a second. Close it."""
 
     def __init__(self, system: str, teleop: str, slave: str, io: str) -> None:
         def column(name: str, ring: str, *fields: str) -> Column:

@@ -63,10 +63,10 @@ class OpenTopic:
         """Records that were overwritten before `next` came to them."""
         return self._reader.lost
 
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What is wrong with the ring: no writer any more, or records no writer writes; empty when all is well."""
-        said = [writer_gone(self._reader.gone), self._reader.trouble]
-        return "; ".join(part for part in said if part)
+        reported = [writer_gone(self._reader.gone), self._reader.problem]
+        return "; ".join(part for part in reported if part)
 
     def newest(self) -> bool:
         """Read the newest record, or the last event of this name; False when there is none."""

@@ -31,7 +31,7 @@ def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
 
 
 def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
-    """All that is powered and homed, arms and set-up joints, or those wanted of them."""
+    """All that is powered and homed, arms and setup joints, or those wanted of them."""
     known = [*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")]
     for name in wanted or []:
         if name not in known:
@@ -66,7 +66,7 @@ class Watch:
     """The newest state of one arm; a context manager. Fields are those of the record last read."""
 
     def __init__(self, system: str, name: str) -> None:
-        """Attach to the state of an arm, or of set-up joints."""
+        """Attach to the state of an arm, or of setup joints."""
         self.name = name
         kind = "suj" if name in instances_of_kind(system, "suj") else "arm"
         self.reader: RingReader = directory.reader(system, name, "state", kind)
@@ -83,9 +83,9 @@ class Watch:
         """Read the newest record; False when there is none, or none is whole."""
         return self.reader.newest()
 
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What is wrong with the arm's record: no process writes it any more, it is old, nobody's writing is in it."""
-        return trouble_of(self.reader, self._simulated)
+        return problem_of(self.reader, self._simulated)
 
     def text(self, field: str) -> str:
         """A text field."""
@@ -151,8 +151,8 @@ def age_of(reader: RingReader, simulated: bool) -> float:
     return 0.0 if simulated else (monotonic_ns() - reader.stamp_ns) * 1e-9
 
 
-def trouble_of(reader: RingReader, simulated: bool) -> str:
+def problem_of(reader: RingReader, simulated: bool) -> str:
     """What is wrong with a record that should be of now, in words; empty when all is well."""
     age_s = age_of(reader, simulated)
     old = f"its last record is {age_s:.1f} s old" if age_s > FRESH_S else ""
-    return "; ".join(part for part in (writer_gone(reader.gone) or old, reader.trouble) if part)
+    return "; ".join(part for part in (writer_gone(reader.gone) or old, reader.problem) if part)

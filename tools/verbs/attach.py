@@ -19,7 +19,7 @@ from shm.segment import SegmentError
 from tools.errors import Problem
 from tools.inspect import standing
 from tools.inspect.messages import kind_of, text_of, time_of_day
-from tools.inspect.processes import COLUMNS, RIGHT, cells, lives
+from tools.inspect.processes import COLUMNS, RIGHT, cells, statuses
 from tools.inspect.topics import EVENT, RECORD, TopicEntry, catalogue
 from tools.inspect.views import OpenTopic
 from tools.options import SystemOption
@@ -55,18 +55,18 @@ def attach(
 
 def _page(system: str, entries: list[TopicEntry]) -> Group:
     records = [entry for entry in entries if entry.kind == RECORD]
-    rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["trouble"])
+    rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["problem"])
              for row in measured(system, records, WINDOW_S)]
-    processes = lives(system)
+    processes = statuses(system)
     found = standing.standings(system, processes)
     first = standing.first_thing(processes, found)
     return Group(
         made_table(f"system {system} (q leaves)", standing.COLUMNS, [standing.cells(one) for one in found]),
         Text(f"first: {first}" if first else "all well"),
         made_table("events, newest first", ("at", "from", "event", "text"), _events(system, entries)),
-        made_table("", COLUMNS, [cells(life) for life in processes], RIGHT),
+        made_table("", COLUMNS, [cells(process) for process in processes], RIGHT),
         made_table("joints", ("arm", "busy", "rad, m"), list(_joints(system, entries))),
-        made_table("topics", ("topic", "Hz", "longest ms", "trouble"), rates, ("Hz", "longest ms")),
+        made_table("topics", ("topic", "Hz", "longest ms", "problem"), rates, ("Hz", "longest ms")),
     )
 
 
@@ -97,10 +97,10 @@ def _events(system: str, entries: list[TopicEntry]) -> list[tuple[str, ...]]:
             with contextlib.suppress(SegmentError), OpenTopic(system, entry) as source:
                 found += [(int(row["monotonic_ns"]), _event(entry.instance, row))
                           for row in source.history(EVENTS_SHOWN)]
-    told: dict[tuple[str, ...], tuple[int, tuple[str, ...]]] = {}
+    reported: dict[tuple[str, ...], tuple[int, tuple[str, ...]]] = {}
     for stamp_ns, row in sorted(found, reverse=True):
-        told[row[2:]] = stamp_ns, row  # the system repeats what others tell: who was first is shown
-    return [row for _, row in sorted(told.values(), reverse=True)[:EVENTS_SHOWN]]
+        reported[row[2:]] = stamp_ns, row  # the system repeats what others tell: who was first is shown
+    return [row for _, row in sorted(reported.values(), reverse=True)[:EVENTS_SHOWN]]
 
 
 def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:

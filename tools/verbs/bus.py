@@ -100,7 +100,7 @@ def read(
     """
     wanted = _board_id(board)
     if register.upper() not in register_names.AXIS_REGISTERS:
-        register_names.addresses(register, None, count)  # what cannot be a register is told before the bus is asked
+        register_names.addresses(register, None, count)  # what cannot be a register is reported before the bus is asked
     with BusClient(port) as desk:
         info = desk.board(wanted)
         rows = [_valued(info, address, desk.read(wanted, address))

@@ -28,7 +28,7 @@ def convert(
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Convert old configuration files to dVRK 2.4: what changed unit, was assumed or dropped is told key by key.
+    """Convert old configuration files to dVRK 2.4: what changed unit, was assumed or dropped is reported key by key.
 
     Example: trocar convert sawRobotIO1394-PSM1-28007.xml console-PSM1.json --to new
     """

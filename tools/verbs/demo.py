@@ -21,7 +21,7 @@ from tools.examples.hand import Hand, figure_eight
 from tools.examples.operator_sim import OperatorSim, SimTeleop
 from tools.following import beats
 from tools.inspect.health import HealthWatch
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
@@ -37,7 +37,7 @@ RATE_HZ = 100.0  # poses of the hand
 RAMP_S = 1.0  # the drawing starts slowly
 LINE_EVERY = 50
 SLOWEST, AROUND_S = 5.0, 60.0  # real time: so many times what was asked for, and for all else
-TOLD_S = 5.0  # between two lines where there is no terminal
+REPORT_S = 5.0  # between two lines where there is no terminal
 # What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
 # Latencies: 4 and 10 periods of the system's loops.
 MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 8.0, "latency_ms_p99": 20.0}
@@ -117,9 +117,9 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
             except Problem as problem:  # it goes into the summary
                 run.errors.append(str(problem))
         speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
-        told = "" if teleop.is_following else teleop.told
+        reported = "" if teleop.is_following else teleop.reported
         around = {"clock": time.clock, "speed": speed, "homed_after_s": homed_s, "hand_skipped": skipped[0]}
-        return {**around, **_summary(run, trace, told)}
+        return {**around, **_summary(run, trace, reported)}
 
 
 def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
@@ -144,13 +144,13 @@ def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], sec
 
 
 def _status(run: HealthWatch, teleop: SimTeleop, time: SystemTime) -> str:
-    life = next((life for life in lives(run.system) if life.kind == "io"), None)
-    rate, missed = (life.rate_hz, life.missed) if life is not None else (None, 0)
+    process = next((process for process in statuses(run.system) if process.kind == "io"), None)
+    rate, missed = (process.rate_hz, process.missed) if process is not None else (None, 0)
     goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
     where = " ".join(f"{x:+7.2f}" for x in goal)
-    told = "follows" if teleop.is_following else teleop.told
+    does = "follows" if teleop.is_following else teleop.reported
     speed = f", {time.clock} {time.speed:.2f}" if time.simulated else ""
-    return (f"{teleop.slave} {told} {teleop.masters[0]}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
+    return (f"{teleop.slave} {does} {teleop.masters[0]}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
             f"{speed}")
 
 
@@ -162,7 +162,7 @@ def _line() -> Iterator[Callable[[str], None]]:
 
         def now_and_then(text: str) -> None:
             if monotonic_ns() >= next_ns[0]:
-                next_ns[0] = monotonic_ns() + round(TOLD_S * 1e9)
+                next_ns[0] = monotonic_ns() + round(REPORT_S * 1e9)
                 note(text)
 
         yield now_and_then
@@ -173,29 +173,29 @@ def _line() -> Iterator[Callable[[str], None]]:
         print(file=sys.stderr)
 
 
-def _summary(run: HealthWatch, trace: Trace, told: str) -> dict[str, Any]:
+def _summary(run: HealthWatch, trace: Trace, reported: str) -> dict[str, Any]:
     figures, summary = trace.figures(), run.summary()
-    summary["problems"] += [told] if told else []
+    summary["problems"] += [reported] if reported else []
     summary["problems"] += too_much(figures)
-    return {"following": not told, **figures, **summary}
+    return {"following": not reported, **figures, **summary}
 
 
 def too_much(figures: dict[str, float]) -> list[str]:
     """Which figures are not good, in words; what was not measured is not."""
-    said = []
+    printed = []
     for name, most in MOST.items():
         what, unit, which = name.split("_")
         if not figures[name] <= most:
             meaning = f"following {what}" if what == "error" else what
-            said.append(f"{meaning} ({which}) {number(figures[name], '.2f')} {UNITS[unit]}, allowed {most:g}")
-    return said
+            printed.append(f"{meaning} ({which}) {number(figures[name], '.2f')} {UNITS[unit]}, allowed {most:g}")
+    return printed
 
 
 def _show(summary: dict[str, Any]) -> None:
     if "processes" in summary:
         rows = [("following error mm", number(summary["error_mm_rms"], ".2f"), number(summary["error_mm_max"], ".2f")),
                 ("following error °", number(summary["error_deg_rms"], ".2f"), number(summary["error_deg_max"], ".2f"))]
-        table("PSM1 against the goals of the tele-operation", ("figure", "RMS", "largest"), rows, ("RMS", "largest"))
+        table("PSM1 against the goals of the teleoperation", ("figure", "RMS", "largest"), rows, ("RMS", "largest"))
         late = ("master → slave ms", *(number(summary[f"latency_ms_{part}"], ".2f") for part in ("p50", "p99")), "–")
         figures = [late] + [
             (name, *(number(summary[f"{key}_{part}"]) for part in ("p50", "p99", "max")))

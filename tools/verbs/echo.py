@@ -68,26 +68,26 @@ def _events(system: str, source: OpenTopic, most: int, timeout: float | None, as
         found = state_as_event(system, source.entry.instance)
         rows = [found] if found is not None else []
     for row in rows:
-        _tell(source, row, as_json)
+        _report(source, row, as_json)
     if not rows:
-        trouble = source.trouble()
-        note(f"{source.entry.name}: nothing yet" + (f" ({trouble})" if trouble else ""))
-    told, last = len(rows), int(rows[-1]["sequence"]) if rows else 0
+        problem = source.problem()
+        note(f"{source.entry.name}: nothing yet" + (f" ({problem})" if problem else ""))
+    reported, last = len(rows), int(rows[-1]["sequence"]) if rows else 0
     limit_s = timeout if timeout is not None else (FIRST_S if most == 1 else math.inf)
     since_ns = monotonic_ns()
-    while not most or told < most:
+    while not most or reported < most:
         if source.next():
             if source.sequence > last:
-                _tell(source, source.as_row(), as_json)
-                told, since_ns = told + 1, monotonic_ns()
+                _report(source, source.as_row(), as_json)
+                reported, since_ns = reported + 1, monotonic_ns()
         elif monotonic_ns() - since_ns >= limit_s * 1e9:
-            return 0 if told else 1
+            return 0 if reported else 1
         else:
             pause(POLL_S)
     return 0
 
 
-def _tell(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
+def _report(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
     if not as_json:
         print(line(row), flush=True)
     elif source.entry.kind == RECORD:
@@ -116,37 +116,37 @@ def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -
             seen, since_ns = source.sequence, monotonic_ns()
             yield source.as_dict()
         elif monotonic_ns() - since_ns >= limit_s * 1e9:
-            trouble = _said(source)
-            raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({trouble})" if trouble else ""))
+            problem = _reported(source)
+            raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({problem})" if problem else ""))
 
 
 def _first(source: OpenTopic, timeout: float) -> dict[str, Any]:
     end = monotonic_ns() + round(timeout * 1e9)
     while not source.newest():
         if monotonic_ns() >= end:
-            said = source.trouble()
+            printed = source.problem()
             raise Problem(f"{source.entry.name}: {'no record is whole' if source.head else 'nothing yet'}"
-                          + (f" ({said})" if said else ""))
+                          + (f" ({printed})" if printed else ""))
         pause(POLL_S)
     return source.as_dict()
 
 
-def _said(source: OpenTopic) -> str:
+def _reported(source: OpenTopic) -> str:
     """What is wrong with the ring, and what we missed of it."""
     lost = f"{source.lost} records were overwritten before they were read" if source.lost else ""
-    return "; ".join(part for part in (source.trouble(), lost) if part)
+    return "; ".join(part for part in (source.problem(), lost) if part)
 
 
 def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
-    trouble = _said(source)
+    problem = _reported(source)
     if as_json:
-        emit(row | ({"trouble": trouble} if trouble else {}))
+        emit(row | ({"problem": problem} if problem else {}))
         return
     fields = {field.name: field for field in source.entry.fields}
     parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
     print(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
-    if trouble:
-        print(f"  trouble: {trouble}")
+    if problem:
+        print(f"  problem: {problem}")
     for key, value in row.items():
         if key not in ("stamp_ns", "sequence"):
             field = fields.get(parts.get(key, key))

@@ -153,10 +153,10 @@ def answered(answer: Answer) -> int:
         try:
             if isinstance(row, Wrong):
                 raise row
-            told = {**row, **answer(row)}
+            reported = {**row, **answer(row)}
         except Wrong as wrong:
-            code, told = 1, {"line": number, "error": str(wrong)}
-        print(json.dumps(told, allow_nan=False), flush=True)
+            code, reported = 1, {"line": number, "error": str(wrong)}
+        print(json.dumps(reported, allow_nan=False), flush=True)
     return code
 
 

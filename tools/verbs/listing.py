@@ -37,14 +37,14 @@ def list_topics(
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
             rate += f", {entry.simulation}" if entry.simulation else ""
-            print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.trouble}" if entry.trouble else ""))
+            print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.problem}" if entry.problem else ""))
             if entry.kind != "event":
                 for f in entry.fields:
                     print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
     else:
-        rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.trouble)
+        rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.problem)
                 for e in entries]
-        table("", ("topic", "kind", "Hz", "fields", "trouble"), rows, right=("Hz",))
+        table("", ("topic", "kind", "Hz", "fields", "problem"), rows, right=("Hz",))
 
 
 def _names(entry: TopicEntry) -> str:
@@ -58,7 +58,7 @@ def _names(entry: TopicEntry) -> str:
 def _described(entry: TopicEntry) -> dict[str, Any]:
     fields = [] if entry.kind == "event" else [dataclasses.asdict(f) for f in entry.fields]
     return {"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz or None, "fields": fields,
-            "simulation": entry.simulation, "trouble": entry.trouble}
+            "simulation": entry.simulation, "problem": entry.problem}
 
 
 def hz(
@@ -79,8 +79,8 @@ def hz(
             emit(row)
     else:
         figures = ("hz", "nominal_hz", "period_ms", "std_ms", "max_ms")
-        cells = [(row["topic"], *(number(row[key], ".2f") for key in figures), row["trouble"]) for row in rows]
-        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms", "trouble"), cells,
+        cells = [(row["topic"], *(number(row[key], ".2f") for key in figures), row["problem"]) for row in rows]
+        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms", "problem"), cells,
               right=("Hz", "nominal", "period ms", "std ms", "max ms"))
     silent = [r for r in rows if r["nominal_hz"] and not r["records"]]
     return 1 if topics and silent else 0
@@ -98,16 +98,16 @@ def measured(system: str, entries: list[TopicEntry], window_s: float) -> list[di
 
 
 class _Rate:
-    """One topic over a window; what cannot be read is a row too, with its trouble."""
+    """One topic over a window; what cannot be read is a row too, with its problem."""
 
     def __init__(self, system: str, entry: TopicEntry) -> None:
-        self._entry, self._before, self._trouble = entry, 0, entry.trouble
+        self._entry, self._before, self._problem = entry, 0, entry.problem
         self._reader: RingReader | None = None
         try:
             self._reader = directory.reader(system, entry.instance, entry.ring)
             self._before = self._reader.head
         except SegmentError as error:
-            self._trouble = str(error)
+            self._problem = str(error)
 
     def row(self, window_s: float) -> dict[str, Any]:
         count, gaps = 0, np.zeros(0)
@@ -116,14 +116,14 @@ class _Rate:
             count = reader.head - self._before
             gaps = np.diff(reader.last(count)["stamp_ns"]) * 1e-6 if count > 0 else gaps
             reader.newest()
-            said = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.trouble]
-            self._trouble = "; ".join(part for part in said if part)
+            reported = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.problem]
+            self._problem = "; ".join(part for part in reported if part)
         some, steady = len(gaps) > 0, len(gaps) > 0 and gaps.mean() > 0
         return {
             "topic": self._entry.name, "records": max(0, count), "nominal_hz": self._entry.rate_hz or None,
             "hz": float(1e3 / gaps.mean()) if steady else max(0, count) / window_s,
             "period_ms": float(gaps.mean()) if some else None, "std_ms": float(gaps.std()) if some else None,
-            "max_ms": float(gaps.max()) if some else None, "trouble": self._trouble,
+            "max_ms": float(gaps.max()) if some else None, "problem": self._problem,
         }
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""`trocar status`: the processes of a system, its arms, tele-operations and consoles, and what to do first."""
+"""`trocar status`: the processes of a system, its arms, teleoperations and consoles, and what to do first."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import dataclasses
 from procs.realtime import lacking
 from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.inspect import standing
-from tools.inspect.processes import COLUMNS, RIGHT, cells, lives, remarks
+from tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
 from tools.inspect.standing import first_thing, next_step, standings
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table
@@ -15,35 +15,35 @@ from tools.systems import chosen_system
 
 
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
-    """Show every process, arm, tele-operation and console, and what to do first.
+    """Show every process, arm, teleoperation and console, and what to do first.
 
     Processes with rates, missed deadlines, restarts and why they last ended; arms with state, homed, and why they are
     in FAULT or what they wait for. The last line is "all well" or the first thing to do. Exit code 1: a process is in
-    trouble, or something is in FAULT.
+    problem, or something is in FAULT.
 
     Example: trocar status --json
     """
     name = chosen_system(system)
-    processes = lives(name)
+    processes = statuses(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
     with SystemTime(name) as time:
-        clock, speed, said = time.clock, time.speed, speed_in_words(time)
-    rights = lacking({life.name: life.scheduling for life in processes}) if clock == WALL else ""
+        clock, speed, reported = time.clock, time.speed, speed_in_words(time)
+    rights = lacking({process.name: process.scheduling for process in processes}) if clock == WALL else ""
     if as_json:
         emit({"system": name, "clock": clock, "speed": speed,
-              "processes": [dataclasses.asdict(life) for life in processes],
+              "processes": [dataclasses.asdict(process) for process in processes],
               "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first})
     else:
-        table(f"system {name}, clock {said}", COLUMNS, [cells(life) for life in processes], RIGHT)
-        for life in processes:
-            if remarks(life):
-                print(f" {life.name}: {remarks(life)}")
+        table(f"system {name}, clock {reported}", COLUMNS, [cells(process) for process in processes], RIGHT)
+        for process in processes:
+            if remarks(process):
+                print(f" {process.name}: {remarks(process)}")
         if rights:
             print(rights)
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         print(f"first: {first}" if first else _well(next_step(found)))
-    return 1 if any(life.trouble for life in processes) or any(one.is_fault for one in found) else 0
+    return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
 
 
 def _well(then: str) -> str:

@@ -1,4 +1,4 @@
-"""`trocar stream ARM FILE`: joint set-points from a CSV, and how well the arm followed them."""
+"""`trocar stream ARM FILE`: joint setpoints from a CSV, and how well the arm followed them."""
 
 from __future__ import annotations
 
@@ -75,11 +75,12 @@ def _fitted(
     if tool is None:
         return rows, None, [f"{arm}: the range of its jaw is not known; the arm clips by itself"]
     jaw, cut = clipped(rows.jaw, tool.jaw.lower, tool.jaw.upper)
-    said = []
+    reported = []
     if cut.rows:
-        said.append(f"{arm}: the jaw leaves the range {tool.jaw.lower:.4f} to {tool.jaw.upper:.4f} rad of {tool.name} "
-                    f"in {cut.rows} of {len(rows)} rows, by at most {cut.most:.4f} rad; clipped")
-    return Setpoints(rows.position, rows.velocity, jaw), cut, said
+        reported.append(f"{arm}: the jaw leaves the range {tool.jaw.lower:.4f} to {tool.jaw.upper:.4f} rad of "
+                        f"{tool.name} "
+                        f"in {cut.rows} of {len(rows)} rows, by at most {cut.most:.4f} rad; clipped")
+    return Setpoints(rows.position, rows.velocity, jaw), cut, reported
 
 
 def _approach(remote: Remote, rows: Setpoints, say: Say) -> None:
@@ -128,4 +129,4 @@ def _show(result: dict[str, Any], follower: Follower) -> None:
     title = f"{result['arm']}: {result['rows']} rows at {result['rate_hz']:g} Hz, {result['skipped_rows']} skipped"
     table(title, ("joint", "RMS error rad|m", "largest"), rows, right=("RMS error rad|m", "largest"))
     if follower.clipped_by_arm:
-        print(f"{follower.clipped_by_arm} set-points were clipped by the arm to its joint limits")
+        print(f"{follower.clipped_by_arm} setpoints were clipped by the arm to its joint limits")

@@ -38,7 +38,7 @@ class GripperLogic:
         if not io.fresh:
             self._valid[...] = False
             return
-        if self._control.is_played:
+        if self._control.is_kinematic:
             self._valid[...] = True
             return
         if self._angle is None:
@@ -65,15 +65,15 @@ class GripperLogic:
         """Closed once it has been low for the debounce time, open at once when it no longer is."""
         if not low:
             self._open_ns = now_ns
-        if self._closed is None:  # how it is found is told, but nobody has pinched
+        if self._closed is None:  # how it is found is reported, but nobody has pinched
             self._closed = low
             if low:
-                self._tell()
+                self._report()
         elif low is not self._closed and (not low or now_ns - self._open_ns >= self._debounce_ns):
             self._closed = low
-            self._tell()
+            self._report()
             if low:
                 self._control.reports.emit("gripper/pinch")
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         self._control.reports.emit("gripper/closed", value=float(bool(self._closed)))

@@ -77,7 +77,7 @@ class MtmLogic(ArmLogic):
 
     def is_ready(self) -> bool:
         """See ArmLogic."""
-        return self.control.is_played or bool(self.io.encoder_set[ROLL])
+        return self.control.is_kinematic or bool(self.io.encoder_set[ROLL])
 
     def watch(self) -> None:
         """See ArmLogic."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import SAID_NS, Control
+from procs.arm.control import REPORT_NS, Control
 from procs.arm.motion import Mode, Space
 from procs.kinematics.inverse.master import Master
 from procs.kinematics.poses import given_pose
@@ -64,7 +64,7 @@ class OrientationLock:
             self._bring_within(found)
         if found is None or self._beyond(found):
             reason = f"unable to solve inverse kinematics ({self._why(found)})"
-            raise control.refusal(codes.ORIENTATION_LOCK, request.name, reason, SAID_NS)
+            raise control.refusal(codes.ORIENTATION_LOCK, request.name, reason, REPORT_NS)
         self._rotation[...] = rotation
         self._seed[...] = found
         self._seed[WRIST] = here[WRIST]
@@ -72,7 +72,7 @@ class OrientationLock:
         if not self.locked:
             self._goal[...] = found[WRIST:]
             self._begin(here[WRIST:], control.io.velocity[WRIST:])
-            self._tell(True)
+            self._report(True)
 
     def _wanted(self, request: Request) -> Array:
         cartesian = self._control.cartesian
@@ -85,14 +85,14 @@ class OrientationLock:
     def _unlock(self, _: Request) -> None:
         if self.locked:
             self._control.motion.in_effort[...] = True
-            self._tell(False)
+            self._report(False)
 
     # the cycle
 
     def watch(self) -> None:
         """Whether it is still what the arm is asked for."""
         if self.locked and not self._is_free():
-            self._tell(False)
+            self._report(False)
 
     def step(self) -> None:
         """Where the last four joints are to go in this cycle."""
@@ -152,7 +152,7 @@ class OrientationLock:
         motion = self._control.motion
         return motion.mode is Mode.EFFORT and motion.space is Space.CARTESIAN
 
-    def _tell(self, locked: bool) -> None:
+    def _report(self, locked: bool) -> None:
         self.locked = locked
         self._control.reports.emit("orientation_locked", value=float(locked))
 

@@ -26,12 +26,12 @@ class AttachmentState(IntEnum):
 class Attachment:
     """One of them; `look` each cycle."""
 
-    def __init__(self, cell: NDArray[Any], said: NDArray[Any], *, has_switch: bool, always: bool = False) -> None:
-        """`cell` and `said` of the record hold the fit and that it is there because somebody says so.
+    def __init__(self, cell: NDArray[Any], reported: NDArray[Any], *, has_switch: bool, always: bool = False) -> None:
+        """`cell` and `reported` of the record hold the fit and that it is there because somebody says so.
 
         `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
         """
-        self._cell, self._said = cell, said
+        self._cell, self._reported = cell, reported
         self._fit = AttachmentState(min(int(cell.item()), AttachmentState.ENGAGED))
         self.has_switch, self._always = has_switch, always
         self._settled_ns = 0
@@ -65,7 +65,7 @@ class Attachment:
 
     def say(self, on: bool) -> None:
         """It is on from now on whatever its switch says; or the switch counts again."""
-        self._said[...] = on
+        self._reported[...] = on
 
     def look(self, pressed: bool, now_ns: int) -> bool:
         """Its switch is `pressed`; True when it was put on, found or taken off."""
@@ -74,7 +74,7 @@ class Attachment:
             self._settled_ns = self._settled_ns or now_ns + SETTLE_NS
             if now_ns < self._settled_ns:
                 return False
-        on = self._always or pressed or bool(self._said.item())
+        on = self._always or pressed or bool(self._reported.item())
         if on is (before >= AttachmentState.FOUND) and before is not AttachmentState.UNKNOWN:
             return False
         new = AttachmentState.FOUND if before is AttachmentState.UNKNOWN else AttachmentState.NEW

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
-from procs.arm.control import SAID_NS, Control
+from procs.arm.control import REPORT_NS, Control
 from procs.arm.joints import JointSpace
 from procs.document.system import Tool
 from procs.requests import CommandRefused
@@ -62,7 +62,7 @@ class Cannula:
         kinematics = self._control.joints.kinematics
         if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < LEAST_GOAL:
             reason = "can't solve IK too close to RCM"
-            self._control.report(codes.NEAR_RCM, reason, SAID_NS)
+            self._control.report(codes.NEAR_RCM, reason, REPORT_NS)
             raise CommandRefused(f"unable to solve inverse kinematics ({reason})")
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 

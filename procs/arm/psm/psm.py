@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.arm.arm import ArmLogic
 from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import SAID_NS
+from procs.arm.control import REPORT_NS
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode
 from procs.arm.psm.attachment import Attachment, AttachmentState
@@ -56,9 +56,9 @@ class PsmLogic(ArmLogic):
     def prepare(self, before: PreviousState | None) -> None:
         """Go on with the adapter and the instrument that a predecessor had."""
         control, arm, field = self.control, self.control.arm, self._around.state
-        said = field("emulated")
-        self.adapter = Attachment(field("adapter"), said[:1], has_switch=bool(arm.inputs.adapter))
-        self.tool = Attachment(field("instrument"), said[1:], has_switch=bool(arm.inputs.tool),
+        reported = field("emulated")
+        self.adapter = Attachment(field("adapter"), reported[:1], has_switch=bool(arm.inputs.adapter))
+        self.tool = Attachment(field("instrument"), reported[1:], has_switch=bool(arm.inputs.tool),
                                always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
         self.detection = Detection(control, self._around.reading)
         self._shown_name, robot = field("tool"), self._around.robot
@@ -105,7 +105,7 @@ class PsmLogic(ArmLogic):
 
     def home(self) -> Array:
         """See ArmLogic; with an instrument on it stays."""
-        if not self.control.is_played and self.tool.fit is not AttachmentState.ABSENT:
+        if not self.control.is_kinematic and self.tool.fit is not AttachmentState.ABSENT:
             here: Array = self.io.setpoint.copy()
             return here
         return super().home()
@@ -157,17 +157,17 @@ class PsmLogic(ArmLogic):
 
     def fit(self) -> ArmEvent | None:
         """Take for engaged what need not be turned for it; what has to be is the answer."""
-        played = self.control.is_played
+        kinematic = self.control.is_kinematic
         if self.adapter.waits:
-            if self.adapter.fit is AttachmentState.NEW and not self.tool.present and not played:
+            if self.adapter.fit is AttachmentState.NEW and not self.tool.present and not kinematic:
                 return ArmEvent.ADAPTER
             self._adapter_caught()
         if not self.tool.waits or self.detection.joints is None or self.detection.tool is None:
             return None
         if self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
-            self.control.report(codes.ADAPTER_MISSING, codes.ADAPTER_MISSING.cause, 30 * SAID_NS)
+            self.control.report(codes.ADAPTER_MISSING, codes.ADAPTER_MISSING.cause, 30 * REPORT_NS)
             return None
-        if self.tool.fit is AttachmentState.NEW and not played:
+        if self.tool.fit is AttachmentState.NEW and not kinematic:
             discs = self.joints.to_actuator @ self.io.setpoint
             if not self.cannula.is_beyond(self.detection.joints, self.detection.tool, discs):
                 return ArmEvent.TOOL
@@ -245,10 +245,10 @@ class PsmLogic(ArmLogic):
             raise CommandRefused("tool detection is FIXED, the instrument is the one of the arm's file")
         if self.machine.moving or self.state is ArmState.HOMING or control.motion.mode is Mode.EFFORT:
             raise CommandRefused("the arm is moving or in effort mode")
-        freely = control.is_played or not self.tool.has_switch
+        freely = control.is_kinematic or not self.tool.has_switch
         if not (freely or self.detection.asks):
             why = "the instrument is known" if self.tool.present else "there is no instrument"
-            raise control.refusal(codes.COMMAND_REFUSED, request.name, f"nobody asks for it: {why}", SAID_NS)
+            raise control.refusal(codes.COMMAND_REFUSED, request.name, f"nobody asks for it: {why}", REPORT_NS)
         self.detection.named(request.text.strip())
         if freely:
             self.tool.say(True)

@@ -14,7 +14,7 @@ from procs.arm_types import ARM_TYPES
 
 
 class Homed(Stage):
-    """Commands are followed; what io clips is told, and what the arm has on it is looked after."""
+    """Commands are followed; what io clips is reported, and what the arm has on it is looked after."""
 
     def __init__(self, control: Control, look_after: Callable[[], None], checks_tracking: bool,
                  misses: Callable[[], str]) -> None:

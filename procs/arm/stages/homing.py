@@ -36,14 +36,14 @@ class Calibrating(Stage):
         control = self.control
         control.held = False
         control.io_requests.brakes.want(False)
-        control.io_requests.pid.want(None if control.is_played else False)
+        control.io_requests.pid.want(None if control.is_kinematic else False)
         self.within(BIAS_NS)
         self._asked = False
 
     def run(self) -> None:
         """See Stage."""
         control, io_requests, arm = self.control, self.control.io_requests, self.control.arm
-        if control.is_played:
+        if control.is_kinematic:
             self._done()
         elif self.is_late:
             self.fail(codes.BIAS_TIMEOUT, "failed to bias encoders (timeout)")

@@ -53,7 +53,7 @@ class Powering(Stage):
     def enter(self) -> None:
         """See Stage."""
         self._tries = 0
-        self.control.io_requests.pid.want(None if self.control.is_played else False)  # a played robot has it
+        self.control.io_requests.pid.want(None if self.control.is_kinematic else False)  # a kinematic robot has it
         self._ask()
 
     def run(self) -> None:
@@ -66,7 +66,7 @@ class Powering(Stage):
                 self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif io_requests.power.settled and io.has_power:
             control.machine.fire(ArmEvent.POWERED)
-        elif io_requests.is_void and not (io.problem or io.power_wanted.item()):  # a person took it back
+        elif io_requests.is_void and not (io.problem or io.power_requested.item()):  # a person took it back
             self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
             if self._tries < TRIES:
@@ -100,7 +100,7 @@ class Enabled(Stage):
         io_requests.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
         if not control.held:
             io_requests.brakes.want(False)
-            io_requests.pid.want(None if control.is_played else False)
+            io_requests.pid.want(None if control.is_kinematic else False)
 
     def run(self) -> None:
         """See Stage."""

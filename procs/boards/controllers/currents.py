@@ -21,7 +21,7 @@ CURRENT_TRIP = 2_457_600  # 50 ms of too much current
 CURRENT_SMALL = 0x300  # below this from zero nothing is compared
 CURRENT_EXCESS = 0x0900
 CURRENT_NEAR_FULL = 0xF6FF
-COUNTER = 1 << 24  # the counter goes on and begins anew
+COUNTER = 1 << 24  # the counter goes on and restarts
 
 
 class Currents:

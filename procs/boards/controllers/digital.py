@@ -140,7 +140,7 @@ class Digital:
         self._preload_at[row] = NEVER
 
     def power_up(self, row: int) -> None:
-        """A board begins anew, and with it its ESPM."""
+        """A board restarts, and with it its ESPM."""
         self.pending[row] = False
         self.faults[row] = 0
         self.bypass[row] = 0

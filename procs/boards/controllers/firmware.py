@@ -71,7 +71,7 @@ class Firmware:
             self._show_quiet(row, 0)
 
     def fit(self, row: int, joints: EmulatedSetupJoints) -> EmulatedInterfaceBoard | None:
-        """Put the interface board of set-up joints on a board; None where a loop-back board is."""
+        """Put the interface board of setup joints on a board; None where a loop-back board is."""
         if row in self._loops:
             return None
         board = self.boards[row]
@@ -197,7 +197,7 @@ class Firmware:
 
     def _collect(self, words: npt.NDArray[np.uint32], rows: Sequence[int], written: npt.NDArray[np.bool_] | None,
                  tick: int) -> None:
-        """Command words begin, go on with and end the collection of data."""
+        """Command words begin, resume with and end the collection of data."""
         for row in rows:
             model, collection = self.models[row], self.boards[row].collection
             if model.hardware.name == "DQLA":

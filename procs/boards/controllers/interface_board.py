@@ -1,4 +1,4 @@
-"""The interface board of Classic set-up joints: it lets one board read 64 voltages, and drives the lift.
+"""The interface board of Classic setup joints: it lets one board read 64 voltages, and drives the lift.
 
 A counter picks which of 16 voltages of each passive arm its analog input shows. It is cleared while the reset output
 is low, counts when the increment output rises, and shows its four bits on line A of the encoders. Lines B are low: the

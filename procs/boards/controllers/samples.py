@@ -43,7 +43,7 @@ class BoardSamples:
         self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}
 
     def stamp(self, rows: Sequence[int], tick: int) -> None:
-        """Boards `rows` take a sample at `tick`: time since their last one, which begins anew."""
+        """Boards `rows` take a sample at `tick`: time since their last one, which restarts."""
         sampled = self._sampled
         if len(rows) == len(sampled) == sampled.count(sampled[0]):
             self._stamp.fill(max(tick - 1 - sampled[0], 0) & 0xFFFF_FFFF)  # the counter wraps

@@ -126,7 +126,7 @@ class BoardOutputs:
         self._timers = tuple(Timer(longest_holds) for _ in range(count))
         self._waveform = Waveform()
         self._written = 0  # tick of the last write
-        self._played = 0  # outputs that follow the table
+        self._kinematic = 0  # outputs that follow the table
         self._hides = playing_hides_table
 
     def write(self, value: int, tick: int) -> None:
@@ -136,7 +136,7 @@ class BoardOutputs:
             if mask >> k & 1:
                 timer.set(value >> k & 1, tick)
         if value & PLAY and mask:
-            self._played = mask
+            self._kinematic = mask
             self._waveform.play(tick)
         else:
             self._waveform.stop()
@@ -152,7 +152,7 @@ class BoardOutputs:
         return self._timers[output].control
 
     def write_table(self, index: int, entries: list[int], tick: int) -> None:
-        """Write waveform entries; a playback goes on with them."""
+        """Write waveform entries; a playback resumes with them."""
         self._waveform.write(index, entries, tick)
         self._foresee(tick)
 
@@ -170,7 +170,7 @@ class BoardOutputs:
             levels |= timer.level(tick) << k
         at = self._waveform.where(tick)
         if at is not None and (entry := self._waveform.table[at[0]]) & VALID:
-            levels = levels & ~self._played | entry & LEVELS & self._played
+            levels = levels & ~self._kinematic | entry & LEVELS & self._kinematic
         return levels
 
     @property
@@ -227,7 +227,7 @@ class BoardOutputs:
     def _sources(self, of: int) -> list[Timer | Waveform]:
         """What makes these outputs change."""
         timers: list[Timer | Waveform] = [timer for k, timer in enumerate(self._timers) if of >> k & 1]
-        return [*timers, self._waveform] if self._played & of else timers
+        return [*timers, self._waveform] if self._kinematic & of else timers
 
     def _foresee(self, tick: int) -> None:
         self._written = tick

@@ -42,7 +42,7 @@ class Waveform:
         self._laps_from = NEVER
 
     def write(self, index: int, entries: list[int], tick: int) -> None:
-        """Write entries from `index` on (past the last comes the first); a playback goes on with the new ones."""
+        """Write entries from `index` on (past the last comes the first); a playback resumes with the new ones."""
         at = self.where(tick)
         for k, entry in enumerate(entries):
             self.table[(index + k) % ENTRIES] = entry

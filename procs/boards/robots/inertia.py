@@ -25,7 +25,7 @@ LOOSE_SLIDE = JointInertia(1.0, 10.0, 2.0)
 GRIPPER_RANGE = (-0.2, 1.1)  # rad, of a master's gripper; its file has no limits
 GRIPPER_INITIAL = 0.5
 
-SET_UP_SLIDE = JointInertia(30.0, 200.0, 40.0)  # the column of a set-up arm; brakes and balance are in the friction
+SET_UP_SLIDE = JointInertia(30.0, 200.0, 40.0)  # the column of a setup arm; brakes and balance are in the friction
 SET_UP_HINGE = JointInertia(2.0, 10.0, 8.0)
 
 LINK_MASS = 0.05  # kg, of links whose file gives none; counter-balanced, so only a trace in the inertia
@@ -57,7 +57,7 @@ def wrist_inertia(actuator_to_joint: Array) -> tuple[JointInertia, ...]:
 def arm_inertia(arm_type: str, generation: str, joints: int) -> ArmInertia | None:
     """The row of an arm type with so many joints; None for types without one (their axes are loose).
 
-    MTML and MTMR count as MTM; set-up arms have more or fewer joints.
+    MTML and MTMR count as MTM; setup arms have more or fewer joints.
     """
     if arm_type.startswith("SUJ"):
         row = SET_UP_ARMS.get(generation, SET_UP_ARMS["Classic"])

@@ -27,7 +27,7 @@ from procs.boards.robots.inertia import (
     arm_inertia,
     wrist_inertia,
 )
-from procs.document.system import Actuator, ArmConfig, Chain, DhLink, Likeness, Robot, Tool
+from procs.document.system import Actuator, ArmConfig, Chain, DhLink, ModelVariation, Robot, Tool
 from procs.kinematics.denavit import split_row
 from procs.kinematics.endoscopes import endoscope
 from procs.kinematics.poses import renormalised
@@ -75,7 +75,8 @@ class Mechanism:
     payload: float = 0.0
 
 
-def mechanism(robot: Robot, arm: ArmConfig | None, tool: Tool | None, links: Chain | None, like: Likeness) -> Mechanism:
+def mechanism(robot: Robot, arm: ArmConfig | None, tool: Tool | None, links: Chain | None,
+              like: ModelVariation) -> Mechanism:
     """The mechanism of a robot; with loose axes when no arm describes it or the files do not fit its actuators.
 
     `links` are those of an Si arm as they really are, with their masses; without them its arm is counter-balanced.
@@ -257,12 +258,12 @@ def is_gripper(robot: str) -> bool:
     return robot.endswith("_gripper")
 
 
-def has_play(like: Likeness) -> bool:
+def has_play(like: ModelVariation) -> bool:
     """Whether any drive of a robot has play; all its motors are masses of their own then."""
     return any(gap > 0.0 for gap in like.backlash)
 
 
-def _like(one: Mechanism, like: Likeness) -> Mechanism:
+def _like(one: Mechanism, like: ModelVariation) -> Mechanism:
     """As the robot really is."""
     joints = 1.0 - SHARE if has_play(like) else 1.0  # what is not the motors'
     if (like.friction, like.inertia, like.mass, like.payload, joints) == (1.0, 1.0, 1.0, 0.0, 1.0):

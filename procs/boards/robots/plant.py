@@ -31,7 +31,7 @@ from procs.boards.robots.mechanics import (
 )
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
-from procs.document.system import Chain, EmulationConfig, Likeness, Robot, SystemConfig, Tool
+from procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
 from procs.kinematics.coupling import Coupling, coupling
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Plant:
         self._links = {arm.name: chain for arm in arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
         self._slices = _slices(self._robots)
-        self._like = _likenesses(system.emulation, self._robots)
+        self._like = _model_variations(system.emulation, self._robots)
         self.axes = sum(len(robot.actuators) for robot in self._robots)
         self.position = np.zeros(self.axes)
         self.velocity = np.zeros(self.axes)
@@ -316,11 +316,11 @@ class Plant:
         self._take_state()
 
 
-def _likenesses(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> dict[str, Likeness]:
+def _model_variations(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> dict[str, ModelVariation]:
     """How every robot differs from its files; ValueError names what does not fit."""
-    like = {robot.name: Likeness(robot.name) for robot in robots}
+    like = {robot.name: ModelVariation(robot.name) for robot in robots}
     counts = {robot.name: len(robot.actuators) for robot in robots}
-    for one in emulation.likenesses:
+    for one in emulation.model_variations:
         if one.robot not in like:
             raise ValueError(f"{one.robot}: no such robot to give a likeness; there are {', '.join(like) or 'none'}")
         for what, values in (("backlash", one.backlash), ("pot_offset", one.pot_offset)):

@@ -92,12 +92,12 @@ def load_arm(
     _check_required(context, place, family, kinematic)
     if keys.type.endswith("_GENERIC") or family not in ARM_TYPES:
         _load_other_files(context, place)
-        if keys.type == "FOCUS_CONTROLLER":  # the rest is looked at in carts.py and externals.py
+        if keys.type == "FOCUS_CONTROLLER":  # the rest is looked at in carts.py and third_parties.py
             context.notes.append(f"not started: {keys.name} ({keys.type}); the key ISI_focus_controller starts one")
         return None
     if kinematic:
         unused = f"; nothing of it on {keys.IO} is used" if keys.IO else ""
-        context.notes.append(f"{keys.name} is KINEMATIC: there is no robot, its joints go where they are told{unused}")
+        context.notes.append(f"{keys.name} is KINEMATIC: its joints go where they are commanded{unused}")
     parts = _load_parts(context, place, family)
     return _loaded(context, place, parts, base_frame, options) if parts is not None else None
 
@@ -279,8 +279,8 @@ def _loaded(
 
 def _homes_to_zero(content: ArmFile) -> bool:
     """As the file says; without a word masters go to zero, others stay where they are."""
-    said = content.homing_zero_position
-    return isinstance(content, MtmFile) if said is None else said
+    reported = content.homing_zero_position
+    return isinstance(content, MtmFile) if reported is None else reported
 
 
 def _own_values(context: Context, place: ArmPlace, parts: _Parts, options: TrocarSection) -> dict[str, Any]:

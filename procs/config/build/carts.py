@@ -1,4 +1,4 @@
-"""The set-up joints of a system: their files, the arms they carry, and what io has to know of them."""
+"""The setup joints of a system: their files, the arms they carry, and what io has to know of them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def load_carts(
     context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], options: TrocarSection,
     emulated: bool,
 ) -> tuple[cart.Cart, ...]:
-    """All set-up joints of the system, without those that have errors."""
+    """All setup joints of the system, without those that have errors."""
     carries = _carried(content)
     found = []
     for index, keys in enumerate(content.arms):
@@ -57,7 +57,7 @@ def load_carts(
 def with_base_frames(
     arms: Sequence[document.ArmConfig], carts: Sequence[cart.Cart]
 ) -> tuple[document.ArmConfig, ...]:
-    """The arms, each with the name of the set-up joints that carry it."""
+    """The arms, each with the name of the setup joints that carry it."""
     by_name = {arm.carries: (one.name, arm.name) for one in carts for arm in one.arms if arm.carries}
     nowhere = ("", "")
     return tuple(dataclasses.replace(arm, base_from=by_name.get(arm.name, nowhere)[0],
@@ -88,7 +88,7 @@ def _with_cart(io: document.IoConfig, one: cart.Cart) -> document.IoConfig:
 
 
 def _carried(content: SystemFile) -> dict[str, dict[str, str]]:
-    """By set-up joints and set-up arm: the arm that takes its base frame from there."""
+    """By setup joints and setup arm: the arm that takes its base frame from there."""
     found: dict[str, dict[str, str]] = {}
     for keys in content.arms:
         frame = keys.base_frame
@@ -112,12 +112,12 @@ def _check_base_frames(
             continue
         names = [arm.name for arm in carts[frame.component].arms] if frame.component in carts else []
         if names and frame.interface not in names:
-            text = f"{frame.component} has no set-up arm {frame.interface}"
+            text = f"{frame.component} has no setup arm {frame.interface}"
             context.error(source, (*where, "interface"), text, f"one of {', '.join(names)}")
         place = (frame.component, frame.interface)
         if place in taken:
             text = f"{frame.component}/{frame.interface} carries {taken[place]} already"
-            context.error(source, (*where, "interface"), text, "a set-up arm of its own for every arm")
+            context.error(source, (*where, "interface"), text, "a setup arm of its own for every arm")
         taken.setdefault(place, keys.name)
 
 
@@ -139,7 +139,7 @@ class _CartLoader:
     carries: dict[str, str]
 
     @property
-    def is_played(self) -> bool:
+    def is_kinematic(self) -> bool:
         """KINEMATIC: nothing is measured."""
         return self.keys.simulation == KINEMATIC
 
@@ -167,7 +167,7 @@ class _CartLoader:
     def _cart(self, kind: str, source: SourceFile, arms: Sequence[cart.CartArm], reference: str) -> cart.Cart:
         names = [arm.name for arm in arms]
         if reference not in names and reference != "ECM":  # the usual one may be missing: then there is none
-            self.context.error(source, ("reference_arm",), f"no set-up arm {reference}", f"one of {', '.join(names)}")
+            self.context.error(source, ("reference_arm",), f"no setup arm {reference}", f"one of {', '.join(names)}")
         for place, name in enumerate(names):
             if name in names[:place]:
                 text = f"{name} is that of arms[{names.index(name)}], too"
@@ -185,7 +185,7 @@ class _CartLoader:
         arms = [self._classic_arm(opened.source, place, keys) for place, keys in enumerate(opened.content.arms)]
         made = self._cart(cart.CLASSIC, opened.source, [a for a in arms if a is not None],
                           opened.content.reference_arm)
-        if self.is_played or bus is None:
+        if self.is_kinematic or bus is None:
             return made
         robot = self.keys.name_on_IO or self.keys.name
         self._check_bus(bus, robot, any(arm.lifts for arm in made.arms))
@@ -234,7 +234,7 @@ class _CartLoader:
         source, content = opened.source, opened.content
         arms = [self._si_arm(source, place, keys) for place, keys in enumerate(content.arms)]
         made = self._cart(cart.SI, source, [a for a in arms if a is not None], content.reference_arm)
-        if self.is_played:
+        if self.is_kinematic:
             return made
         if content.base_arduino_mac is None:
             text = "this key is required: the first joint of every arm hangs on the base's board"
@@ -255,8 +255,8 @@ class _CartLoader:
             self.context.error(source, (*where, "DH"), f"{len(chain.links)} rows", f"{rows} rows, the last two fixed")
         pots = self._pots(source, where, keys, joints)
         if keys.name not in BASE_POTS:
-            self.context.error(source, (*where, "name"), "no Si set-up arm", f"one of {', '.join(BASE_POTS)}")
-        elif not self.is_played and keys.arduino_mac is None:
+            self.context.error(source, (*where, "name"), "no Si setup arm", f"one of {', '.join(BASE_POTS)}")
+        elif not self.is_kinematic and keys.arduino_mac is None:
             self.context.error(source, (*where, "arduino_mac"), "this key is required", "a Bluetooth address")
         if pots is None or keys.name not in BASE_POTS:
             return None
@@ -311,7 +311,7 @@ class _CartLoader:
 
         None with errors.
         """
-        if self.is_played:
+        if self.is_kinematic:
             return (), (), ()
         rows: dict[str, PotRows] = {"primary": (keys.primary_scales, keys.primary_offsets),
                                     "secondary": (keys.secondary_scales, keys.secondary_offsets)}
@@ -346,7 +346,7 @@ class _CartLoader:
 
 
 def check_cart(context: Context, path: Path, kind: str) -> None:
-    """A file of set-up joints by itself: everything in it but what its potentiometers hang on."""
+    """A file of setup joints by itself: everything in it but what its potentiometers hang on."""
     source = context.read(path)
     arms = source.data.get("arms") if source is not None else None
     rows = arms if isinstance(arms, list) else []

@@ -1,4 +1,4 @@
-"""The `consoles` of a system: their inputs, and the tele-operations that join arms, as rows of the document."""
+"""The `consoles` of a system: their inputs, and the teleoperations that join arms, as rows of the document."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 from procs.config.build.buses import BusFiles
 from procs.config.build.context import Context
-from procs.config.build.externals import COMPONENTS, GENERIC, place_of
+from procs.config.build.third_parties import COMPONENTS, GENERIC, place_of
 from procs.config.models.hid_file import load_hid
 from procs.config.models.system_file import (
     ConsoleKeys,
@@ -25,7 +25,7 @@ from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
 from procs.document.cart import Cart
 from procs.document.consoles import GOOVIS, Console, Focus, HidSensor, TeleopEcmConfig, TeleopPsmConfig, WiredInput
-from procs.document.third_party import External
+from procs.document.third_party import ThirdParty
 
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
@@ -53,14 +53,14 @@ class Operation:
     consoles: tuple[Console, ...] = ()
     teleop_psms: tuple[TeleopPsmConfig, ...] = ()
     teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
-    externals: tuple[External, ...] = ()
+    third_parties: tuple[ThirdParty, ...] = ()
     focuses: tuple[Focus, ...] = ()
 
     @property
     def names(self) -> set[str]:
         """Names of all of them."""
-        rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | External | Focus] = [
-            *self.consoles, *self.teleop_psms, *self.teleop_ecms, *self.externals, *self.focuses]
+        rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | ThirdParty | Focus] = [
+            *self.consoles, *self.teleop_psms, *self.teleop_ecms, *self.third_parties, *self.focuses]
         return {row.name for row in rows}
 
 
@@ -68,9 +68,9 @@ def load_consoles(
     context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str],
     carts: Sequence[Cart] = (),
 ) -> Operation:
-    """All consoles with their tele-operations; those whose arms do not run are noted and left out.
+    """All consoles with their teleoperations; those whose arms do not run are noted and left out.
 
-    `arms` are the names of those that run. Missing parts, unknown arms and tele-operations listed twice are errors.
+    `arms` are the names of those that run. Missing parts, unknown arms and teleoperations listed twice are errors.
     """
     setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
     loader = _ConsoleLoader(context, source, content, buses, arms, setups)
@@ -87,7 +87,7 @@ class _ConsoleLoader:
     content: SystemFile
     buses: dict[str, BusFiles]
     arms: Collection[str]
-    setups: dict[str, list[str]]  # set-up arms by the set-up joints that run
+    setups: dict[str, list[str]]  # setup arms by the setup joints that run
     taken: dict[str, str] = field(default_factory=dict)
     psms: list[TeleopPsmConfig] = field(default_factory=list)
     ecms: list[TeleopEcmConfig] = field(default_factory=list)
@@ -185,7 +185,7 @@ class _ConsoleLoader:
     def _turn_off(self, device: IoDeviceKeys) -> WiredInput | None:
         return WiredInput(device.IO, TURN_OFF) if TURN_OFF in (self._names(device, True) or ()) else None
 
-    # -- tele-operations -----------------------------------------------------------------------------------------------
+    # -- teleoperations -----------------------------------------------------------------------------------------------
 
     def _psm(self, key: Key, console: str, keys: TeleopPsmKeys) -> TeleopPsmConfig | None:
         given = keys.configure_parameter or TeleopPsmParameters()
@@ -220,27 +220,27 @@ class _ConsoleLoader:
                                   given.camera_roll_offset)
 
     def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:
-        """What carries the PSM is an arm that runs, or a set-up arm (`interface`) of set-up joints (`component`).
+        """What carries the PSM is an arm that runs, or a setup arm (`interface`) of setup joints (`component`).
 
         False, with a note, where it may be one of the components that are left out: without it a PSM goes elsewhere.
         """
         if frame.component in self.setups:
             known = self.setups[frame.component]
             if frame.interface not in known:
-                self.context.error(self.source, (*key, "interface"), f"{frame.component} has no such set-up arm",
+                self.context.error(self.source, (*key, "interface"), f"{frame.component} has no such setup arm",
                                    f"one of {', '.join(known)}")
         elif frame.component not in self.arms and self.content.component_manager:
             self.context.notes.append(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, no "
-                                      "arm and no set-up joints; components of component_manager are left out)")
+                                      "arm and no setup joints; components of component_manager are left out)")
             return False
         elif frame.component not in self.arms:
             running = ", ".join((*self.setups, *self.arms))
-            self.context.error(self.source, (*key, "component"), "no arm and no set-up joints of this name are started",
+            self.context.error(self.source, (*key, "component"), "no arm and no setup joints of this name are started",
                                f"one of {running}")
         return True
 
     def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
-        """The tele-operation's name, of its arms' names; errors when they are unknown or the name is taken."""
+        """The teleoperation's name, of its arms' names; errors when they are unknown or the name is taken."""
         for role, arm in parts.items():
             self._check_arm((*key, role), role, arm)
         name = "_".join(parts.values())
@@ -273,7 +273,7 @@ class _ConsoleLoader:
         if keys.type.endswith("_GENERIC"):
             self.context.notes.append(
                 f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} is for the original "
-                "software; a tele-operation of your own is a program that reads arms and asks them (docs/python.md), "
+                "software; a teleoperation of your own is a program that reads arms and asks them (docs/python.md), "
                 "or one of ours with an arm of your own (docs/third-party-masters.md)")
             return False
         if keys.type.endswith("_DERIVED"):
@@ -284,6 +284,6 @@ class _ConsoleLoader:
         given = keys.configure_parameter if isinstance(keys, TeleopPsmKeys) else None
         generic = arms[0] in [row.name for row in self.content.arms if row.type.endswith(GENERIC)]
         if generic and isinstance(keys, TeleopPsmKeys) and (given is None or given.MTM_is_haptic):
-            self.context.notes.append(f"teleop {name}: {arms[0]} is a program of somebody else; unless that carries "
+            self.context.notes.append(f"teleop {name}: {arms[0]} is a third-party program; unless that carries "
                                       "out move_cp and body/servo_cf, say MTM_is_haptic: false and align_MTM: false")
         return not absent

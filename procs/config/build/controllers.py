@@ -33,7 +33,7 @@ _UNKNOWN = "HARDWARE_UNDEFINED"
 
 @dataclass(frozen=True, slots=True)
 class BusPlace:
-    """One emulated bus, what is said of it, and where mistakes are told."""
+    """One emulated bus, what is said of it, and where mistakes are reported."""
 
     context: Context
     source: SourceFile
@@ -74,15 +74,15 @@ class BusPlace:
 
 def _merged(model: type[Keys], *levels: Section) -> Keys:
     """What is said on several levels, the last being the nearest."""
-    said: dict[str, Any] = {}
+    reported: dict[str, Any] = {}
     for level in levels:
         for name in model.model_fields:
             value = getattr(level, name, None)
             if isinstance(value, QuirkKeys):
-                value = _merged(QuirkKeys, said.get(name, QuirkKeys()), value)
+                value = _merged(QuirkKeys, reported.get(name, QuirkKeys()), value)
             if value is not None:
-                said[name] = value
-    return model(**said)
+                reported[name] = value
+    return model(**reported)
 
 
 def bus_files(bus: BusFiles) -> tuple[Opened[IoFile], ...]:
@@ -119,24 +119,24 @@ def _hardware_of_files(place: BusPlace) -> dict[int, str]:
 
 
 def _controller(place: BusPlace, board: int, of_files: str) -> document.Controller:
-    said = place.of_board(board)
-    hardware = said.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
+    reported = place.of_board(board)
+    hardware = reported.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
     if of_files not in (_UNKNOWN, hardware):
         text = f"board {board} of {place.name} is a {of_files} in its IO file"
         place.error(place.where("hardware", board), text, of_files)
     _check_axes(place, board, hardware)
-    firmware = said.firmware or (OF_ETHERNET if place.ethernet else USUAL)
-    fpga = said.fpga or _usual_fpga(place, hardware, firmware)
+    firmware = reported.firmware or (OF_ETHERNET if place.ethernet else USUAL)
+    fpga = reported.fpga or _usual_fpga(place, hardware, firmware)
     _check_made(place, board, hardware, firmware, fpga)
     return document.Controller(
         board_id=board,
         hardware=hardware,
         firmware=firmware,
         fpga=fpga,
-        serial=said.serial or "",
+        serial=reported.serial or "",
         robot_serial=_robot_serial(place, board) if hardware == "dRA1" else "",
         qla=_qla(place, board, hardware, firmware),
-        quirks=document.Quirks(**said.quirks.model_dump(exclude_none=True)),
+        quirks=document.Quirks(**reported.quirks.model_dump(exclude_none=True)),
     )
 
 

@@ -186,7 +186,7 @@ def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
 
 
 def setup_arm(keys: SetupArmKeys) -> emulated.EmulatedSetupArm:
-    """One passive arm of the set-up joints."""
+    """One passive arm of the setup joints."""
     return emulated.EmulatedSetupArm(
         name=keys.name,
         plug=keys.plug_number,

@@ -79,7 +79,7 @@ def build_emulation(
         seed=options.seed,
         pot_noise_v=options.pot_noise_v,
         instruments=_instruments(context, source, arms, options),
-        likenesses=_likenesses(context, source, robots, options),
+        model_variations=_model_variations(context, source, robots, options),
     )
 
 
@@ -208,9 +208,9 @@ def _instruments(
     return tuple(sorted(instruments.items()))
 
 
-def _likenesses(
+def _model_variations(
     context: Context, source: SourceFile, robots: dict[str, RobotKeys], options: EmulationOptions
-) -> tuple[document.Likeness, ...]:
+) -> tuple[document.ModelVariation, ...]:
     for name, keys in options.robots.items():
         key = (*EMULATION, "robots", name)
         robot = robots.get(name)
@@ -222,4 +222,4 @@ def _likenesses(
         for what, values in (("backlash", keys.backlash), ("pot_offset", keys.pot_offset)):
             if values and len(values) != count:
                 context.error(source, (*key, what), f"{len(values)} values", f"{count}, one an actuator")
-    return tuple(document.Likeness(name, **keys.model_dump()) for name, keys in options.robots.items())
+    return tuple(document.ModelVariation(name, **keys.model_dump()) for name, keys in options.robots.items())

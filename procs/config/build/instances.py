@@ -20,7 +20,7 @@ def build_processes(
 ) -> tuple[document.Process, ...]:
     """All instances of all kinds, see `procs.manifest`.
 
-    Programs of somebody else are listed, too: nobody here starts them, but they have places of their own.
+    third-party programs are listed, too: nobody here starts them, but they have places of their own.
     """
     found = [(kind, row) for kind in PROCS for row in kind.instances(system)]
     known = dict.fromkeys(row.name for _, row in found)

@@ -126,18 +126,18 @@ def _check_calibration(context: Context, source: SourceFile, key: Key, robot: Ro
     """Equal current offsets everywhere mean that nobody measured them: the motors would pull when asked for nothing."""
     if robot.hardware_version == "dRA1":
         return
-    tell = context.warning if context.calibration_mode else context.error
+    report = context.warning if context.calibration_mode else context.error
     mode = ", or calibration mode (trocar: {calibration_mode: true})" if not context.calibration_mode else ""
     offsets = {int(actuator.drive.current_to_bits.offset) for actuator in robot.actuators}
     if len(robot.actuators) >= _LEAST_FOR_CALIBRATION and len(offsets) == 1:
         where = (*key, "actuators", 0, "drive", "current_to_bits", "offset")
         text = f"robot {robot.name} is not calibrated: its {len(robot.actuators)} current offsets are all equal"
-        tell(source, where, text, f"offsets measured by the current calibration{mode}")
+        report(source, where, text, f"offsets measured by the current calibration{mode}")
     if len(robot.actuators) == 1:
         pot = robot.actuators[0].potentiometer
         if pot and pot.voltage_to_position.scale == 0.0 and pot.voltage_to_position.offset == 0.0:
             where = (*key, "actuators", 0, "potentiometer", "voltage_to_position")
-            tell(source, where, "the potentiometer is not calibrated", f"scale or offset other than 0{mode}")
+            report(source, where, "the potentiometer is not calibrated", f"scale or offset other than 0{mode}")
 
 
 def _check_potentiometers(context: Context, source: SourceFile, key: Key, robot: RobotKeys) -> None:

@@ -116,9 +116,9 @@ def kind_of(source: SourceFile) -> str:
     arms = source.data.get("arms")
     first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
     if "measured_cp" in first:
-        return "set-up joints, fixed"
+        return "setup joints, fixed"
     if {"DH", "primary_offsets", "simulated_position"} & first:
-        return "set-up joints, Classic" if "plug_number" in first else "set-up joints, Si"
+        return "setup joints, Classic" if "plug_number" in first else "setup joints, Si"
     return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
 
 
@@ -185,9 +185,9 @@ _CHECKS: dict[str, Callable[[Context, Path], object]] = {
     "kinematic": _check_kinematic,
     "tool": _check_tool,
     "tool index": _check_index,
-    "set-up joints, Classic": partial(check_cart, kind=CLASSIC),
-    "set-up joints, Si": partial(check_cart, kind=SI),
-    "set-up joints, fixed": partial(check_cart, kind=FIXED),
+    "setup joints, Classic": partial(check_cart, kind=CLASSIC),
+    "setup joints, Si": partial(check_cart, kind=SI),
+    "setup joints, fixed": partial(check_cart, kind=FIXED),
     "potentiometer table": check_table,
     "gravity": load_master_gravity,
     "head sensor": load_hid,

@@ -1,6 +1,6 @@
 """Arms with `"simulation": "KINEMATIC"`: the robots that the process `io` plays for them, made from their chains.
 
-There is no board, no motor and no gain: actuators go where their set-points are. What is left of a robot is how many
+There is no board, no motor and no gain: actuators go where their setpoints are. What is left of a robot is how many
 actuators it has and how far they may go. The first ones are those of the chain, through its coupling where it has one;
 what an instrument turns (the rest of a PSM's) goes as far as the discs of a PSM do.
 """

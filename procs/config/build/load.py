@@ -18,13 +18,13 @@ from procs.config.build.components import warn_of_components
 from procs.config.build.consoles import Operation, load_consoles
 from procs.config.build.context import Context
 from procs.config.build.emulated import build_emulation, default_addresses, ports_of
-from procs.config.build.externals import load_externals
 from procs.config.build.focus import load_focus
 from procs.config.build.instances import build_processes, with_period
 from procs.config.build.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.config.build.overrides import SECTION, apply_overrides
 from procs.config.build.setup_joints import with_setup_joints
 from procs.config.build.tasks import with_tasks
+from procs.config.build.third_parties import load_third_parties
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.paths import PROJECT_CONFIGS, is_folder
@@ -118,13 +118,13 @@ def _load(
             arms.append(_with_period(arm, options))
     carts = load_carts(context, source, content, buses, options, emulated)
     check_buses(context, buses)
-    externals = load_externals(context, source, content)
-    if options.clock in _SIMULATED and externals:
-        text = f"{', '.join(row.name for row in externals)}: somebody else's program does not wait for us"
+    third_parties = load_third_parties(context, source, content)
+    if options.clock in _SIMULATED and third_parties:
+        text = f"{', '.join(row.name for row in third_parties)}: a third-party program does not wait for us"
         context.error(source, (SECTION, "clock"), text, "wall")
-    running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in externals if row.type]
+    running = [loaded.arm.name for loaded in arms if loaded.starts] + [row.name for row in third_parties if row.type]
     operation = load_consoles(context, source, content, buses, running, carts)
-    operation.externals = externals
+    operation.third_parties = third_parties
     operation.focuses = load_focus(context, source, content, buses, operation.names)
     system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
                        bus_address)
@@ -232,20 +232,21 @@ def _assemble(
         emulation = build_emulation(context, source, buses, real, options.emulation, address)
     ports = ports_of(emulation.buses) if emulation else {}
     ios = with_brakes([_io(bus, started, ports, options) for bus in used], carts)
-    played = _played([loaded for loaded in arms if loaded.is_kinematic], options)
-    if played and options.io.tasks:
-        context.notes.append(f"in-cycle tasks need boards: none runs for {', '.join(r.name for r in played[0].robots)}")
+    kinematic = _kinematic([loaded for loaded in arms if loaded.is_kinematic], options)
+    if kinematic and options.io.tasks:
+        names = ", ".join(robot.name for robot in kinematic[0].robots)
+        context.notes.append(f"in-cycle tasks need boards: none runs for {names}")
     if emulation:
         every = tuple(_io(bus, real, ports, options) for bus in used)
         bodies = tuple(loaded.arm for loaded in real)
-        if every != ios or played or any(arm != loaded.commanded for arm, loaded in zip(bodies, real, strict=True)):
+        if every != ios or kinematic or any(arm != loaded.commanded for arm, loaded in zip(bodies, real, strict=True)):
             emulation = dataclasses.replace(emulation, ios=every, arms=bodies)
     arm_rows = with_base_frames([loaded.commanded for loaded in started], carts)
-    ios = with_tasks(context, source, ios, options.io.tasks) + played
+    ios = with_tasks(context, source, ios, options.io.tasks) + kinematic
     system = document.SystemConfig(
         name=system_name,
         source=str(source.path),
-        clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.externals),
+        clock=options.clock or _usual_clock(context, ios, carts, emulated, operation.third_parties),
         ios=ios,
         arms=arm_rows,
         emulation=emulation,
@@ -255,7 +256,7 @@ def _assemble(
         teleop_psms=tuple(dataclasses.replace(with_period(row, options), wrench_timeout_s=options.arm.effort_timeout_s)
                           for row in operation.teleop_psms),
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
-        externals=operation.externals,
+        third_parties=operation.third_parties,
         focuses=operation.focuses,
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
@@ -266,12 +267,12 @@ def _assemble(
 
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,
-                 externals: tuple[document.External, ...]) -> str:
+                 third_parties: tuple[document.ThirdParty, ...]) -> str:
     """The clock where none is stated: what is not real waits for a busy machine."""
     if not emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
         return document.WALL
-    if externals:
-        names = ", ".join(row.name for row in externals)
+    if third_parties:
+        names = ", ".join(row.name for row in third_parties)
         context.notes.append(f"clock: wall, because third-party programs do not wait for simulated time: {names}")
         return document.WALL
     return document.PACED
@@ -304,7 +305,7 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
     )
 
 
-def _played(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.IoConfig, ...]:
+def _kinematic(arms: list[LoadedArm], options: TrocarSection) -> tuple[document.IoConfig, ...]:
     """The process that plays the robots of KINEMATIC arms, where there are any; the shortest `PID_period` holds."""
     if not arms:
         return ()

@@ -1,4 +1,4 @@
-"""Classic set-up joints on emulated boards: their file, and the outputs and axes that reach them."""
+"""Classic setup joints on emulated boards: their file, and the outputs and axes that reach them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROOM = {"QLA1": 4, "DQLA": 8}  # axes and outputs alike
 def with_setup_joints(
     context: Context, source: SourceFile, content: SystemFile, system: document.SystemConfig | None
 ) -> document.SystemConfig | None:
-    """The system, with the Classic set-up joints among its arms on its emulated boards."""
+    """The system, with the Classic setup joints among its arms on its emulated boards."""
     if system is None or system.emulation is None:
         return system
     found = []
@@ -44,14 +44,14 @@ def _load(
     made = _fitted(system, io, robot, opened.content) if io is not None and robot is not None else None
     if made is None:
         need = f"{PLUGS} actuators and the outputs {', '.join(OUTPUTS)}, all on one QLA1 or DQLA"
-        context.warning(source, where, f"emulated without set-up joints: {keys.IO} has not all it takes", need)
+        context.warning(source, where, f"emulated without setup joints: {keys.IO} has not all it takes", need)
     return made
 
 
 def _fitted(
     system: document.SystemConfig, io: document.IoConfig, robot: document.Robot, content: SetupFile
 ) -> emulated.EmulatedSetupJoints | None:
-    """The set-up joints on the board that has their actuators and outputs; None when no board has them all."""
+    """The setup joints on the board that has their actuators and outputs; None when no board has them all."""
     named = {row.name: row for row in io.digital_outputs}
     outputs = [named[name] for name in OUTPUTS if name in named]
     boards = [actuator.board_id for actuator in robot.actuators] + [output.board_id for output in outputs]

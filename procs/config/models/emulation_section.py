@@ -88,7 +88,7 @@ class EmulatedBusKeys(NetworkKeys):
     controllers: dict[str, ControllerKeys] = Field(default_factory=dict)
 
 
-class LikenessKeys(Section):
+class ModelVariationKeys(Section):
     """How one robot differs from its files, by its name there."""
 
     friction: float = Field(default=1.0, ge=0.0, le=10.0, description="factor")
@@ -109,4 +109,4 @@ class EmulationOptions(NetworkKeys):
     pot_noise_v: float = Field(default=0.0, ge=0.0, le=1.0, description="V")
     instruments: dict[str, str] = Field(default_factory=dict, description="arm: NAME:MODEL")
     buses: dict[str, EmulatedBusKeys] = Field(default_factory=dict)
-    robots: dict[str, LikenessKeys] = Field(default_factory=dict)
+    robots: dict[str, ModelVariationKeys] = Field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Files of set-up joints: potentiometers, brakes and geometry of the arms that carry PSMs and the ECM."""
+"""Files of setup joints: potentiometers, brakes and geometry of the arms that carry PSMs and the ECM."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FrameKeys(Section):
 
 
 class SetupArmKeys(Section):
-    """One Classic set-up arm: currents in A, potentiometers from V to rad or m."""
+    """One Classic setup arm: currents in A, potentiometers from V to rad or m."""
 
     name: SetupName
     type: Literal["ECM", "PSM", "Motorized PSM"]
@@ -52,7 +52,7 @@ class SetupFile(Section):
 
 
 class SiArmKeys(Section):
-    """One Si set-up arm: potentiometers from counts to rad or m, read by a board over Bluetooth."""
+    """One Si setup arm: potentiometers from counts to rad or m, read by a board over Bluetooth."""
 
     name: SetupName
     arduino_mac: Address | None = None

@@ -115,7 +115,7 @@ class GripperScalingKeys(Section):
 
 
 class TeleopPsmParameters(Section):
-    """How a PSM tele-operation behaves; angles in rad."""
+    """How a PSM teleoperation behaves; angles in rad."""
 
     scale: float = Field(default=0.2, gt=0.0)
     rotation_locked: bool = False
@@ -148,7 +148,7 @@ class TeleopPsmKeys(Section):
 
 
 class TeleopEcmParameters(Section):
-    """How an ECM tele-operation behaves."""
+    """How an ECM teleoperation behaves."""
 
     scale: float = Field(default=0.2, gt=0.0, description="of the insertion")
     camera_roll_offset: float = Field(default=0.0, description="rad")

@@ -33,7 +33,7 @@ class IoOptions(Section):
     period_s: Period | None = None
     priority: Priority = 80
     cpu: Cpu | None = None
-    setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old set-point, then hold")
+    setpoint_timeout_s: float = Field(default=0.03, ge=0.001, le=1.0, description="s of an old setpoint, then hold")
     arm_lost_s: float = Field(default=3.0, ge=0.01, le=3600.0, description="s without the arm, then an error")
     arm_lost_power_off_s: float = Field(default=0.0, ge=0.0, le=3600.0, description="s without the arm; 0: never")
     current_error_a: float = Field(default=0.0, ge=0.0, le=20.0,

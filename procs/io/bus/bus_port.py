@@ -113,7 +113,7 @@ class BusPort:
         if link.transport.on_firewire:
             hub, boards = self._find_on_firewire()
         else:
-            hub, boards = (self._find_told() if self._quiet else None) or self._find_by_network()
+            hub, boards = (self._find_reported() if self._quiet else None) or self._find_by_network()
         self.boards, self._hub = boards, hub
         self._nodes = ChainMap({info.board: info.node for info in boards})
         if self.board_ids:
@@ -134,10 +134,10 @@ class BusPort:
             discovery.tune_gap(link, boards)
         return hub, boards
 
-    def _find_told(self) -> _Found | None:
+    def _find_reported(self) -> _Found | None:
         """None where the hub has no address of ours, or the boards do not know their node numbers yet."""
         link = self._link
-        hub = discovery.find_told_hub(link, self._bridge)
+        hub = discovery.find_reported_hub(link, self._bridge)
         if hub is None:
             return None
         boards = discovery.find_boards(link, hub.board, self.board_ids)
@@ -221,7 +221,7 @@ class BusPort:
         return good
 
     def read_quadlet(self, board: int, address: int) -> int:
-        """One register of one board; waits up to 0.1 s, so for set-up and tools. PortError when it does not answer."""
+        """One register of one board; waits up to 0.1 s, so for setup and tools. PortError when it does not answer."""
         value = self._link.read_quadlet(self._node(board), address)
         if value is None:
             raise self._no_answer(board, address)

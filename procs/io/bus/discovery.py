@@ -13,7 +13,7 @@ from procs.io.bus.port import BoardInfo, PortError
 NODES: Final = 16
 PHY_PAUSE_MS: Final = 10
 FIRST_TRIES: Final = 10
-TOLD_TRIES: Final = 3
+REPORTED_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing
 NOWHERE: Final = 0x3E  # a node number that no board has
 PROBE_NS: Final = 1_000_000_000
@@ -53,17 +53,17 @@ def find_hub(link: Link, bridge: bool) -> HubBoard:
     return hub
 
 
-def find_told_hub(link: Link, bridge: bool) -> HubBoard | None:
+def find_reported_hub(link: Link, bridge: bool) -> HubBoard | None:
     """The hub, found by reads alone, which refresh no watchdog; None where no earlier host gave it this address."""
     link.transport.ask_everybody()
-    hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=TOLD_TRIES)
+    hardware = link.read_quadlet(wire.BROADCAST, registers.HARDWARE_ID, flags=wire.NO_FORWARD, tries=REPORTED_TRIES)
     if hardware is None:
         return None
     link.generation = link.seen_generation
     hub = _known_hub(link, hardware, bridge)
-    told = link.read_quadlet(wire.BROADCAST, registers.IP_ADDRESS, flags=wire.NO_FORWARD)
+    reported = link.read_quadlet(wire.BROADCAST, registers.IP_ADDRESS, flags=wire.NO_FORWARD)
     address = _aim(link, hub, bridge)
-    return hub if address in (0, told) else None
+    return hub if address in (0, reported) else None
 
 
 def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
@@ -206,7 +206,7 @@ class Rescan:
 
     Nodes are numbered without gaps, so two that are silent one after the other are the end of the bus (one may be
     waking up, or its reply was lost). A board that is not found in two turns is away, and the others go on without it;
-    the next reset, which its return brings, begins anew. As its replies may have been lost, or its device be opened
+    the next reset, which its return brings, restarts. As its replies may have been lost, or its device be opened
     only later, one node is asked once a second. Without the hub nobody goes on.
     """
 

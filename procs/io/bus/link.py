@@ -1,4 +1,4 @@
-"""Transactions with the boards of a bus: labels, bus generation, deadlines, late replies, retries of set-up reads."""
+"""Transactions with the boards of a bus: labels, bus generation, deadlines, late replies, retries of setup reads."""
 
 from __future__ import annotations
 

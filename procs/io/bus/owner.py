@@ -47,7 +47,7 @@ def _owner(name: str) -> str:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace").split("\0")
     except OSError:
         return "another program that is just starting or ending"
-    told = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
-    if len(told) == 2:
-        return f"{told['--name']} of system {told['--system']} (pid {pid})"
+    reported = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
+    if len(reported) == 2:
+        return f"{reported['--name']} of system {reported['--system']} (pid {pid})"
     return f"pid {pid}"

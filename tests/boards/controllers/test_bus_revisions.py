@@ -205,14 +205,14 @@ def test_a_host_that_asks_for_a_bus_reset_gets_one() -> None:
     assert line.bus.generation == before + 1
 
 
-@pytest.mark.parametrize(("controller", "said"), [
+@pytest.mark.parametrize(("controller", "reported"), [
     (Controller(0, "DQLA", 7, "V3"), "DQLA with firmware 7"),
     (Controller(0, "QLA1", 7, "V3"), "QLA1 with firmware 7 on FPGA V3; allowed: 7 on V2, 8 on V2 or V3"),
     (Controller(0, "dRA1", 9, "V2"), "dRA1 with firmware 9 on FPGA V2"),
     (Controller(0, "QLA2"), "hardware QLA2; allowed: QLA1, DQLA, dRA1"),
 ])
-def test_controllers_there_never_were_are_refused(controller: Controller, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
+def test_controllers_there_never_were_are_refused(controller: Controller, reported: str) -> None:
+    with pytest.raises(ValueError, match=reported):
         EmulatedBus((controller,))
 
 

@@ -136,16 +136,16 @@ def test_the_lowest_status_bits_are_requests_or_the_feedback_again(firmware: int
 
 
 @pytest.mark.parametrize("firmware", ALL)
-@pytest.mark.parametrize("power_wanted", [False, True])
+@pytest.mark.parametrize("power_requested", [False, True])
 @pytest.mark.parametrize("word", [0x0000, 0x0100, 0x0001, 0x0101])
 @pytest.mark.parametrize("before", [False, True])
-def test_an_enable_changes_with_its_mask_bit_and_never_without_power(firmware: int, power_wanted: bool, word: int,
+def test_an_enable_changes_with_its_mask_bit_and_never_without_power(firmware: int, power_requested: bool, word: int,
                                                                      before: bool) -> None:
     desk = _on(firmware) if before else Desk(board(firmware))
-    desk.write(reg.STATUS, reg.CONTROL_POWER_ON if power_wanted else reg.CONTROL_POWER_OFF)
+    desk.write(reg.STATUS, reg.CONTROL_POWER_ON if power_requested else reg.CONTROL_POWER_OFF)
     desk.write(reg.STATUS, word)
     wanted = word == 0x0101 if word & 0x100 else before
-    assert desk.requests()[0] == (wanted and power_wanted)
+    assert desk.requests()[0] == (wanted and power_requested)
 
 
 @pytest.mark.parametrize("firmware", ALL)

@@ -13,8 +13,8 @@ from procs.document.system import (
     EmulationConfig,
     Encoder,
     IoConfig,
-    Likeness,
     Linear,
+    ModelVariation,
     Robot,
     SystemConfig,
 )
@@ -59,19 +59,22 @@ def arm(name: str, kind: str, file: str, tool: str = "") -> ArmConfig:
     )
 
 
-def system(robots: tuple[Robot, ...], arms: tuple[ArmConfig, ...], seed: int = 1, *like: Likeness) -> SystemConfig:
+def system(robots: tuple[Robot, ...], arms: tuple[ArmConfig, ...], seed: int = 1,
+           *like: ModelVariation) -> SystemConfig:
     io = IoConfig("IO1", "udp:127.1.0.16", "broadcast-query-read-write", 1 / 1500, 0.03, True, robots, (), ())
-    return SystemConfig("test", "", "lockstep", (io,), arms, EmulationConfig(PERIOD, (), seed=seed, likenesses=like),
+    return SystemConfig("test", "", "lockstep", (io,), arms,
+                        EmulationConfig(PERIOD, (), seed=seed, model_variations=like),
                         ())
 
 
-def psm(tool: str = LND, count: int = 1, seed: int = 1, *like: Likeness) -> Plant:
+def psm(tool: str = LND, count: int = 1, seed: int = 1, *like: ModelVariation) -> Plant:
     names = [f"PSM{i + 1}" for i in range(count)]
     robots = tuple(robot(name, "RRPRRRR") for name in names)
     return Plant(system(robots, tuple(arm(name, "PSM", "PSM", tool) for name in names), seed, *like))
 
 
-def si(kind: str, pitch: float = 0.0, tool: str = "", endoscope: float = 0.0, like: Likeness | None = None) -> Plant:
+def si(kind: str, pitch: float = 0.0, tool: str = "", endoscope: float = 0.0,
+       like: ModelVariation | None = None) -> Plant:
     """A PSM or ECM Si with the links and masses of its physical file, an ECM with an endoscope of so many kg."""
     file = f"{kind}_Si"
     links = stock.chain(f"{file}_physical")

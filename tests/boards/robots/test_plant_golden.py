@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from procs.boards.robots.plant import Plant
-from procs.document.system import Chain, DhLink, Likeness
+from procs.document.system import Chain, DhLink, ModelVariation
 from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, SNAKE, arm, holding, psm, robot, run, si, system
@@ -59,7 +59,7 @@ def test_masters_and_cameras_reach_where_the_originals_say(data: Data) -> None:
 
 
 def set_up_chain(data: Data, file: str, name: str) -> Chain:
-    """The chain of a set-up arm."""
+    """The chain of a setup arm."""
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", data(f"dvrk-share/{file}").read_text(), flags=re.DOTALL)
     rows = next(one for one in json.loads(text)["arms"] if one["name"] == name)["DH"]["links"]
     keys = ("alpha", "A", "theta", "D", "offset")
@@ -93,7 +93,7 @@ def test_set_up_arms_reach_where_the_originals_say_and_stay(data: Data) -> None:
 def test_an_si_psm_weighs_what_the_originals_hold(data: Data, tool: str) -> None:
     rows = golden(data, "gravity_PSM_Si")
     for pitch in sorted({row["pitch"] for row in rows}):
-        plant = si("PSM", pitch, tool, like=Likeness("PSM", friction=0.0))
+        plant = si("PSM", pitch, tool, like=ModelVariation("PSM", friction=0.0))
         for row in (row for row in rows if row["pitch"] == pitch):
             held = holding(plant, "PSM", np.array([*row["q"][:3], 0.0, 0.0, 0.0, 0.0]))
             np.testing.assert_allclose(held, [*row["effort"], 0.0], atol=TOLERANCE_NM)
@@ -105,12 +105,12 @@ def test_a_camera_weighs_what_the_originals_hold(data: Data) -> None:
     rows = golden(data, "gravity_ECM_Classic_SD")
     for pitch in sorted({row["pitch"] for row in rows}):
         one = dataclasses.replace(arm("ECM", "ECM", "ECM"), chain=chain, mounting_pitch=pitch)
-        plant = Plant(system((robot("ECM", "RRPR"),), (one,), 1, Likeness("ECM", friction=0.0)))
+        plant = Plant(system((robot("ECM", "RRPR"),), (one,), 1, ModelVariation("ECM", friction=0.0)))
         for row in (row for row in rows if row["pitch"] == pitch):
             np.testing.assert_allclose(holding(plant, "ECM", np.array(row["q"])), row["effort"], atol=TOLERANCE_NM)
 
 
 def test_an_si_camera_weighs_what_the_originals_hold() -> None:
-    plant = si("ECM", endoscope=1.8, like=Likeness("ECM", friction=0.0))
+    plant = si("ECM", endoscope=1.8, like=ModelVariation("ECM", friction=0.0))
     held = holding(plant, "ECM", np.array((0.2, -0.3, 0.15, 0.4)))
     np.testing.assert_allclose(held, (-2.7534, 10.11702, -16.53305, 0.0), atol=1e-5)  # given with five digits

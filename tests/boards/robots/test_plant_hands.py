@@ -9,14 +9,14 @@ import pytest
 
 from procs.boards.robots.inertia import GRIPPER_INITIAL
 from procs.boards.robots.plant import Plant
-from procs.document.system import Likeness
+from procs.document.system import ModelVariation
 from procs.kinematics.coupling import coupling
 from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, psm, robot, run, si, system
 
 FIRST_THREE = np.array((True, True, True, False, False, False, False))
-FREE = Likeness("PSM1", friction=0.0)
+FREE = ModelVariation("PSM1", friction=0.0)
 
 
 def master() -> Plant:
@@ -58,8 +58,8 @@ def test_a_pull_at_the_tip_is_a_push_of_the_joints() -> None:
 
 
 def test_a_pull_is_in_the_axes_of_a_tilted_base() -> None:
-    plant = si("PSM", -0.7, LND_SI, like=Likeness("PSM", friction=0.0))
-    twin = si("PSM", -0.7, LND_SI, like=Likeness("PSM", friction=0.0))
+    plant = si("PSM", -0.7, LND_SI, like=ModelVariation("PSM", friction=0.0))
+    twin = si("PSM", -0.7, LND_SI, like=ModelVariation("PSM", friction=0.0))
     plant.pull("PSM", np.array((0.0, 0.0, -50.0, 0.0, 0.0, 0.0)))
     for one in (plant, twin):
         one.step(np.zeros(7))
@@ -176,7 +176,8 @@ def test_a_gripper_stays_where_a_person_puts_it() -> None:
 
 @pytest.mark.parametrize("backlash", [(), (0.01,) * 7])
 def test_an_arm_that_is_put_somewhere_is_at_rest_there(backlash: tuple[float, ...]) -> None:
-    plant, place = psm(LND, 1, 1, Likeness("PSM1", backlash=backlash)), np.array((0.2, 0.1, 0.12, 0.1, 0.1, 0.1, 0.1))
+    plant, place = psm(LND, 1, 1,
+                       ModelVariation("PSM1", backlash=backlash)), np.array((0.2, 0.1, 0.12, 0.1, 0.1, 0.1, 0.1))
     for push in (0.04, 2.0):
         plant.push("PSM1", np.array((push, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
         run(plant, np.array((0.02, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0)), 100)

@@ -11,7 +11,7 @@ import pytest
 from procs.boards.robots.inertia import WRIST_FRICTION
 from procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE
 from procs.boards.robots.plant import Plant
-from procs.document.system import Chain, Likeness, Tool
+from procs.document.system import Chain, ModelVariation, Tool
 from procs.kinematics.coupling import coupling
 from procs.kinematics.forward import Kinematics
 from tests import stock
@@ -21,7 +21,7 @@ PSM_EFFORT = np.array((17.0, 17.0, 40.0, 0.34, 0.34, 0.34, 0.34))
 PSM_GAINS = (np.array((600.0, 600.0, 6000.0, *(6.0,) * 4)), np.array((30.0, 30.0, 200.0, *(0.08,) * 4)))
 ECM_EFFORT = np.array((17.0, 34.0, 70.0, 6.0))
 ECM_GAINS = (np.array((600.0, 600.0, 15000.0, 100.0)), np.array((30.0, 30.0, 500.0, 3.0)))
-FREE = Likeness("PSM", friction=0.0)
+FREE = ModelVariation("PSM", friction=0.0)
 
 
 def joints_of(chain: Chain, tool: Tool | None, joints: np.ndarray) -> np.ndarray:
@@ -115,7 +115,7 @@ def test_si_arms_follow_and_settle_under_their_stock_gains(kind: str, tool: str)
     most = PSM_EFFORT if kind == "PSM" else ECM_EFFORT
     start = plant.position.copy()
     goal = start + np.array((0.3, 0.2, 0.05, 0.3, -0.1, 0.2, 0.2))[: plant.axes]
-    weight = holding(si(kind, -0.7, tool, 1.8, Likeness(kind, friction=0.0)), kind, goal)
+    weight = holding(si(kind, -0.7, tool, 1.8, ModelVariation(kind, friction=0.0)), kind, goal)
     waiting = [np.zeros(plant.axes)]  # one period late
     for k in range(2500):
         share = min(k / 1500, 1.0)

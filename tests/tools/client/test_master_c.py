@@ -54,7 +54,7 @@ def test_a_program_in_c_is_a_master(world: World, made: Callable[..., Place], pr
     pose, grippers = records["measured_cp"], place.ring.last(1000)["gripper_position"]
     assert len(records) > 10 and np.allclose(np.linalg.norm(pose[:, 3:], axis=1), 1.0)
     assert np.abs(np.diff(pose[:, :3], axis=0)).max() < 0.01 and grippers.max() > 0.8
-    assert (records["measured_cv"][-1] != 0).any() and not place.ring.trouble
+    assert (records["measured_cv"][-1] != 0).any() and not place.ring.problem
     with trocar.provide("MTMR", place.name) as master:  # the kernel has given the place back
         master.write(np.eye(4))
         assert place.value("measured_cp").tolist() == [0, 0, 0, 0, 0, 0, 1] and place.ring.epoch == 2

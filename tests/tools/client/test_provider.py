@@ -22,7 +22,7 @@ from shm.ring import RingReader
 from tests.conftest import World
 from tools.client import provider
 from tools.errors import Problem, Refused
-from tools.inspect.processes import lives
+from tools.inspect.processes import statuses
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 QUARTER = ((0.0, -1.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -47,7 +47,7 @@ class Place:
         (reply,) = self.client.poll()
         return reply
 
-    def said(self) -> list[tuple[str, str, str]]:
+    def reported(self) -> list[tuple[str, str, str]]:
         rows = []
         while self.events.next():
             rows.append(tuple(self.events.field(name).item().decode() for name in ("event", "component", "text")))
@@ -67,11 +67,11 @@ def made(world: World) -> Iterator[Callable[..., Place]]:
     def make(**keys: object) -> Place:
         loaded = load_system(PROJECT_CONFIGS / "systems/third-party-master.yaml", name=world.name)
         assert loaded.system is not None, loaded.errors
-        (row,) = loaded.system.externals
-        system = dataclasses.replace(loaded.system, externals=(dataclasses.replace(row, **keys),))  # type: ignore[arg-type]
+        (row,) = loaded.system.third_parties
+        system = dataclasses.replace(loaded.system, third_parties=(dataclasses.replace(row, **keys),))  # type: ignore[arg-type]
         create_all(system)
-        place = Place(world.name, directory.reader(world.name, "MTMR", "state", "external"),
-                      directory.reader(world.name, "MTMR", "events", "external"), Client(world.name, "MTMR"))
+        place = Place(world.name, directory.reader(world.name, "MTMR", "state", "third_party"),
+                      directory.reader(world.name, "MTMR", "events", "third_party"), Client(world.name, "MTMR"))
         place.beat()
         opened.append(place)
         return place
@@ -177,7 +177,7 @@ def test_what_it_carries_out_gets_the_numbers(place: Place) -> None:
 
 def test_buttons_are_levels_and_events(place: Place) -> None:
     with trocar.provide("MTMR", place.name) as master:
-        place.said()
+        place.reported()
         master.press("clutch")
         master.press("clutch")
         master.click("camera")
@@ -185,7 +185,7 @@ def test_buttons_are_levels_and_events(place: Place) -> None:
             master.press("operator")
         master.write(np.eye(4))
         assert place.value("input").tolist() == [True, False, False]
-        assert place.said() == [("button", "clutch", "pressed"), ("button", "camera", "clicked")]
+        assert place.reported() == [("button", "clutch", "pressed"), ("button", "camera", "clicked")]
 
 
 def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None:
@@ -224,13 +224,13 @@ def test_wrong_commands_and_rates_are_told_at_once(place: Place) -> None:
 
 def test_status_tells_whether_it_is_attached(place: Place) -> None:
     def shown() -> tuple[str, str]:
-        return next((life.kind, life.state) for life in lives(place.name) if life.name == "MTMR")
+        return next((process.kind, process.state) for process in statuses(place.name) if process.name == "MTMR")
 
-    assert shown() == ("external", "NOT ATTACHED")
+    assert shown() == ("third_party", "NOT ATTACHED")
     with trocar.provide("MTMR", place.name) as master:
         master.tick()
-        assert shown() == ("external", "ATTACHED")
-    assert shown() == ("external", "DETACHED")
+        assert shown() == ("third_party", "ATTACHED")
+    assert shown() == ("third_party", "DETACHED")
 
 
 def test_it_learns_that_the_system_ends(place: Place) -> None:
@@ -286,13 +286,14 @@ def test_a_program_that_was_held_up_begins_anew(made: Callable[..., Place], cloc
         clock.now_ns += 35_000_000  # 30 ms and a period
         master.write(np.eye(4))
         assert place.ring.epoch == 1 and not master.held_up_s and place.value("reference_valid")
-        place.said()
+        place.reported()
         place.client.send("state_command", (), "enable")
         clock.now_ns += 1_505_000_000
         master.write(QUARTER)
         assert place.ring.epoch == 2 and master.held_up_s == pytest.approx(1.5)
         words = "MTMR was held up for 1.5 s"
-        assert [reply.text for reply in place.client.poll()] == [words] and ("warning", "MTMR", words) in place.said()
+        assert [reply.text for reply in place.client.poll()] == [words]
+        assert ("warning", "MTMR", words) in place.reported()
         assert not place.value("reference_valid"), "that pose may be from before the pause"
         master.write(QUARTER)
         assert place.ring.epoch == 2 and not master.held_up_s and place.value("reference_valid")

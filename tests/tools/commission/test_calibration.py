@@ -10,7 +10,7 @@ import pytest
 
 from procs.config import PROJECT_CONFIGS, check_file
 from procs.config.read.source import read_source
-from tests.tools.commission.rig_bench import RigBench
+from tests.tools.commission.harness import RigBench
 from tools.commission import calibrate, io_file
 from tools.converters import to_json
 from tools.errors import Problem

@@ -22,7 +22,7 @@ Run = Callable[..., Result]
 
 
 @pytest.fixture
-def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome | Problem]:
+def kinematic(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outcome | Problem]:
     """Stages end as this says, or well; no system is started, and `ran` notes which did."""
     outcomes: dict[str, Outcome | Problem] = {}
     monkeypatch.chdir(tmp_path)
@@ -60,7 +60,7 @@ def _tries(path: str = "commission-demo.json") -> list[dict[str, object]]:
     return tries
 
 
-def test_all_stages_run_in_order_and_are_reported(played) -> None:
+def test_all_stages_run_in_order_and_are_reported(kinematic) -> None:
     assert _run().exit_code == 0
     assert tuple(ran) == NAMES
     rows = _tries()
@@ -71,8 +71,9 @@ def test_all_stages_run_in_order_and_are_reported(played) -> None:
     assert ran == []
 
 
-def test_a_rerun_goes_on_at_the_stage_that_stopped(played) -> None:
-    played["axis"] = Outcome([Finding("PSM1 axis 2, board 6", "moves by -0.03 rad", "forwards", "turn the plug round")])
+def test_a_rerun_goes_on_at_the_stage_that_stopped(kinematic) -> None:
+    kinematic["axis"] = Outcome([Finding("PSM1 axis 2, board 6", "moves by -0.03 rad", "forwards",
+                                         "turn the plug round")])
     stopped = _run()
     assert stopped.exit_code == 1
     assert "STOP PSM1 axis 2, board 6: moves by -0.03 rad; allowed: forwards; turn the plug round" in stopped.output
@@ -80,12 +81,12 @@ def test_a_rerun_goes_on_at_the_stage_that_stopped(played) -> None:
     assert _tries()[-1]["problems"] == ["PSM1 axis 2, board 6: moves by -0.03 rad; allowed: forwards; turn the plug "
                                         "round"]
     ran.clear()
-    played.clear()
+    kinematic.clear()
     assert _run().exit_code == 0
     assert ran == ["axis", "stop", "calibrate", "home", "move"]
 
 
-def test_one_stage_can_be_repeated_but_none_left_out(played) -> None:
+def test_one_stage_can_be_repeated_but_none_left_out(kinematic) -> None:
     assert "stage axis comes after scan, which has not passed" in _run("--stage", "axis").output
     assert _run("--stage", "scan").exit_code == 0
     assert ran == ["scan"]
@@ -94,17 +95,17 @@ def test_one_stage_can_be_repeated_but_none_left_out(played) -> None:
     assert _run("--stage", "dance").exit_code == 2
 
 
-def test_a_repeated_stage_that_stops_is_due_again(played) -> None:
+def test_a_repeated_stage_that_stops_is_due_again(kinematic) -> None:
     _run()
-    played["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
+    kinematic["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
     assert _run("--stage", "power").exit_code == 1
     ran.clear()
-    played.clear()
+    kinematic.clear()
     assert _run().exit_code == 0
     assert ran == list(NAMES[NAMES.index("power"):])
 
 
-def test_other_files_or_arms_begin_anew(played, tmp_path: Path) -> None:
+def test_other_files_or_arms_begin_anew(kinematic, tmp_path: Path) -> None:
     _run()
     ran.clear()
     assert _run("--arm", "PSM1").exit_code == 0
@@ -118,16 +119,16 @@ def test_other_files_or_arms_begin_anew(played, tmp_path: Path) -> None:
         assert begins in _run().output  # a calibrated potentiometer is no other robot, another scale is
 
 
-def test_what_the_system_says_is_a_finding_like_any_other(played) -> None:
-    played["home"] = Problem("PSM1: not homed in time")
+def test_what_the_system_says_is_a_finding_like_any_other(kinematic) -> None:
+    kinematic["home"] = Problem("PSM1: not homed in time")
     stopped = _run()
     assert stopped.exit_code == 1
     assert "STOP stage home: PSM1: not homed in time" in stopped.output
     assert ran[-1] == "home"
 
 
-def test_the_stages_are_listed_with_what_they_stop_at(played) -> None:
-    played["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
+def test_the_stages_are_listed_with_what_they_stop_at(kinematic) -> None:
+    kinematic["power"] = Outcome([Finding("PSM1", "no supply", "one", "switch it on")])
     _run()
     rows = [json.loads(line) for line in _run("--list", "--json").output.splitlines()]
     assert [row["state"] for row in rows] == ["passed", "passed", "stopped", "", "", "", "", ""]
@@ -135,7 +136,7 @@ def test_the_stages_are_listed_with_what_they_stop_at(played) -> None:
     assert ran == ["scan", "read", "power"]
 
 
-def test_a_real_robot_is_never_commissioned_without_a_person(played, tmp_path: Path) -> None:
+def test_a_real_robot_is_never_commissioned_without_a_person(kinematic, tmp_path: Path) -> None:
     real = tmp_path / "real.yaml"
     real.write_text(DEMO.read_text().replace("boards: emulated", "boards: real"))
     words = ["commission", str(real), "--yes"]
@@ -145,7 +146,7 @@ def test_a_real_robot_is_never_commissioned_without_a_person(played, tmp_path: P
     assert ran == []
 
 
-def test_what_is_no_report_is_left_alone(played, tmp_path: Path) -> None:
+def test_what_is_no_report_is_left_alone(kinematic, tmp_path: Path) -> None:
     other = tmp_path / "notes.json"
     other.write_text("{}")
     refused = _run("--report", str(other))
@@ -158,28 +159,28 @@ def test_what_is_no_report_is_left_alone(played, tmp_path: Path) -> None:
     assert "is the report of demo.yaml" in _run("--report", str(tmp_path / "book.json"), file=copy).output
 
 
-def test_a_system_without_boards_has_nothing_to_commission(played) -> None:
+def test_a_system_without_boards_has_nothing_to_commission(kinematic) -> None:
     refused = _run(file=PROJECT_CONFIGS / "systems" / "kinematic.yaml")
     assert refused.exit_code == 1
     assert "no robot on boards" in refused.output
     assert "no robot on boards of ECM" in _run("--arm", "ECM").output
 
 
-def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(played) -> None:
+def test_without_a_terminal_a_person_cannot_be_asked_and_nothing_starts(kinematic) -> None:
     refused = CliRunner().invoke(build("commission"), ["commission", str(DEMO), "--boards", "emulated"])
     assert refused.exit_code == 2
     assert "no terminal" in refused.output
     assert ran == []
 
 
-def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(played) -> None:
+def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(kinematic) -> None:
     assert _run("--set", "io.period_s=0.001").exit_code == 0
     sets = jobs[-1].request.sets
     assert sets.index("io.period_s=0.002") < sets.index("io.period_s=0.001")  # the last one counts
     assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5", "clock=wall"} <= set(sets)
 
 
-def test_ctrl_c_ends_it_without_a_trace(played, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_it_without_a_trace(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> Outcome:
         raise KeyboardInterrupt
 

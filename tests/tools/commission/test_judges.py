@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.tools.commission.rig_bench import RigBench
+from tests.tools.commission.harness import RigBench
 from tools.bus_client import FoundBoard
 from tools.commission import axis, home, move, power, read, scan, stop
 from tools.commission.bench import CommandOutcome
@@ -152,9 +152,9 @@ def test_amplifiers_that_come_back_by_themselves_are_told(window: Window, psm: S
 def test_boards_that_do_not_cut_by_themselves_are_named(bench: RigBench) -> None:
     io = bench.document.io("IO1")
     assert stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031, 7: 0.032}, ())) == []
-    said = [str(each) for each in stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031}, ((7, 2),)))]
-    assert "IO1, board 7: its watchdog did not act within 0.08 s; allowed: 0.03 s" in said[0]
-    assert "IO1, board 7 axis 2: its amplifier stayed on without a host" in said[1]
+    reported = [str(each) for each in stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031}, ((7, 2),)))]
+    assert "IO1, board 7: its watchdog did not act within 0.08 s; allowed: 0.03 s" in reported[0]
+    assert "IO1, board 7 axis 2: its amplifier stayed on without a host" in reported[1]
     off = dataclasses.replace(io, watchdog_s=0.0)
     assert "its watchdog is switched off" in str(stop.judge_silence(off, (6, 7), stop.Silence({}, ()))[0])
 

@@ -29,9 +29,9 @@ def types(monkeypatch: pytest.MonkeyPatch):
 
 def test_only_the_very_word_confirms(types) -> None:
     types("PSM1\n").confirm("power!", "PSM1")
-    for said in ("yes", "psm1", ""):
+    for reported in ("yes", "psm1", ""):
         with pytest.raises(Declined, match="nothing was switched on"):
-            types(f"{said}\n").confirm("power!", "PSM1")
+            types(f"{reported}\n").confirm("power!", "PSM1")
 
 
 def test_questions_are_asked_until_they_are_answered(types) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.tools.commission.rig_bench import RigBench
+from tests.tools.commission.harness import RigBench
 from tools.commission import axis, power, read
 from tools.commission.person import Declined
 
@@ -127,4 +127,4 @@ def test_nothing_is_switched_on_unless_the_word_is_typed(stage, monkeypatch: pyt
     with pytest.raises(Declined):
         stage.run(bench)
     assert not bench.harness.record.powered.any()
-    assert not bench.harness.record.power_wanted.any()
+    assert not bench.harness.record.power_requested.any()

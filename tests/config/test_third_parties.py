@@ -1,11 +1,11 @@
-"""Generic arms and components: places for programs of somebody else."""
+"""Generic arms and components: places for third-party program."""
 
 from __future__ import annotations
 
 import pytest
 
 from procs.document import system as document
-from procs.document.system import External, WiredInput
+from procs.document.system import ThirdParty, WiredInput
 from tests import stock
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
@@ -34,15 +34,15 @@ def made(home: Home, *arms: dict[str, object], console: dict[str, object], **key
 
 def test_a_generic_master_has_a_place_and_its_teleop_starts(home: Home) -> None:
     system = made(home, FALCON, PSM, console=console())
-    assert system.externals == (External("MTMR", "MTM_GENERIC"),)
+    assert system.third_parties == (ThirdParty("MTMR", "MTM_GENERIC"),)
     assert [row.name for row in system.arms] == ["PSM1"]
-    assert system.process("MTMR").kind == "external" and system.process("MTMR_PSM1").kind == "teleop"
+    assert system.process("MTMR").kind == "third_party" and system.process("MTMR_PSM1").kind == "teleop"
     assert [note for note in system.notes if "MTMR" in note] == [CLOCK]
     assert document.from_json(document.to_json(system)) == system
 
 
 def test_a_generic_arm_needs_to_name_no_component(home: Home) -> None:
-    assert made(home, {"name": "MTMR", "type": "MTM_GENERIC"}, PSM, console=console()).external("MTMR").inputs == ()
+    assert made(home, {"name": "MTMR", "type": "MTM_GENERIC"}, PSM, console=console()).third_party("MTMR").inputs == ()
 
 
 def test_a_haptic_generic_master_is_noted(home: Home) -> None:
@@ -55,8 +55,8 @@ def test_buttons_come_from_an_arm_or_from_a_program_of_its_own(home: Home) -> No
     row = console() | components(clutch=("Falcon", "Button1"), camera=("Falcon", "Button2"),
                                  operator_present=("chair", "seat"))
     system = made(home, FALCON, PSM, console=row)
-    assert system.externals == (External("MTMR", "MTM_GENERIC", ("Button1", "Button2")),
-                                External("chair", "", ("seat",)))
+    assert system.third_parties == (ThirdParty("MTMR", "MTM_GENERIC", ("Button1", "Button2")),
+                                    ThirdParty("chair", "", ("seat",)))
     (made_of,) = system.consoles
     assert made_of.clutch == WiredInput("MTMR", "Button1")
     assert made_of.operator_present == (WiredInput("chair", "seat"),)
@@ -70,7 +70,7 @@ def test_buttons_of_an_io_are_its_digital_inputs(home: Home) -> None:
                                              operator_present=("IO1", "coag"))
     loaded = home.load_made({"IOs": ios, "consoles": [row]}, boards="emulated")
     assert loaded.system is not None, loaded.errors
-    assert loaded.system.consoles[0].clutch == WiredInput("IO1", "clutch") and not loaded.system.externals
+    assert loaded.system.consoles[0].clutch == WiredInput("IO1", "clutch") and not loaded.system.third_parties
     row["clutch"] = {"component": "IO1", "interface": "kick"}
     (error,) = home.load_made({"IOs": ios, "consoles": [row]}, boards="emulated").errors
     assert error.key == "consoles[0].clutch.interface" and "coag" in error.allowed
@@ -79,8 +79,9 @@ def test_buttons_of_an_io_are_its_digital_inputs(home: Home) -> None:
 def test_a_base_frame_of_a_generic_arm_goes_along(home: Home) -> None:
     transform = [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     arm = FALCON | {"base_frame": {"reference_frame": "HRSV", "transform": transform}}
-    external = made(home, arm, PSM, console=console()).external("MTMR")
-    assert external.reference_frame == "HRSV" and external.base_frame is not None and external.base_frame[0][3] == 0.1
+    third_party = made(home, arm, PSM, console=console()).third_party("MTMR")
+    assert third_party.reference_frame == "HRSV" and third_party.base_frame is not None
+    assert third_party.base_frame[0][3] == 0.1
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand
 from tools.commission.bench import CommandOutcome
-from tools.commission.played import Played
+from tools.commission.person_sim import PersonSim
 from tools.commission.subject import Subject, subjects_of
 from tools.commission.window import FIELDS, Window
 
 
-class Hands(Played):
+class Hands(PersonSim):
     """The played person; `confirmed` notes what was confirmed, `answers` are given instead of yes."""
 
     def __init__(self, harness: BoardsHarness, faults: BoardFaults) -> None:

@@ -1,4 +1,4 @@
-"""What ends tele-operation, and what it takes to go on; on a fake clock."""
+"""What ends teleoperation, and what it takes to go on; on a fake clock."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_slave_at_its_limit_goes_on_following_and_says_so(following: TeleopHar
     following.slave.says |= {"servo_cp": "at its limit: insertion would be 0.3, above its limit 0.24",
                              "jaw/servo_jp": "clipped: jaw"}
     following.run(0.005)
-    assert following.following and not following.reports.said
+    assert following.following and not following.reports.reported
     assert following.text("reason") == "PSM1 at its limit: insertion would be 0.3, above its limit 0.24"
     del following.slave.says["servo_cp"]
     following.run(0.12)
@@ -254,7 +254,7 @@ def test_a_clutch_that_is_held_is_not_pressed_again(following: TeleopHarness) ->
     following.run(0.01)
     following.forget()
     following.send("clutch", 1)
-    assert not following.slave.sent and not following.reports.said
+    assert not following.slave.sent and not following.reports.reported
     following.send("clutch", 0)
     following.run(0.01)
     assert following.following, "presence of before the clutch is what it comes back to"

@@ -1,4 +1,4 @@
-"""What of a system is a program of somebody else: arms of a `_GENERIC` type, and `COMPONENTS` that press pedals."""
+"""What of a system is a third-party program: arms of a `_GENERIC` type, and `COMPONENTS` that press pedals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from procs.config.models.base_frame import base_frame_of
 from procs.config.models.system_file import RESERVED, InterfaceKeys, SystemFile
 from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
-from procs.document.third_party import External
+from procs.document.third_party import ThirdParty
 
 GENERIC: Final = "_GENERIC"
 COMPONENTS: Final = "COMPONENTS"
@@ -20,10 +20,10 @@ _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _LONGEST_BUTTON: Final = 24  # what an event has room for
 
 
-def load_externals(context: Context, source: SourceFile, content: SystemFile) -> tuple[External, ...]:
+def load_third_parties(context: Context, source: SourceFile, content: SystemFile) -> tuple[ThirdParty, ...]:
     """Generic arms, then other components that a console has its inputs from, with the buttons asked of each."""
-    found = {row.name: External(row.name, row.type, (), base_frame_of(context, source, ("arms", index), row),
-                                (row.base_frame.reference_frame or "") if row.base_frame else "")
+    found = {row.name: ThirdParty(row.name, row.type, (), base_frame_of(context, source, ("arms", index), row),
+                                  (row.base_frame.reference_frame or "") if row.base_frame else "")
              for index, row in enumerate(content.arms) if row.type.endswith(GENERIC)}
     for index, row in enumerate(content.arms):
         if row.name in found and row.base_frame is not None and row.base_frame.transform is None:
@@ -42,7 +42,7 @@ def place_of(content: SystemFile, component: str) -> str:
 
 
 def _ask_button(context: Context, source: SourceFile, content: SystemFile, key: Key, keys: InterfaceKeys | None,
-                found: dict[str, External]) -> None:
+                found: dict[str, ThirdParty]) -> None:
     """One input of a console; those of an io are not ours."""
     if keys is None or keys.component in [row.name for row in content.IOs]:
         return
@@ -57,7 +57,7 @@ def _ask_button(context: Context, source: SourceFile, content: SystemFile, key: 
             context.error(source, (*key, "component"), text, "an IO, an arm of a _GENERIC type, or a name of its "
                           "own of letters, digits, _ and -, at most 40, for a program of yours")
             return
-        found[name] = External(name, "")
+        found[name] = ThirdParty(name, "")
     if not 0 < len(keys.interface.encode()) <= _LONGEST_BUTTON:
         context.error(source, (*key, "interface"), "not a name for a button", f"1 to {_LONGEST_BUTTON} bytes")
     elif keys.interface not in found[name].inputs:

@@ -1,4 +1,4 @@
-"""A person played on emulated boards: confirms everything, and does with `boards` what hands do to a real robot."""
+"""A person simulated on emulated boards: confirms everything, and does with `boards` what hands do to a real robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Order = Callable[[str, Sequence[float], str], None]
 Truth = Callable[[Subject], NDArray[np.float64]]
 
 
-class Played:
+class PersonSim:
     """`order(command, numbers, text)` does something to the boards, `truth(subject)` is where its actuators are."""
 
     def __init__(self, order: Order, truth: Truth) -> None:
@@ -45,7 +45,7 @@ class Played:
     def show(self, line: str) -> None:
         """See Person."""
 
-    def tell(self, line: str) -> None:
+    def report(self, line: str) -> None:
         """See Person."""
         note(line)
 
@@ -82,7 +82,7 @@ class Played:
             yield
 
 
-class AtBoards(Played):
+class AtBoards(PersonSim):
     """Of a running system; a context manager."""
 
     def __init__(self, document: SystemConfig) -> None:
