@@ -11,7 +11,7 @@ class Misuse(Exception):
     """The verb was used wrongly: exit code 2."""
 
 
-class ClippedWarning(UserWarning):
+class Clipped(UserWarning):
     """A move was carried out with another goal: what lay beyond the limits of a joint was brought into them."""
 
 

@@ -22,7 +22,7 @@ Ints = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
-class Input:
+class BoardInput:
     """A digital input: its board's row, its bit, and the level it has when pressed."""
 
     row: int
@@ -102,7 +102,7 @@ class Wiring:
         self.amps = InverseScale.of([a.current_to_bits for a in actuators])
         self.measured = InverseScale.of([a.bits_to_current for a in actuators])
         self.brakes = self._brakes(system)
-        self.inputs = {i.name: Input(self._row(io.name, i.board_id, i.name), i.bit_id, not i.pressed_value)
+        self.inputs = {i.name: BoardInput(self._row(io.name, i.board_id, i.name), i.bit_id, not i.pressed_value)
                        for io in system.ios for i in io.digital_inputs}
         hardware = {self.rows[bus.io, c.board_id]: c.hardware for bus in emulation.buses for c in bus.controllers}
         self._open = [HARDWARE[hardware[row]].inputs for row in range(len(hardware))]

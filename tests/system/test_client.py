@@ -187,7 +187,7 @@ def efforts(psm: trocar.Psm) -> None:
     psm.body.set_cf_orientation_absolute()
     psm.body.set_cf_orientation_absolute(False)
     place, _ = psm.measured_cp()
-    psm.servo_ci(trocar.Impedance(place[:3, 3], position_negative=trocar.ImpedanceAxes(p=(0, 0, -100), d=(0, 0, -5))))
+    psm.servo_ci(trocar.Impedance(place[:3, 3], position_negative=trocar.Gains(p=(0, 0, -100), d=(0, 0, -5))))
     psm.hold()
 
 

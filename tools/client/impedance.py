@@ -14,7 +14,7 @@ WITHOUT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(slots=True)
-class ImpedanceAxes:
+class Gains:
     """Of three axes (3,) on one side: stiffness, damping, bias, and what the error is shrunk by: p · e + d · v + bias.
 
     Gains have their sign: a negative p pulls back, a negative d brakes. Forces: N/m, N·s/m, N, m; torques: N·m/rad,
@@ -47,10 +47,10 @@ class Impedance:
     force_position: ArrayLike = NONE
     force_orientation: ArrayLike = WITHOUT
     torque_orientation: ArrayLike = WITHOUT
-    position_positive: ImpedanceAxes = field(default_factory=ImpedanceAxes)
-    position_negative: ImpedanceAxes = field(default_factory=ImpedanceAxes)
-    orientation_positive: ImpedanceAxes = field(default_factory=ImpedanceAxes)
-    orientation_negative: ImpedanceAxes = field(default_factory=ImpedanceAxes)
+    position_positive: Gains = field(default_factory=Gains)
+    position_negative: Gains = field(default_factory=Gains)
+    orientation_positive: Gains = field(default_factory=Gains)
+    orientation_negative: Gains = field(default_factory=Gains)
 
     def numbers(self) -> Array:
         """The numbers of the command (59,); ValueError where something has another size, or is no rotation."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from shm.client import Reply
 from shm.clock import monotonic_ns, pause
 from tools.client.values import numbers
-from tools.errors import ClippedWarning, Refused
+from tools.errors import Clipped, Refused
 from tools.remote import ENDINGS, Remote
 
 POLL_S = 0.002
@@ -42,11 +42,11 @@ class MoveHandle:
 
 
 def move(remote: Remote, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
-    """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`ClippedWarning`)."""
+    """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`)."""
     words = " ".join(word for word in (remote.instance, text, command) if word)
     handle = MoveHandle(remote, remote.ask(command, numbers(values), text), words)
     if handle.clipped:
-        warnings.warn(f"{words} was clipped: {handle.clipped}", ClippedWarning, stacklevel=3)
+        warnings.warn(f"{words} was clipped: {handle.clipped}", Clipped, stacklevel=3)
     return handle
 
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
 from tools.client.arm import Arm
-from tools.client.impedance import Impedance, ImpedanceAxes
+from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
 from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
@@ -16,19 +16,19 @@ from tools.client.provider import Handler, Provider
 from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
-from tools.errors import ClippedWarning, Problem, Refused
+from tools.errors import Clipped, Problem, Refused
 from tools.inspect.watch import arm_document
 from tools.systems import chosen_system
 from tools.version import VERSION as __version__
 
 __all__ = [
     "Arm",
-    "ClippedWarning",
+    "Clipped",
     "Ecm",
+    "Gains",
     "Gripper",
     "Handler",
     "Impedance",
-    "ImpedanceAxes",
     "Jaw",
     "JointState",
     "Joints",

@@ -9,7 +9,7 @@ import pytest
 
 from shm.client import Reply
 from tools.client.moves import move
-from tools.errors import ClippedWarning
+from tools.errors import Clipped
 
 
 class FakeRemote:
@@ -29,7 +29,7 @@ class FakeRemote:
 
 def test_a_clipped_move_is_on_the_handle_and_warned_of() -> None:
     remote: Any = FakeRemote("clipped: insertion 5.000 → 0.240 m")
-    with pytest.warns(ClippedWarning, match=r"PSM1 move_jp was clipped: insertion 5\.000 → 0\.240 m") as caught:
+    with pytest.warns(Clipped, match=r"PSM1 move_jp was clipped: insertion 5\.000 → 0\.240 m") as caught:
         handle = move(remote, "move_jp", (0.0, 0.0, 5.0))
     handle.wait(1.0)
     assert handle.clipped == "insertion 5.000 → 0.240 m" and len(caught) == 1

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from procs.arm.impedance import impedance_of
 from procs.kinematics.poses import matrix_from_pose, rotation_from_vector
-from tools.client.impedance import Impedance, ImpedanceAxes
+from tools.client.impedance import Gains, Impedance
 from tools.client.values import pose_numbers, rotation_numbers
 
 VECTORS = hnp.arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
@@ -47,7 +47,7 @@ def test_what_is_no_rotation_is_refused(wrong: Any) -> None:
 
 @given(VECTORS, VECTORS, VECTORS, ROWS)
 def test_an_impedance_arrives_as_it_was_meant(place: Any, axes: Any, torques: Any, rows: Any) -> None:
-    sides = [ImpedanceAxes(*side) for side in rows]
+    sides = [Gains(*side) for side in rows]
     sent = Impedance(place, rotation_from_vector(axes), rotation_from_vector(torques), *sides)
     here, speed = transform(place + (0.1, -0.2, 0.3), torques), np.array((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
     here[:3, :3] = here[:3, :3] @ rotation_from_vector((0.3, -0.2, 0.1))
@@ -60,7 +60,7 @@ def test_an_impedance_arrives_as_it_was_meant(place: Any, axes: Any, torques: An
     assert np.allclose(turns.T @ wrench[3:], pushed(turned, turns.T @ speed[3:], *sides[2:]), atol=1e-6)
 
 
-def pushed(error: Any, speed: Any, positive: ImpedanceAxes, negative: ImpedanceAxes) -> Any:
+def pushed(error: Any, speed: Any, positive: Gains, negative: Gains) -> Any:
     p, d, bias, deadband = np.where(error > 0, positive.rows(), negative.rows())
     return p * np.sign(error) * np.maximum(0.0, np.abs(error) - np.abs(deadband)) + d * speed + bias
 
@@ -80,8 +80,8 @@ def test_gains_may_be_filled_in_one_after_the_other() -> None:
 @pytest.mark.parametrize("wrong", [
     SimpleNamespace(what=Impedance(force_position=[1, 2]), text="force_position has 3 numbers"),
     SimpleNamespace(what=Impedance(force_orientation=np.zeros((3, 3))), text="rotation"),
-    SimpleNamespace(what=Impedance(position_negative=ImpedanceAxes(p=[1])), text="p has 3 numbers"),
-    SimpleNamespace(what=Impedance(orientation_positive=ImpedanceAxes(deadband=5.0)), text="deadband has 3 numbers"),
+    SimpleNamespace(what=Impedance(position_negative=Gains(p=[1])), text="p has 3 numbers"),
+    SimpleNamespace(what=Impedance(orientation_positive=Gains(deadband=5.0)), text="deadband has 3 numbers"),
 ])
 def test_a_wrong_impedance_says_what_is_wrong(wrong: Any) -> None:
     with pytest.raises(ValueError, match=wrong.text):
