@@ -256,3 +256,27 @@ def test_no_file_has_outgrown_its_subject() -> None:
         return lines if lines > 400 else 0
 
     each_keeps_to(outgrown)
+
+
+LEFT = re.compile(r"set-point|time-out|tele-operation|set-up joint|set-up arm|\bpower_wanted\b|\bvelocity_used\b|\bno_mishaps\b|"
+                  r"\bclass (?:Refused|Me|Pulse|Nap|Rig|Stand|Theatre|Seat|Climb|Duties)\b(?!\(Problem)")
+SAYS_OLD_WORDS = ("tests/test_house.py", "tools/verbs/send.py", "tests/boards/test_board_commands.py")
+
+
+def test_no_class_name_stands_for_two_things() -> None:
+    for folders in (("procs", "shm", "tools"), ("tests",)):
+        places: dict[str, list[str]] = {}
+        for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+            for node in ast.walk(tree_of(path)):
+                if isinstance(node, ast.ClassDef):
+                    places.setdefault(node.name, []).append(relative(path))
+        twice = {name: where for name, where in places.items() if len(where) > 1}
+        assert not twice, "say whose it is: IoRecord, ArmRecord"
+
+
+def test_words_that_left_do_not_come_back() -> None:
+    pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("[!C]*.md"), *(ROOT / "configs").rglob("*.yaml")]
+    sources = [path for folder in ("procs", "shm", "tools", "tests") for path in (ROOT / folder).rglob("*.py")]
+    found = {relative(path): words for path in (*pages, *sources)
+             if relative(path) not in SAYS_OLD_WORDS and (words := LEFT.findall(path.read_text(encoding="utf-8")))}
+    assert not found, "docs/glossary.md says what is said now"

@@ -112,10 +112,10 @@ class BoardCommands:
             "emergency_stop": ((1,), lambda w: board_faults.stop(w.on(0), w.text)),
             "insert_instrument": ((0,), lambda w: instruments.insert(*_arm_and_name(w.text))),
             "remove_instrument": ((0,), lambda w: instruments.remove(w.text)),
-            "push": ((), lambda w: board_faults.push(w.text, w.values.copy())),
-            "place": ((), lambda w: board_faults.place(w.text, w.values.copy())),
-            "hand": ((POSE, POSE + 2, POSE + 4, POSE + 6), self._hold),
-            "hand_release": ((0,), lambda w: self._hands.release(w.text)),
+            "apply_effort": ((), lambda w: board_faults.push(w.text, w.values.copy())),
+            "set_position": ((), lambda w: board_faults.place(w.text, w.values.copy())),
+            "pull_tip": ((POSE, POSE + 2, POSE + 4, POSE + 6), self._hold),
+            "release_tip": ((0,), lambda w: self._hands.release(w.text)),
         }
 
     def _for_robots(self) -> dict[str, tuple[tuple[int, ...], Order]]:
@@ -139,9 +139,10 @@ class BoardCommands:
         """Faults of a board or its bus."""
         board_faults = self._board_faults
         return {
-            "board_gone": ((2,), lambda w: board_faults.take_away(w.board(), w.on(1), w.text)),
+            "unplug_board": ((1,), lambda w: board_faults.take_away(w.board(), True, w.text)),
+            "plug_board": ((1,), lambda w: board_faults.take_away(w.board(), False, w.text)),
             "bus_reset": ((0,), lambda w: board_faults.reset_bus(w.text)),
-            "miss_block": ((2,), lambda w: board_faults.withhold(w.board(), w.times(1), w.text)),
+            "drop_block": ((2,), lambda w: board_faults.withhold(w.board(), w.times(1), w.text)),
             "spoil_sequence": ((2,), lambda w: board_faults.spoil_sequence(w.board(), w.times(1), w.text)),
             "temperature": ((2, 3), lambda w: board_faults.heat(
                 w.board(), w.number(1), w.number(len(w.values) - 1), w.text)),
@@ -158,11 +159,11 @@ class BoardCommands:
             "lose_replies": next_ones(LOST),
             "duplicate_replies": next_ones(DUPLICATED),
             "drop_replies": next_ones(DROPPED_REPLY),
-            "mislabel_replies": next_ones(MISLABELLED),
+            "corrupt_tl": next_ones(MISLABELLED),
             "delay_replies": ((2,), lambda w: packet_faults.strike(LATE, w.times(0), buses(w.text), _delay_ns(w, 1))),
             "reply_rate": ((1, 2), self._set_rate),
             "packet_loss": ((1,), lambda w: packet_faults.lose_packets(w.number(0, 0.0, 1.0), buses(w.text))),
-            "no_mishaps": ((0,), lambda w: packet_faults.end()),
+            "clear_packet_faults": ((0,), lambda w: packet_faults.end()),
         }
 
     def _hold(self, words: CommandValues) -> None:

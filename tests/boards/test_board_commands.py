@@ -17,7 +17,7 @@ from procs.boards.packet_faults import KINDS
 from procs.boards.robots.hand import Grip, Hands
 from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
-from tools.verbs.send import parsed
+from tools.verbs.send import parsed, renamed
 
 NAN, INF = float("nan"), float("inf")
 
@@ -63,11 +63,11 @@ GOOD = [
     ("emergency_stop", [0], "", ("stop", False, "")),
     ("insert_instrument", [], "PSM1 NEEDLE:400006", ("insert", "PSM1", "NEEDLE:400006")),
     ("remove_instrument", [], "PSM1", ("remove", "PSM1")),
-    ("push", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
-    ("place", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
-    ("hand", [0.1, 0, 0, 0, 0, 0, 1], "MTML", ("hold", "MTML", [0.1, 0, 0, 0, 0, 0, 1], None)),
-    ("hand", [0, 0, 0, 0, 0, 0, 1, 400, 0.8], "MTML", ("hold", "MTML", [0, 0, 0, 0, 0, 0, 1], Grip.of(400, 0.8))),
-    ("hand_release", [], "MTML", ("release", "MTML")),
+    ("apply_effort", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
+    ("set_position", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
+    ("pull_tip", [0.1, 0, 0, 0, 0, 0, 1], "MTML", ("hold", "MTML", [0.1, 0, 0, 0, 0, 0, 1], None)),
+    ("pull_tip", [0, 0, 0, 0, 0, 0, 1, 400, 0.8], "MTML", ("hold", "MTML", [0, 0, 0, 0, 0, 0, 1], Grip.of(400, 0.8))),
+    ("release_tip", [], "MTML", ("release", "MTML")),
     ("amp_fault", [2, 1], "PSM1", ("fail_amplifier", "PSM1", 2, True)),
     ("power_loss", [0], "PSM1", ("lose_supply", "PSM1", False)),
     ("encoder_jump", [1, -40], "PSM1", ("jump_encoder", "PSM1", 1, -40)),
@@ -78,21 +78,22 @@ GOOD = [
     ("encoder_scale", [1, -1], "PSM1", ("scale_encoder", "PSM1", 1, -1.0)),
     ("swap_motors", [1, 2], "PSM1", ("swap_motors", "PSM1", 1, 2)),
     ("jam", [1, 0], "PSM1", ("jam", "PSM1", 1, False)),
-    ("board_gone", [7, 1], "IO1", ("take_away", 7, True, "IO1")),
+    ("unplug_board", [7], "IO1", ("take_away", 7, True, "IO1")),
+    ("plug_board", [7], "IO1", ("take_away", 7, False, "IO1")),
     ("bus_reset", [], "", ("reset_bus", "")),
-    ("miss_block", [7, 3], "", ("withhold", 7, 3, "")),
+    ("drop_block", [7, 3], "", ("withhold", 7, 3, "")),
     ("spoil_sequence", [7, 3], "IO1", ("spoil_sequence", 7, 3, "IO1")),
     ("temperature", [7, 66], "", ("heat", 7, 66.0, 66.0, "")),
     ("temperature", [7, 66, 40.5], "", ("heat", 7, 66.0, 40.5, "")),
     ("lose_replies", [3], "IO1", ("strike", "lost", 3, "buses IO1")),
     ("duplicate_replies", [3], "", ("strike", "duplicated", 3, "buses ")),
     ("drop_replies", [3], "", ("strike", "dropped", 3, "buses ")),
-    ("mislabel_replies", [3], "", ("strike", "mislabelled", 3, "buses ")),
+    ("corrupt_tl", [3], "", ("strike", "mislabelled", 3, "buses ")),
     ("delay_replies", [3, 0.005], "", ("strike", "late", 3, "buses ", 5_000_000)),
     ("reply_rate", [0.1], "lost", ("strike_often", "lost", 0.1, "buses ", 0)),
     ("reply_rate", [0.1, 0.002], "late IO1", ("strike_often", "late", 0.1, "buses IO1", 2_000_000)),
     ("packet_loss", [0.01], "IO1", ("lose_packets", 0.01, "buses IO1")),
-    ("no_mishaps", [], "", ("end",)),
+    ("clear_packet_faults", [], "", ("end",)),
 ]
 
 
@@ -123,14 +124,14 @@ def test_every_command_has_an_example_that_works() -> None:
     ("press", [2], "clutch", "number 1 is 2; allowed: 0 to 1"),
     ("press", [0.5], "clutch", "whole"),
     ("bus_reset", [1], "", r"1 numbers; allowed: 0 \(none\)"),
-    ("hand", [0, 0, 0, 0, 0, 0], "MTML", "6 numbers; allowed: 7 or 9 or 11 or 13"),
-    ("hand", [0, 0, 0, 0, 0, 0, 1, 9999, 1], "MTML", "stiffness is 9999; allowed: 0 to 5000"),
+    ("pull_tip", [0, 0, 0, 0, 0, 0], "MTML", "6 numbers; allowed: 7 or 9 or 11 or 13"),
+    ("pull_tip", [0, 0, 0, 0, 0, 0, 1, 9999, 1], "MTML", "stiffness is 9999; allowed: 0 to 5000"),
     ("amp_fault", [NAN, 1], "PSM1", "number 1 is nan"),
     ("amp_fault", [-1, 1], "PSM1", "number 1 is -1"),
     ("encoder_jump", [1, 2**23 + 1], "PSM1", "number 2"),
     ("current_error", [0, INF], "PSM1", "number 2 is inf; allowed: finite ones"),
     ("temperature", [7, 1, 2, 3], "", "4 numbers; allowed: 2 or 3"),
-    ("board_gone", [16, 1], "IO1", "number 1 is 16; allowed: 0 to 15"),
+    ("unplug_board", [16], "IO1", "number 1 is 16; allowed: 0 to 15"),
     ("lose_replies", [-1], "", "number 1"),
     ("delay_replies", [1], "", "allowed: 2"),
     ("delay_replies", [1, 61], "", "number 2 is 61; allowed: 0 to 60"),
@@ -153,11 +154,11 @@ def test_wrong_orders_are_refused_with_the_reason(name: str, values: list[float]
     ("press", [1], "camera", "camera: no such input; there are clutch, limit"),
     ("power_loss", [1], "ECM2", "ECM2: no such robot; there are PSM1, ECM"),
     ("amp_fault", [5, 1], "PSM1", "PSM1: axis 5; allowed: 0 to 4"),
-    ("place", [1], "PSM1", "PSM1: 1 positions; allowed: 5 from -10 to 10"),
-    ("board_gone", [3, 1], "", "board 3: say of which bus; there are IO1, IO2"),
-    ("hand", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no arm to hold; there are PSM1"),
-    ("hand", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "a pose must be finite"),
-    ("hand_release", [], "", "no name: no arm to hold; there are PSM1"),
+    ("set_position", [1], "PSM1", "PSM1: 1 positions; allowed: 5 from -10 to 10"),
+    ("unplug_board", [3], "", "board 3: say of which bus; there are IO1, IO2"),
+    ("pull_tip", [0, 0, 0, 0, 0, 0, 1], "MTML", "MTML: no arm to hold; there are PSM1"),
+    ("pull_tip", [0, 0, NAN, 0, 0, 0, 1], "PSM1", "a pose must be finite"),
+    ("release_tip", [], "", "no name: no arm to hold; there are PSM1"),
     ("lose_replies", [1], "IO3", "IO3: no such bus; there are IO1, IO2"),
 ])
 def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float], text: str, reason: str) -> None:
@@ -167,3 +168,15 @@ def test_who_is_not_there_is_answered_with_who_is(name: str, values: list[float]
     command = Asked(name, values, text)
     BoardCommands(board_faults, Recorder(), Hands(plant, ("PSM1",)), world.packet_faults).carry_out(command)  # type: ignore[arg-type]
     assert command.outcome == reason
+
+
+@pytest.mark.parametrize(("typed", "sent"), [
+    ("push PSM1 1", "apply_effort PSM1 1"), ("hand_release MTML", "release_tip MTML"),
+    ("board_gone 7 1 IO1", "unplug_board 7 IO1"), ("board_gone 7 0", "plug_board 7"),
+    ("press clutch 1", "press clutch 1"),
+])
+def test_words_of_the_version_before_are_understood(typed: str, sent: str) -> None:
+    command, *words = typed.split()
+    now, left = renamed(command, words)
+    assert " ".join((now, *left)) == sent
+    assert now in {row.name for row in COMMANDS["boards"]}

@@ -230,4 +230,4 @@ def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends
             if row.moves and not row.needs_person("", (1.0,))}
     assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("third_party", "hold"),
                     ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
-                    ("boards", "hand_release"), ("supervisor", "stop")}
+                    ("boards", "release_tip"), ("supervisor", "stop")}

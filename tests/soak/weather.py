@@ -37,12 +37,12 @@ class Weather:
             "kill": (14, lambda: self._kill(self._anybody())),
             "pause": (26, lambda: self._pause(self._anybody())),
             "packet_loss": (6, self._packet_loss),
-            "mislabel": (6, lambda: self._replies("mislabel_replies")),
+            "mislabel": (6, lambda: self._replies("corrupt_tl")),
             "lose": (4, lambda: self._replies("lose_replies")),
             "drop": (3, lambda: self._replies("drop_replies")),
             "duplicate": (3, lambda: self._replies("duplicate_replies")),
             "delay": (6, self._delay),
-            "miss_block": (8, self._miss_block),
+            "drop_block": (8, self._drop_block),
             "spoil_sequence": (4, self._spoil),
             "unplug": (6, self._unplug),
             "bus_reset": (2, lambda: self._order("bus_reset", (), IO)),
@@ -121,18 +121,18 @@ class Weather:
     def _packet_loss(self) -> str:
         reported = self._order("packet_loss", (self.chance.uniform(0.02, 0.6),), IO)
         pause(self.chance.uniform(0.05, 1.0))
-        self._order("no_mishaps", ())
+        self._order("clear_packet_faults", ())
         return reported
 
-    def _miss_block(self) -> str:
-        return self._order("miss_block", (self.chance.choice(list(BOARDS)), self._count()), IO)
+    def _drop_block(self) -> str:
+        return self._order("drop_block", (self.chance.choice(list(BOARDS)), self._count()), IO)
 
     def _spoil(self) -> str:
         return self._order("spoil_sequence", (self.chance.choice(list(BOARDS)), self._count()), IO)
 
     def _unplug(self) -> str:
         board = self.chance.choice(list(BOARDS))
-        reported = self._order("board_gone", (board, 1), IO, undo=(board, 0), loses=(BOARDS[board],))
+        reported = self._order("unplug_board", (board,), IO, undo=(board,), mends="plug_board", loses=(BOARDS[board],))
         self._later()
         return reported
 
@@ -162,11 +162,11 @@ class Weather:
             self.clear()
 
     def _order(self, command: str, values: Sequence[float], text: str = "", undo: Sequence[float] | None = None,
-               loses: Sequence[str] = ()) -> str:
+               mends: str = "", loses: Sequence[str] = ()) -> str:
         reported = " ".join([command, *(f"{value:g}" for value in values), text]).strip()
         self._note(reported)
         if undo is not None:
-            self._undo.append((command, undo, text))
+            self._undo.append((mends or command, undo, text))
         refused = self.person.report("boards", command, values, text)
         self.diary.lose(loses, reported)
         return f"{reported} (boards: {refused})" if refused else reported

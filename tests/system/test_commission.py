@@ -91,5 +91,5 @@ def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_boa
     assert "amplifier" in failing
     assert "allowed: homed" in failing
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
-    _order(robot, "board_gone", 7, 1, text="IO1")
+    _order(robot, "unplug_board", 7, text="IO1")
     assert "board 7 on IO1" in _one(scan.run(bench))

@@ -80,7 +80,7 @@ def test_faults_on_command_are_felt_and_recovered_from(demo: Robot) -> None:
     send("lose_replies", "3", "IO1")
     wait_for(lambda: int(value("bad_reads")) >= before + 3, 10, "three replies missed")
     before = int(value("bad_reads"))
-    send("mislabel_replies", "2")
+    send("corrupt_tl", "2")
     wait_for(lambda: int(value("bad_reads")) >= before + 2, 10, "two replies not believed")
     assert value("powered").all() and state() == "ENABLED", "some lost replies are tolerated"
 

@@ -36,7 +36,7 @@ def test_missing_replies_are_not_called_a_slow_computer(demo: Robot, records: Re
     bad, begun_ns = newest(state, "bad_reads"), monotonic_ns()
     demo.trocar("send", "boards", "reply_rate", "lost", "0.4", "IO1")
     wait_for(lambda: monotonic_ns() - begun_ns > 4_000_000_000, 10, "3 s of it")
-    demo.trocar("send", "boards", "no_mishaps")
+    demo.trocar("send", "boards", "clear_packet_faults")
     assert newest(state, "bad_reads") - bad > 500
     assert not {"period", "period-long"} & {code for code, _ in reported(events, begun_ns)}
 
@@ -45,13 +45,13 @@ def test_a_board_that_is_gone_is_blamed_alone(demo: Robot, records: Records) -> 
     state, events = records(demo, "IO1", "state"), records(demo, "IO1", "events")
     demo.trocar("power-on")
     begun_ns = monotonic_ns()
-    demo.trocar("send", "boards", "board_gone", "7", "1", "IO1")
+    demo.trocar("send", "boards", "unplug_board", "7", "IO1")
     wait_for(lambda: any(code == "board-away" for code, _ in reported(events, begun_ns)), 10, "io says so")
     (text,) = [text for code, text in reported(events, begun_ns) if code == "board-away"]
     assert text.startswith("PSM1, board 7: ")
     cycle, bad = newest(state, "cycle"), newest(state, "bad_reads")
     wait_for(lambda: newest(state, "cycle") >= cycle + 1500, 20, "a second's cycles with one board")
     assert newest(state, "bad_reads") - bad < 30, "the other board is sampled in every cycle"
-    demo.trocar("send", "boards", "board_gone", "7", "0", "IO1")
+    demo.trocar("send", "boards", "plug_board", "7", "IO1")
     back_ns = monotonic_ns()
     wait_for(lambda: is_well(state, back_ns), 10, "good samples of both boards")

@@ -69,7 +69,7 @@ def test_both_masters_home_and_are_free_locked_and_held(robot: Robot, data: Call
         error = np.abs(echo(robot, f"{arm}/measured_js")["position"])
         print(arm, "errors, degrees", np.degrees(error).round(3))
         assert (error[:6] < np.radians(4.0)).all() and error[6] < np.radians(6.0)
-    robot.trocar("send", "boards", "place", "MTML_gripper", "-0.1")
+    robot.trocar("send", "boards", "set_position", "MTML_gripper", "-0.1")
     wait_for(lambda: reported(robot, "MTML", "gripper/closed") == [1.0], 20, "closed")
     assert len(reported(robot, "MTML", "gripper/pinch")) == 1 and reported(robot, "MTMR", "gripper/closed") == []
     assert echo(robot, "MTML/gripper/measured_js")["position"] == [pytest.approx(-0.1, abs=0.01)]

@@ -35,7 +35,7 @@ class Operator:
     def pinch(self) -> None:
         angle = float(self.arms[0].value("gripper_position"))
         for closed in (angle - PINCH, angle):
-            self.boards.ask("place", (closed,), "MTMR_gripper")
+            self.boards.ask("set_position", (closed,), "MTMR_gripper")
             wait_for(lambda at=closed: abs(self.arms[0].value("gripper_position") - at) < NEAR, 20, "the gripper there")
 
     def follows(self) -> None:
@@ -96,7 +96,7 @@ def test_a_fault_under_a_pressed_pedal_leaves_the_robot_off_until_a_person_asks(
     operator.seat.ask("teleop_enable", 1)
     operator.follows()
 
-    operator.boards.ask("miss_block", (7, 40), "IO1")  # a cable bad for longer than the watchdog time
+    operator.boards.ask("drop_block", (7, 40), "IO1")  # a cable bad for longer than the watchdog time
     wait_for(lambda: not operator.is_powered, 20, "amplifiers off")
     operator.stays_off()
     assert not operator.seat.console.value("teleop_enabled")

@@ -40,16 +40,16 @@ class Surgeon:
 
     def pinch(self) -> None:
         self._is_open = not self._is_open
-        self.boards.ask("place", (self.gripper - (0.0 if self._is_open else PINCH),), "MTML_gripper")
+        self.boards.ask("set_position", (self.gripper - (0.0 if self._is_open else PINCH),), "MTML_gripper")
 
     def pull(self, *by: float) -> None:
         """The hand at the tip goes there, from where the tip is."""
         pose = np.array(self.master.value("local_measured_cp"))
         pose[:3] += by
-        self.boards.ask("hand", pose, "MTML")
+        self.boards.ask("pull_tip", pose, "MTML")
 
     def let_go(self) -> None:
-        self.boards.ask("hand_release", text="MTML")
+        self.boards.ask("release_tip", text="MTML")
 
     def place(self) -> Array:
         """Of the slave's setpoint."""

@@ -69,7 +69,7 @@ SCENARIOS = {
     "potentiometer and encoder disagree": Scenario(("pot_drift PSM1 3 0.5",), mends=("pot_drift PSM1 3 0 0",)),
     "amplifier too hot": Scenario(("temperature 7 66.5 31 IO1",), mends=("temperature 7 31 31 IO1",)),
     "amplifier getting hot": Scenario(("temperature 7 61 31 IO1",), ("logs", "IO1"), ("temperature 7 31 31 IO1",)),
-    "has left the bus": Scenario(("board_gone 7 1 IO1",), mends=("board_gone 7 0 IO1",)),
+    "has left the bus": Scenario(("unplug_board 7 IO1",), mends=("plug_board 7 IO1",)),
     "instrument not named": Scenario(("insert_instrument PSM1 LARGE_NEEDLE_DRIVER:400006",)),
     "done, clipped": Scenario(looks=("send", "PSM1", "move_jp", "0", "0", "5", "0", "0", "0", "--wait")),
     "arm not ready": Scenario(looks=("send", "PSM1", "move_jp", "0", "0", "0.1", "0", "0", "0"), before=(DISABLE,)),

@@ -55,10 +55,10 @@ class PersonSim:
             case Carry(subject, axis, by):
                 yield from self._carry(subject, axis, by)
             case Put(subject, position):
-                self._order("place", position, subject.name)
+                self._order("set_position", position, subject.name)
                 yield from (None for _ in range(WAITS))
             case Squeeze(subject, closed):
-                self._order("place", (CLOSED if closed else OPEN,), subject.name)
+                self._order("set_position", (CLOSED if closed else OPEN,), subject.name)
                 yield from (None for _ in range(WAITS))
             case Press(name, pressed):
                 self._order("press", (float(pressed),), name)
@@ -78,7 +78,7 @@ class PersonSim:
         for k in (*range(1, STEPS + 1), *range(STEPS - 1, -1, -1)):
             goal = start.copy()
             goal[axis] += way * k / STEPS
-            self._order("place", goal.tolist(), subject.name)
+            self._order("set_position", goal.tolist(), subject.name)
             yield
 
 

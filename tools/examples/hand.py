@@ -53,26 +53,26 @@ class Hand:
             self._boards.ask("press", (1.0,), pedal)
         self._until("pinch or twist", ALIGNED_S)
         angle = float(self._seen.value("gripper_position"))
-        self._boards.ask("place", (angle - PINCH,), self._gripper)
+        self._boards.ask("set_position", (angle - PINCH,), self._gripper)
         self._until("", PINCHED_S)
-        self._boards.ask("place", (angle,), self._gripper)
+        self._boards.ask("set_position", (angle,), self._gripper)
 
     def take(self) -> None:
         """Hold the tip firmly where it is."""
         self.place = np.array(self._seen.value("local_measured_cp"))
-        self._boards.ask("hand", (*self.place, *FIRMLY), self.master)
+        self._boards.ask("pull_tip", (*self.place, *FIRMLY), self.master)
 
     def draw(self, offset: Array) -> None:
         """Pull the tip to `offset` (3,) m, in the axes of the master's base, from where it was taken."""
         pose = self.place.copy()
         pose[:3] += offset
         self._boards.replies()
-        self._boards.post("hand", pose, self.master)
+        self._boards.post("pull_tip", pose, self.master)
 
     def nudge(self, actuators: Array) -> None:
         """Put the master's actuators (7,) somewhere at once."""
         self._boards.replies()
-        self._boards.post("place", actuators, self.master)
+        self._boards.post("set_position", actuators, self.master)
 
     def _until(self, reason: str, seconds: float) -> None:
         """Until that alone is waited for; "": until it follows."""
@@ -87,7 +87,7 @@ class Hand:
 
     def close(self) -> None:
         """Let go, leave the pedals."""
-        self._boards.post("hand_release", (), self.master)
+        self._boards.post("release_tip", (), self.master)
         for pedal in self._pedals:
             self._boards.post("press", (0.0,), pedal)
         self._boards.close()

@@ -33,7 +33,7 @@ class Hands(PersonSim):
         return self.says
 
     def _do(self, command: str, values: Sequence[float], text: str) -> None:
-        if command == "place":
+        if command == "set_position":
             self._faults.place(text, np.array(values))
         elif command == "press":
             self._faults.press(text, bool(values[0]))
