@@ -104,6 +104,22 @@ def test_verbs_and_options_that_a_page_names_are_there(page: Path) -> None:
     assert not [name for name in run if importlib.util.find_spec(name) is None]
 
 
+@each_page
+def test_headings_that_a_page_leads_to_are_there(page: Path) -> None:
+    for name, heading in re.findall(r"\]\(([^)#\s:]*)#([^)]+)\)", page.read_text(encoding="utf-8")):
+        text = (page.parent / name if name else page).read_text(encoding="utf-8")
+        lines = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+        there = {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
+        assert heading in there, f"{name}#{heading}"
+
+
+def test_the_architecture_names_every_table() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    files = [path for folder in ("shm", "procs", "tools") for path in (ROOT / folder).rglob("*.py")]
+    tables = [path for path in files if path.read_text(encoding="utf-8").startswith('"""THE TABLE')]
+    assert not [path for path in tables if f"`{path.relative_to(ROOT).as_posix()}`" not in text]
+
+
 def parts() -> set[str]:
     """What stands on a storey."""
     return {f"procs/{path.stem}" for path in (ROOT / "procs").iterdir() if path.stem[0] != "_"} | {"shm", "tools"}
