@@ -49,7 +49,7 @@ class Cart:
     io: str = ""  # Classic: instance of the io process of its interface board
     robot: str = ""  # its robot there: an analog input and a current for every plug
     base_board: str = ""  # Si: Bluetooth address of the base's potentiometer board
-    emulated: bool = False  # Si: its potentiometer boards are played
+    emulated: bool = False  # Si: its potentiometer boards are emulated
     source: str = ""
 
 

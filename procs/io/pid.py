@@ -107,7 +107,7 @@ class Pid:
     def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
         """Other gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
 
-        What the controller remembers resumes with the effort it had: the integral is rescaled, the observed disturbance
+        What the controller remembers goes on from the effort it had: the integral is rescaled, the observed disturbance
         stays. What acts on the present error (gains, dead-bands, offset, limits) acts with its new value at once, and
         an integral or observer that is switched off lets go.
         """

@@ -125,7 +125,7 @@ class SetupLoop(runtime.Loop):
 
 
 def link_of(cart: Cart) -> PotLink:
-    """The potentiometer boards of an Si cart, real or played."""
+    """The potentiometer boards of an Si cart, real or emulated."""
     return EmulatedBoards(cart) if cart.emulated else BluetoothBoards(
         [cart.base_board, *(arm.board for arm in cart.arms)])
 

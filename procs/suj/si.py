@@ -146,7 +146,7 @@ class Si:
 
 
 class EmulatedBoards:
-    """Boards that are played: every setup arm stands where the file says (`simulated_position`), or with all joints 0.
+    """Emulated boards: every setup arm stands where the file says (`simulated_position`), or with all joints 0.
 
     `turn` moves one, as hands would.
     """

@@ -21,7 +21,7 @@ SLACK_M_S = 0.005
 SLACK_RAD_S = SLACK_M_S / SHORTEST_LEVER_M
 WRIST_M = 0.01  # a tip that turns on the spot swings its wrist so far behind it; what lags there shows at the tip
 LAG_NS = 250_000_000
-APART_NS = 300_000_000  # what resumes with pauses shorter than this is one violation
+APART_NS = 300_000_000  # what goes on after pauses shorter than this is one violation
 
 
 @dataclass(frozen=True, slots=True)

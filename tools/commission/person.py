@@ -64,7 +64,7 @@ Act = Carry | Put | Press | Stop | Squeeze
 
 
 class Person(Protocol):
-    """At a terminal, or played on emulated boards."""
+    """At a terminal, or simulated on emulated boards."""
 
     def confirm(self, danger: str, word: str) -> None:
         """Say what is going to happen and have the word typed; Declined when it is not."""

@@ -41,7 +41,7 @@ class Job:
     request: StartRequest
     document: SystemConfig
     arms: list[str]
-    person: Person | None  # None: one is played
+    person: Person | None  # None: one is simulated
     write: bool
 
     @property

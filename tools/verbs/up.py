@@ -23,7 +23,7 @@ NOTES = 30
 
 def up(
     file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; none: the demo's.")] = None,
-    boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are played.")] = "",
+    boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are emulated.")] = "",
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     calibration: Annotated[bool, typer.Option(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,

@@ -197,7 +197,7 @@ class Firmware:
 
     def _collect(self, words: npt.NDArray[np.uint32], rows: Sequence[int], written: npt.NDArray[np.bool_] | None,
                  tick: int) -> None:
-        """Command words begin, resume with and end the collection of data."""
+        """Command words begin, continue and end the collection of data."""
         for row in rows:
             model, collection = self.models[row], self.boards[row].collection
             if model.hardware.name == "DQLA":
