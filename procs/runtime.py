@@ -36,7 +36,7 @@ from shm.segment import SegmentError
 SUPERVISOR_CHECK_NS = 100_000_000
 SIMULATED_LOST = 10
 QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
-MOST_SPIN_US = 50.0
+MAX_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 
 
@@ -256,7 +256,7 @@ def process(kind: str) -> Iterator[Node]:
 def _spin_ns(system: SystemConfig, name: str) -> int:
     """An io may spin, for as long as its bus's entry says, and never on its only core."""
     spin_us = next((io.spin_us for io in system.ios if io.name == name), 0.0)
-    return round(min(spin_us, MOST_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
+    return round(min(spin_us, MAX_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
 
 
 def _signals(node: Node) -> None:

@@ -20,7 +20,7 @@ from shm.topics import Topic
 
 LINE = 64
 MORE = "…".encode()
-LEAST_SENTENCE = 16  # bytes: with less room "…" would say nothing
+MIN_SENTENCE = 16  # bytes: with less room "…" would say nothing
 PAGE = 4096
 SHAPED = re.compile(r"^\((?P<shape>[^)]*)\)(?P<scalar>.+)$")
 MAX_STRIDE = 1 << 20
@@ -99,7 +99,7 @@ def cut_text(text: str, size: int) -> bytes:
 
 def shorten(text: str, size: int) -> bytes:
     """UTF-8 of a sentence, at most `size` bytes; one that is longer ends with a whole word and "…"."""
-    if size < LEAST_SENTENCE or len(text.encode(errors="replace")) <= size:
+    if size < MIN_SENTENCE or len(text.encode(errors="replace")) <= size:
         return cut_text(text, size)
     kept = cut_text(text, size - len(MORE)).decode()
     whole, blank, _ = kept.rpartition(" ")

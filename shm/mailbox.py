@@ -90,7 +90,7 @@ from shm.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received
 
 PER_CYCLE = 8
 LATE_NS = 1_000_000_000
-MOST_STOPS = 64  # about different things that are remembered apart
+MAX_STOPS = 64  # about different things that are remembered apart
 NOBODYS = "no person's command stands behind it; a person has to ask for it"
 BEFORE = "before the last fault or power-off; a person has to ask for it again"
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
@@ -297,7 +297,7 @@ class Mailbox:
 
     def _note_stop(self, about: str, sent_ns: int, received: Received) -> None:
         """What was asked before it is refused from now on, see above."""
-        if len(self._stops) >= MOST_STOPS:  # not all of these are things: from now on it is about all there is
+        if len(self._stops) >= MAX_STOPS:  # not all of these are things: from now on it is about all there is
             self._stops, about, sent_ns = {}, "", max(sent_ns, self._stopped_ns)
         known = self._stops.get(about)
         if known is None or known[0] < sent_ns:

@@ -9,8 +9,8 @@ from shm.lockstep import NEVER, SCHEMA, Table, clock_page
 from shm.segment import names_of
 
 WALL, PACED, LOCKSTEP = "wall", "paced", "lockstep"
-SHORTEST_S: Final = 2e-4  # between two looks at simulated time
-LONGEST_S: Final = 0.02
+MIN_S: Final = 2e-4  # between two looks at simulated time
+MAX_S: Final = 0.02
 
 
 class SystemTime:
@@ -56,7 +56,7 @@ class SystemTime:
                 left = min(left, real_s or 0.0)
             if self._page is not None:
                 # In lock-step nobody knows how fast it comes; paced it is never early.
-                left = max(SHORTEST_S, min(left if self.clock == PACED else SHORTEST_S, LONGEST_S))
+                left = max(MIN_S, min(left if self.clock == PACED else MIN_S, MAX_S))
             pause(left)
 
     def close(self) -> None:

@@ -24,7 +24,7 @@ OK, NOTE, BAD = "ok", "note", "bad"
 BOARDS_PORT: Final = 1394
 BOARDS_NET: Final = ipaddress.ip_network("169.254.0.0/16")
 MEGABYTE: Final = 1e6
-ENOUGH_MB, LEAST_MB = 256.0, 64.0  # a full system of seven arms takes about 100
+ENOUGH_MB, MIN_MB = 256.0, 64.0  # a full system of seven arms takes about 100
 GOOD_CORES: Final = 4
 FREE_CORES: Final = 2.0  # io and arms of one robot, and what else they need
 LOOK_S: Final = 1.0
@@ -120,7 +120,7 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
     found = f"{free_mb:.0f} MB free in {folder}"
     if free_mb < ENOUGH_MB:
         mend = f"sudo mount -o remount,size=1G {folder}    # docker run --shm-size=1g"
-        return MachineFinding("shared memory", BAD if free_mb < LEAST_MB else NOTE, found, mend)
+        return MachineFinding("shared memory", BAD if free_mb < MIN_MB else NOTE, found, mend)
     left = left_over()
     if left:
         return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",

@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 
 POSE: Final = 7
 TWIST: Final = 6
-LONGEST_S: Final = 3600.0
-MOST_FORCE: Final = 1000.0  # N, ten times what the strongest joint gives
-MOST_TORQUE: Final = 100.0  # N·m
+MAX_S: Final = 3600.0
+MAX_FORCE: Final = 1000.0  # N, ten times what the strongest joint gives
+MAX_TORQUE: Final = 100.0  # N·m
 ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
@@ -183,8 +183,8 @@ class CartesianCommands:
         self.enter(request.name)
         values, lasts_ns, absolute = request.values, FOR_EVER, self._control.cartesian.absolute
         if len(values) > TWIST:
-            if not 0.0 < values[TWIST] <= LONGEST_S:
-                raise CommandRefused(f"it may last up to {LONGEST_S:g} s, not {values[TWIST]:g}")
+            if not 0.0 < values[TWIST] <= MAX_S:
+                raise CommandRefused(f"it may last up to {MAX_S:g} s, not {values[TWIST]:g}")
             lasts_ns = round(values[TWIST] * 1e9)
         return self._push_body(values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
 
@@ -212,5 +212,5 @@ class CartesianCommands:
 def _check_wrench(wrench: Array) -> None:
     """CommandRefused where no arm can give anything like it: somebody has mistaken a unit, or an index."""
     force, torque = float(np.abs(wrench[:3]).max()), float(np.abs(wrench[3:]).max())
-    if force > MOST_FORCE or torque > MOST_TORQUE:
-        raise CommandRefused(f"{force:g} N and {torque:g} N·m; allowed: {MOST_FORCE:g} N and {MOST_TORQUE:g} N·m")
+    if force > MAX_FORCE or torque > MAX_TORQUE:
+        raise CommandRefused(f"{force:g} N and {torque:g} N·m; allowed: {MAX_FORCE:g} N and {MAX_TORQUE:g} N·m")

@@ -23,7 +23,7 @@ from procs.requests import CommandRefused, Request
 Array = NDArray[np.float64]
 
 INSERTION: Final = 2
-LEAST_INSERTION: Final = 0.04  # m; a goal of the tip never takes the endoscope further out
+MIN_INSERTION: Final = 0.04  # m; a goal of the tip never takes the endoscope further out
 CARTESIAN_INSERTION: Final = 0.05  # m, above which Cartesian control may begin
 
 
@@ -47,7 +47,7 @@ class EcmLogic(ArmLogic):
 
     def guard(self, found: Array, seed: Array) -> None:
         """See ArmLogic."""
-        found[INSERTION] = max(found[INSERTION], LEAST_INSERTION)
+        found[INSERTION] = max(found[INSERTION], MIN_INSERTION)
 
     def _set_endoscope_type(self, request: Request) -> None:
         control, name = self.control, request.text.strip()

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 FREE_SHARE: Final = 0.5  # of the limit of speed, up to which nothing is taken from the largest effort
 SPRING: Final = 0.3  # of the largest effort, which the wall pushes back with at the limit: soft for hands
-LONGEST_ZONE: Final = 0.2  # of a joint's range
+MAX_ZONE: Final = 0.2  # of a joint's range
 TINY: Final = 1e-9  # rad or m
 FREE: Final = np.array([[np.inf], [-np.inf]])
 
@@ -40,7 +40,7 @@ class EffortGuard:
         self._unknown = None if known.all() else ~known
         self._most = np.where(known, most, 0.0)
         self._damping = self._most / (FREE_SHARE * joints.effort_speed)
-        zone = np.minimum(joints.effort_zone * self._zone_ratio, LONGEST_ZONE * (joints.upper - joints.lower))
+        zone = np.minimum(joints.effort_zone * self._zone_ratio, MAX_ZONE * (joints.upper - joints.lower))
         per_zone = 1.0 / np.maximum(zone, TINY)
         # rows (2, size): upwards, downwards; so much of the zone is left, and most was since effort mode began
         self._left, self._seen, self._part = np.ones((2, n)), np.zeros((2, n)), np.zeros((2, n))

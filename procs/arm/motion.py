@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 STREAM_NS = 100_000_000  # a servo command older than this is no stream any more: its velocity is no longer fed
 FOR_EVER_NS = 1 << 62
-MOST_STEP_NS = 5_000_000  # after a pause of ours a drifting joint goes on from where it is, and does not catch up
+MAX_STEP_NS = 5_000_000  # after a pause of ours a drifting joint goes on from where it is, and does not catch up
 
 
 class Mode(IntEnum):
@@ -201,7 +201,7 @@ class Motion:
 
     def _drift(self, now_ns: int) -> None:
         goal = self.goal
-        goal += self.velocity * (min(now_ns - self._stepped_ns, MOST_STEP_NS) * 1e-9)
+        goal += self.velocity * (min(now_ns - self._stepped_ns, MAX_STEP_NS) * 1e-9)
         self._stepped_ns = now_ns
         outside = ((goal < self._lower) & (self.velocity < 0.0)) | ((goal > self._upper) & (self.velocity > 0.0))
         if outside.any():

@@ -28,7 +28,7 @@ BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a s
 HELD_UP_NS: Final = 1_000_000_000  # but so long a stream that was held up on its way from a limit goes on there
 FIRST_STEP_NS: Final = 5_000_000
 SAME: Final = 1e-6  # rad or m
-SHORTEST_NS: Final = 1_000
+MIN_NS: Final = 1_000
 
 
 class Reach:
@@ -70,7 +70,7 @@ class Reach:
 
     def _most(self, count: int, passed_ns: int) -> Array:
         """How far each joint may go in that time."""
-        return np.minimum(self._control.joints.v_max[:count], QUICKEST) * (max(passed_ns, SHORTEST_NS) * 1e-9)
+        return np.minimum(self._control.joints.v_max[:count], QUICKEST) * (max(passed_ns, MIN_NS) * 1e-9)
 
     def _unreachable(self, inverse: InverseSolver, goal: Array, at: Array) -> str:
         """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""

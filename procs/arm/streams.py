@@ -19,7 +19,7 @@ from procs.arm.motion import STREAM_NS
 
 Array = NDArray[np.float64]
 
-SHORTEST_NS: Final = 5_000_000  # goals of one cycle, or of a stream that is quicker than the arm, may go so far
+MIN_NS: Final = 5_000_000  # goals of one cycle, or of a stream that is quicker than the arm, may go so far
 
 
 class Stream:
@@ -30,7 +30,7 @@ class Stream:
 
     def objection(self, joints: JointSpace, goal: Array, here: Array, now_ns: int, *, is_streamed: bool) -> str:
         """Why a goal (size,) is not followed from `here` (size,), "": it may be; `is_streamed`: see `Motion`."""
-        passed_ns = min(max(now_ns - self._asked_ns, SHORTEST_NS), STREAM_NS)
+        passed_ns = min(max(now_ns - self._asked_ns, MIN_NS), STREAM_NS)
         self._asked_ns = now_ns
         if is_streamed:
             return ""

@@ -19,8 +19,8 @@ from procs.kinematics.poses import POSE
 from shm.commands import COMMANDS
 from shm.received import Received
 
-MOST_TIMES = 1_000_000
-LONGEST_DELAY_S = 60.0
+MAX_TIMES = 1_000_000
+MAX_DELAY_S = 60.0
 ENCODER_HALF = 1 << 23
 BOARDS = 16
 
@@ -61,7 +61,7 @@ class CommandValues:
 
     def times(self, at: int) -> int:
         """How often."""
-        return self.whole(at, 0, MOST_TIMES)
+        return self.whole(at, 0, MAX_TIMES)
 
 
 Order = Callable[[CommandValues], None]
@@ -182,7 +182,7 @@ class BoardCommands:
 
 
 def _delay_ns(words: CommandValues, at: int) -> int:
-    return round(words.number(at, 0.0, LONGEST_DELAY_S) * 1e9)
+    return round(words.number(at, 0.0, MAX_DELAY_S) * 1e9)
 
 
 def _arm_and_name(text: str) -> tuple[str, str]:

@@ -9,9 +9,9 @@ from procs.boards.controllers.bus import EmulatedBus
 from procs.boards.emulation import Emulation, SensorErrors
 from procs.boards.robots.plant import Plant
 
-MOST_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
-MOST_FACTOR = 10.0
-MOST_POSITION = 10.0  # rad or m
+MAX_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
+MAX_FACTOR = 10.0
+MAX_POSITION = 10.0  # rad or m
 HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
 
@@ -44,7 +44,7 @@ class BoardFaults:
 
     def push(self, robot: str, efforts: npt.NDArray[np.float64]) -> None:
         """Efforts from outside on a robot's joints, N·m or N, until changed."""
-        self._check(robot, efforts, "efforts", MOST_EFFORT)
+        self._check(robot, efforts, "efforts", MAX_EFFORT)
         self._plant.push(robot, efforts)
 
     def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
@@ -53,7 +53,7 @@ class BoardFaults:
         if joints and joints in self._world.setup_joints:
             self._world.setup_joints[joints].place(arm, positions.tolist())
             return
-        self._check(robot, positions, "positions", MOST_POSITION)
+        self._check(robot, positions, "positions", MAX_POSITION)
         self._plant.place(robot, positions)
 
     # -- faults of robots ----------------------------------------------------------------------------------------------
@@ -97,8 +97,8 @@ class BoardFaults:
     def scale_encoder(self, robot: str, axis: int, factor: float) -> None:
         """An encoder counts `factor` times what its file says; below 0 backwards, 1 puts it right."""
         self._look_for(self._wiring.counts.scale, robot, axis, "encoder")
-        if not 0.01 <= abs(factor) <= MOST_FACTOR:
-            raise ValueError(f"factor {factor:g}; allowed: 0.01 to {MOST_FACTOR:g}, or below 0 the same")
+        if not 0.01 <= abs(factor) <= MAX_FACTOR:
+            raise ValueError(f"factor {factor:g}; allowed: 0.01 to {MAX_FACTOR:g}, or below 0 the same")
         self._world.scale_encoder(self._axis(robot, axis), factor)
 
     def swap_motors(self, robot: str, one: int, other: int) -> None:

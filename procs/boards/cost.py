@@ -40,7 +40,7 @@ CYCLES = 3  # of a window
 WINDOW_NS = 2_000_000  # three periods at 1500 Hz, two physics steps
 READ_NS, WRITE_NS = 110_000, 250_000  # after the query
 SWING, SWING_SLIDE, SWING_HZ = 0.02, 0.004, 0.5  # rad, m
-MOST_OFF = 0.01  # rad or m off the path: less than the swing
+MAX_OFF = 0.01  # rad or m off the path: less than the swing
 SWITCH_ON_WINDOWS = 200  # until the amplifiers are on
 BLOCK, WARM_UP = 40, 8  # windows of one kind in a row; the first of them do not count
 PERCENTILES = {"p10": 10, "p50": 50, "p99": 99}
@@ -127,7 +127,7 @@ class Host:
         if not (status & (_AMPS_ON | reg.STATUS_WATCHDOG) == _AMPS_ON).all():
             raise ValueError(f"status {[hex(s) for s in status.tolist()]}: not every amplifier is on")
         off = float(np.abs(self._world.position - self.path(at_ns)).max())
-        if not off <= MOST_OFF:
+        if not off <= MAX_OFF:
             raise ValueError(f"an actuator is {off:.3f} off its path")
 
 

@@ -26,7 +26,7 @@ from procs.fpga import wire
 Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
 MIDDLE = (0x7FFF, 0x8000)  # commands on either side of no current
-MOST_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
+MAX_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ class Emulation:
         self._until(ticks_of(now_ns - self.epoch_ns))
 
     def _until(self, tick: int) -> None:
-        behind = (tick - self._next) // self._span - MOST_STEPS
+        behind = (tick - self._next) // self._span - MAX_STEPS
         if behind > 0:  # we were stopped: the robots stood still meanwhile, the boards' clocks did not
             self.skipped_steps += behind
             self._next += behind * self._span

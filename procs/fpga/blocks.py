@@ -14,7 +14,7 @@ from procs.fpga import registers
 from procs.fpga.wire import MAX_DATA, WireError
 
 AXES_OF: Final = {"QLA1": (4, 4), "DQLA": (8, 8), "dRA1": (10, 7)}  # hardware: motors (with brakes), encoders
-MOST_HUB_QUADS: Final = MAX_DATA // 4  # of a hub read: hub memory has 512, a block on the wire a few less
+MAX_HUB_QUADS: Final = MAX_DATA // 4  # of a hub read: hub memory has 512, a block on the wire a few less
 
 # Columns of a real-time read block; then come the kinds below, a column an axis, axis 1 first.
 TIMESTAMP: Final = 0  # ticks since the previous sample of this board, minus 1

@@ -32,9 +32,9 @@ from shm.faults import OwnCell
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
-MOST_SAMPLES: Final = 100_000
-LONGEST_SUPPLY_S: Final = 60.0
-MOST_POWERING: Final = 16  # requests of one robot that wait for power at the same time
+MAX_SAMPLES: Final = 100_000
+MAX_SUPPLY_S: Final = 60.0
+MAX_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
 
 class IoCommands:
@@ -146,7 +146,7 @@ class IoCommands:
         command.done()
 
     def _power_on(self, robot: int, command: Request) -> None:
-        if sum(waiting == robot for waiting, _ in self._powering) >= MOST_POWERING:
+        if sum(waiting == robot for waiting, _ in self._powering) >= MAX_POWERING:
             raise CommandRefused("power-on is under way and asked for often enough")
         if not self._record.power_requested[robot]:
             self._record.fault[robot] = 0
@@ -156,8 +156,8 @@ class IoCommands:
 
     def _supply_on(self, robot: int, command: Request) -> None:
         for_s = float(command.values[0]) if len(command.values) == 1 else math.nan
-        if not 0.0 < for_s <= LONGEST_SUPPLY_S:
-            raise CommandRefused(f"one value is needed: for how long, above 0 up to {LONGEST_SUPPLY_S:g} s")
+        if not 0.0 < for_s <= MAX_SUPPLY_S:
+            raise CommandRefused(f"one value is needed: for how long, above 0 up to {MAX_SUPPLY_S:g} s")
         reason = self._power.supply(robot, self._now_ns, for_s)
         if reason:
             raise CommandRefused(reason)
@@ -171,8 +171,8 @@ class IoCommands:
 
     def _bias_encoders(self, robot: int, command: Request) -> None:
         samples = command.values[0] if len(command.values) else 0.0
-        if not 1.0 <= abs(samples) <= MOST_SAMPLES:
-            raise CommandRefused(f"samples {samples}; allowed: 1 to {MOST_SAMPLES}, or negative")
+        if not 1.0 <= abs(samples) <= MAX_SAMPLES:
+            raise CommandRefused(f"samples {samples}; allowed: 1 to {MAX_SAMPLES}, or negative")
         axes = self._robots.slices[robot]
         left_out = np.zeros(axes.stop - axes.start, dtype=bool)
         for value in command.values[1:]:

@@ -17,9 +17,9 @@ from procs.io.bus.port import Port
 from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 
-LONGEST_COUNTS: Final = 0xFFFF
+MAX_COUNTS: Final = 0xFFFF
 TURN_TICKS: Final = 2  # an output turns so many ticks after its count is over
-LEAST_PWM_HZ: Final = 375.0
+MIN_PWM_HZ: Final = 375.0
 MASK_SHIFT: Final = 8
 QLA_OUTPUTS: Final = 4
 
@@ -56,8 +56,8 @@ class DigitalOutputs:
         output = self._outputs[place]
         if not output.is_pwm:
             return "the file does not call it a PWM"
-        if not output.pwm_hz > LEAST_PWM_HZ:
-            return f"its PWM_frequency is {output.pwm_hz} Hz; allowed: above {LEAST_PWM_HZ:g}"
+        if not output.pwm_hz > MIN_PWM_HZ:
+            return f"its PWM_frequency is {output.pwm_hz} Hz; allowed: above {MIN_PWM_HZ:g}"
         if not 0.0 <= duty <= 1.0:
             return f"duty {duty}; allowed: 0 to 1"
         high, low = (round(share * registers.CLOCK_HZ / output.pwm_hz) - TURN_TICKS for share in (duty, 1.0 - duty))
@@ -88,7 +88,7 @@ class DigitalOutputs:
 
 def _counts(seconds: float) -> int:
     """Count of a one-shot, at most the 1.33 ms that fit."""
-    return min(round(seconds * registers.CLOCK_HZ), LONGEST_COUNTS)
+    return min(round(seconds * registers.CLOCK_HZ), MAX_COUNTS)
 
 
 def _shown(bit: int) -> int:

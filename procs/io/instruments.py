@@ -25,10 +25,10 @@ from procs.requests import Request
 from shm.topics import IO_INSTRUMENTS
 
 POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question
-LEAST_NS: Final = 250_000_000  # 256 bytes cannot have come sooner
-LONGEST_NS: Final = 3_000_000_000
+MIN_NS: Final = 250_000_000  # 256 bytes cannot have come sooner
+MAX_NS: Final = 3_000_000_000
 TIMES: Final = 2  # in a row, before what was found is believed
-MOST_WAITING: Final = 16
+MAX_WAITING: Final = 16
 
 READING, READ, ABSENT, ERROR = "READING", "READ", "ABSENT", "ERROR"
 
@@ -73,7 +73,7 @@ class InstrumentReaders:
                 return f"its board is reading for {self.names[sharing[0]]}"
             reading = self.running[reader] = MemoryReading(now_ns, now_ns)
             self._show(reader, READING, None, now_ns)
-        elif len(reading.askers) >= MOST_WAITING:
+        elif len(reading.askers) >= MAX_WAITING:
             return "it is being read and was asked for often enough"
         reading.askers.append(asker)
         asker.accept()
@@ -82,7 +82,7 @@ class InstrumentReaders:
     def step(self, good: bool, now_ns: int) -> None:
         """After the write of a cycle: speak to one board at most, and to none while samples are bad."""
         for reader, reading in self.running.items():
-            if now_ns - reading.begun_ns > LONGEST_NS:
+            if now_ns - reading.begun_ns > MAX_NS:
                 self._end(reader, ERROR, "it could not be read in 3 s: no two readings are alike, or the board does "
                           "not answer", None, now_ns)
                 return
@@ -110,7 +110,7 @@ class InstrumentReaders:
         reading.due_ns, reading.status = now_ns, int(answer[0])
         result = reading.status >> instrument.RESET_SHIFT & 3
         reading.silent = reading.silent + 1 if result == instrument.SILENT else 0
-        reading.ready = result == instrument.ANSWERED and now_ns - reading.reported_ns >= LEAST_NS
+        reading.ready = result == instrument.ANSWERED and now_ns - reading.reported_ns >= MIN_NS
         if not reading.ready:
             reading.reported_ns = 0
         if reading.silent >= TIMES:

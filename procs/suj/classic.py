@@ -23,7 +23,7 @@ from procs.suj.pots import CLASSIC_LIMITS, PotReadings
 from procs.suj.setups import Array, Fields, Setups
 
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
-LONGEST_ROUND_NS: Final = 5_000_000_000
+MAX_ROUND_NS: Final = 5_000_000_000
 POWER_NS: Final = 4_000_000_000  # io gives up by itself after 3 s
 OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared what was latched before
 JOINTS: Final = 6
@@ -195,7 +195,7 @@ class Classic:
             self._round_ns = now_ns
             for place in range(len(self._arms)):
                 self._read(place)
-        elif not self._is_away and (now_ns - self._round_ns > LONGEST_ROUND_NS or not self._board.is_fresh(now_ns)):
+        elif not self._is_away and (now_ns - self._round_ns > MAX_ROUND_NS or not self._board.is_fresh(now_ns)):
             self._lose_all(now_ns)
         if multiplexer.wrong != self._wrong:
             self._wrong = multiplexer.wrong

@@ -24,7 +24,7 @@ from procs.suj.setups import Array, Fields, Setups
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
 SETTLED: Final = 2  # readings after somebody let go: the first may be from before
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
-MOST_POTS: Final = 8
+MAX_POTS: Final = 8
 
 
 class PotLink(Protocol):
@@ -47,7 +47,7 @@ def counts(reading: bytes) -> Array:
         first, second = ([float(value) for value in row] for row in pots)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"not a reading of a potentiometer board: {type(error).__name__}") from None
-    if not 0 < len(first) == len(second) <= MOST_POTS or not all(map(math.isfinite, first + second)):
+    if not 0 < len(first) == len(second) <= MAX_POTS or not all(map(math.isfinite, first + second)):
         raise ValueError("not a reading of a potentiometer board: two rows of as many numbers are")
     return np.array((first, second))
 

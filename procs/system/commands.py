@@ -15,9 +15,9 @@ from shm.client import LoopClient
 from shm.events import Events
 
 BEEP_S, BEEP_HZ = 0.3, 3000.0
-SHORTEST_S, LONGEST_S = 0.05, 60.0
+MIN_S, MAX_S = 0.05, 60.0
 LOWEST_HZ, HIGHEST_HZ = 20.0, 10_000.0
-MOST_VALUES: Final = 3
+MAX_VALUES: Final = 3
 
 
 class SystemCommands:
@@ -86,10 +86,10 @@ class SystemCommands:
 
     def _beep(self, request: Request) -> None:
         count = len(request.values)
-        if not 1 <= count <= MOST_VALUES:
+        if not 1 <= count <= MAX_VALUES:
             raise CommandRefused(f"takes 1 to 3 numbers (s, Hz, volume), {count} were given")
         given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[count:])
-        limits = ((SHORTEST_S, LONGEST_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
+        limits = ((MIN_S, MAX_S), (LOWEST_HZ, HIGHEST_HZ), (0.0, 1.0))
         if not all(abs(value) < float("inf") for value in given):
             raise CommandRefused("takes finite numbers")
         used = [min(max(value, lower), upper) for value, (lower, upper) in zip(given, limits, strict=True)]

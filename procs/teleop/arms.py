@@ -27,7 +27,7 @@ NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 ERROR: Final = 3  # severity of events
 POSITION: Final = 1  # control mode
 IN_HAND: Final = b"MANUAL"  # internal state
-MOST_GOALS: Final = 1000  # under way at once; answers to so many were lost
+MAX_GOALS: Final = 1000  # under way at once; answers to so many were lost
 # Setup joints may carry a base while somebody follows; what goes further from one record to the next is another base.
 BASE_STEP_M: Final = 0.005
 BASE_STEP_RAD: Final = 0.1
@@ -196,7 +196,7 @@ class TeleopArm:
         """Send it a goal of a stream; `refuses_goals` until it takes one, if it does not take this."""
         number = self.send(name, values)
         if number:
-            if len(self._goals) >= MOST_GOALS:
+            if len(self._goals) >= MAX_GOALS:
                 self._goals.clear()
             self._goals.add(number)
         return number

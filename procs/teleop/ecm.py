@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
 LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
-MOST_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
+MAX_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
 
 
@@ -131,7 +131,7 @@ class TeleopEcm(Teleop):
             self._was_refused = True
             self._begin_here()
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
-        if not float(np.abs(goal - self._goal).max()) <= MOST_STEP:
+        if not float(np.abs(goal - self._goal).max()) <= MAX_STEP:
             self.stop(codes.CAMERA_JUMP, "the camera would jump: hands must not cross, nor stand one behind the other")
             return
         self._goal[...] = goal

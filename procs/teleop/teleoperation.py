@@ -26,7 +26,7 @@ Y_AXIS: Final = (0.0, 1.0, 0.0)
 TOGETHER: Final = 0.8  # of both thresholds: a bit of each is presence as well
 CAUGHT_UP: Final = math.radians(2.0)
 NO_GRIPPER_JAW: Final = math.radians(45.0)  # jaw where the master has no gripper
-MOST_LOST_S: Final = LATE_S  # a cycle that came later than this lets the jaw go no further
+MAX_LOST_S: Final = LATE_S  # a cycle that came later than this lets the jaw go no further
 
 
 def roll_between(master: Array, slave: Array) -> float:
@@ -206,7 +206,7 @@ class JawMapping:
             gripper = self.ghost if self._has_gripper else (NO_GRIPPER_JAW - self._offset) / self._factor
         if abs(gripper - self.ghost) < CAUGHT_UP:
             self._catching_up = False
-        most = (self._slow_rate if self._catching_up else self._rate) * max(0.0, min(passed_s, MOST_LOST_S))
+        most = (self._slow_rate if self._catching_up else self._rate) * max(0.0, min(passed_s, MAX_LOST_S))
         self.ghost += max(-most, min(most, gripper - self.ghost))
         jaw = self.jaw_of(self.ghost)
         if jaw < self._lower:

@@ -17,7 +17,7 @@ FASTEST_M_S: Final = 2.0
 FASTEST_RAD_S: Final = 15.0
 STEP_M: Final = 0.005
 STEP_RAD: Final = 0.1
-LONGEST_STEP_NS: Final = LATE_NS  # a record that comes later is from somebody who was silent
+MAX_STEP_NS: Final = LATE_NS  # a record that comes later is from somebody who was silent
 STEADY_NS: Final = 500_000_000  # so long without a fault until it is believed again
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 
@@ -81,7 +81,7 @@ class ThirdPartyArm(TeleopArm):
 
     def _jump(self, pose: Array) -> str:
         passed_ns = max(self.stamp_ns - self._last_stamp_ns, self._now_ns - self._last_seen_ns)
-        passed_s = min(passed_ns, LONGEST_STEP_NS) * 1e-9
+        passed_s = min(passed_ns, MAX_STEP_NS) * 1e-9
         way, turn = math.dist(pose[:3], self._last[:3]), _angle(pose[3:], self._last[3:])
         room_m, room_rad = self._room_m + FASTEST_M_S * passed_s - way, self._room_rad + FASTEST_RAD_S * passed_s - turn
         self._room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)

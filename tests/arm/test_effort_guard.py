@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from procs.arm.effort_guard import LONGEST_ZONE, EffortGuard
+from procs.arm.effort_guard import MAX_ZONE, EffortGuard
 from procs.arm.effort_limits import EffortLimits, motor_efforts
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Motion
@@ -127,7 +127,7 @@ def test_an_effort_comes_to_rest_before_the_limit(kind: str, side: float, noise:
     run.run(4.0, side * arm.most)
     limit = np.where(side > 0, arm.space.upper, -arm.space.lower)
     place = side * run.seen("places")
-    zone = np.minimum(arm.space.effort_zone, LONGEST_ZONE * (arm.space.upper - arm.space.lower))
+    zone = np.minimum(arm.space.effort_zone, MAX_ZONE * (arm.space.upper - arm.space.lower))
     assert (place <= limit).all(), "never beyond"
     assert (place[-1] > limit - zone).all() and (place[-1] < limit - 0.05 * zone).all(), "in the zone"
     still = np.abs(run.seen("speeds", 0.5)) / arm.space.effort_speed
@@ -140,7 +140,7 @@ def test_an_effort_comes_to_rest_before_the_limit(kind: str, side: float, noise:
 @pytest.mark.parametrize("kind", ARMS)
 def test_what_a_hand_pushes_into_the_wall_comes_back_and_stays(kind: str) -> None:
     arm = mechanism(kind)
-    zone = np.minimum(arm.space.effort_zone, LONGEST_ZONE * (arm.space.upper - arm.space.lower))
+    zone = np.minimum(arm.space.effort_zone, MAX_ZONE * (arm.space.upper - arm.space.lower))
     run = Run(arm, arm.space.upper - 1.2 * zone)
     run.run(2.0, np.zeros(arm.n), 0.25 * arm.most)
     pushed = run.places[-1]

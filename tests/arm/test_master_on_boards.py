@@ -17,7 +17,7 @@ from tests.arm.on_boards import OnBoards
 
 pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"]
-MOST_JUMP = 0.5e-3  # m
+MAX_JUMP = 0.5e-3  # m
 
 
 def site(name: str) -> SystemConfig:
@@ -99,7 +99,7 @@ def dies_on_the_way_home(robot: OnBoards, state: str) -> None:
     if state == "HOMING":  # it was moving: it stops where it was asked to be
         chain = Kinematics(robot.document.chain)
         before = chain.fk(robot.arm.joints.to_joint @ asked, np.eye(4))[:3, 3]
-    assert np.abs(tip(robot)[:3, 3] - before).max() < (2e-3 if state == "HOMING" else MOST_JUMP), state
+    assert np.abs(tip(robot)[:3, 3] - before).max() < (2e-3 if state == "HOMING" else MAX_JUMP), state
 
 
 def free(robot: OnBoards) -> None:
@@ -131,7 +131,7 @@ def test_a_process_that_dies_in_effort_mode_jerks_nothing(robot: OnBoards, locke
     for _ in range(1500):
         robot.step()
         jump = max(jump, float(np.abs(tip(robot)[:3, 3] - before).max()))
-    assert robot.arm.state == "HOMED" and jump < MOST_JUMP
+    assert robot.arm.state == "HOMED" and jump < MAX_JUMP
     assert not robot.setpoint["in_effort"].any() and robot.harness.errors() == []
 
 

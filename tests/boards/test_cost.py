@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.cost import BLOCK, CYCLES, MOST_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
+from procs.boards.cost import BLOCK, CYCLES, MAX_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
 from procs.config import load_system
 from procs.fpga import blocks, wire
 from shm.directory import create_ring
@@ -71,7 +71,7 @@ def test_a_hub_read_that_is_not_the_cycle_s_is_refused(bench: BoardsBench) -> No
 
 def test_arms_off_their_path_are_refused(bench: BoardsBench) -> None:
     bench._check()
-    bench.host._middle += 1.1 * MOST_OFF
+    bench.host._middle += 1.1 * MAX_OFF
     with pytest.raises(ValueError, match="off its path"):
         bench._check()
 

@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from procs.boards.emulation import FRAME_TICKS, MOST_STEPS, Emulation, ns_of, ticks_of
+from procs.boards.emulation import FRAME_TICKS, MAX_STEPS, Emulation, ns_of, ticks_of
 from procs.boards.wiring import Wiring
 from procs.document.system import BusConfig, Controller, Linear
 from procs.document.system import EmulationConfig as EmulationRow
@@ -114,8 +114,8 @@ def test_after_a_long_stop_the_robots_have_stood_still() -> None:
     world.advance(START + 10 * MS)
     steps = len(rails.currents)
     world.advance(START + 5000 * MS)
-    assert len(rails.currents) - steps == MOST_STEPS + 1
-    assert world.skipped_steps == 4990 - MOST_STEPS - 1
+    assert len(rails.currents) - steps == MAX_STEPS + 1
+    assert world.skipped_steps == 4990 - MAX_STEPS - 1
     assert START + 4999 * MS <= world.board_ns <= START + 5000 * MS
 
 

@@ -31,8 +31,8 @@ from tests.lib import board_side
 
 # of CPU time for one datagram: a hundred physics steps to be made up for (25 ms; ten times that on test boards, where
 # PWM drives the encoders of all boards edge by edge), and a busy machine
-MOST_NS = 500 * MS
-MOST_OBJECTS, MOST_BYTES = 500, 8 << 20  # more at the end of a fuzz than in its middle
+MAX_NS = 500 * MS
+MAX_OBJECTS, MAX_BYTES = 500, 8 << 20  # more at the end of a fuzz than in its middle
 SEED = 20250704
 
 
@@ -106,7 +106,7 @@ class Fuzzed:
                 error.add_note(where)
                 raise
             used = thread_time_ns() - begin
-            assert used <= MOST_NS, f"{used / 1e6:.1f} ms of CPU time; {where}"
+            assert used <= MAX_NS, f"{used / 1e6:.1f} ms of CPU time; {where}"
             self.dearest_ns = max(self.dearest_ns, used)
             sender.generation = bus.generation
             if reply is None:
@@ -250,8 +250,8 @@ def _fuzz(name: str, count: int, seed: int) -> Fuzzed:
         fuzzed.send(count // 4)
         used.append((fuzzed.settle(), psutil.Process().memory_info().rss))
     objects, memory = zip(*used, strict=True)
-    assert objects[-1] - objects[1] < MOST_OBJECTS + count // 500, f"objects after each quarter: {objects}"
-    assert memory[-1] - memory[1] < MOST_BYTES, f"bytes after each quarter: {memory}"
+    assert objects[-1] - objects[1] < MAX_OBJECTS + count // 500, f"objects after each quarter: {objects}"
+    assert memory[-1] - memory[1] < MAX_BYTES, f"bytes after each quarter: {memory}"
     assert min(fuzzed.replies[kind] for kind in ("to tcode 4", "to tcode 5")) > count // 100, fuzzed.replies
     assert fuzzed.replies["dropped"], fuzzed.replies
     _check_afterwards(fuzzed)

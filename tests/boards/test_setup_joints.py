@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
-from procs.boards.devices.outputs import EVERY_OUTPUT, MOST_CHANGES, PLAY, BoardOutputs, Changes
+from procs.boards.devices.outputs import EVERY_OUTPUT, MAX_CHANGES, PLAY, BoardOutputs, Changes
 from procs.boards.devices.waveform import VALID
 from procs.boards.emulation import Emulation
 from procs.boards.setup_joints import SetupJointsPlant
@@ -251,7 +251,7 @@ class WatchedPots(BoardOutputs):
 
     followed = 0
 
-    def changes(self, after: int, until: int, limit: int = MOST_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
+    def changes(self, after: int, until: int, limit: int = MAX_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
         made = super().changes(after, until, limit, of)
         self.followed += len(made.items)
         return made

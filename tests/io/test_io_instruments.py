@@ -16,7 +16,7 @@ from procs.document.system import InstrumentReader
 from procs.fpga import instrument, registers
 from procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
 from procs.io.bus.port import PortError
-from procs.io.instruments import LONGEST_NS, InstrumentReaders
+from procs.io.instruments import MAX_NS, InstrumentReaders
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from tests import stock
@@ -193,7 +193,7 @@ def test_lost_packets_make_it_slower_and_never_wrong(loss: float) -> None:
 
 def test_a_board_that_never_answers_is_an_error() -> None:
     bench = InstrumentBench(loss=1.0)
-    outcome, text = bench.read(LONGEST_NS * 1e-9 + 0.1)
+    outcome, text = bench.read(MAX_NS * 1e-9 + 0.1)
     assert outcome == "failed" and "in 3 s" in text and bench.shown() == ("ERROR", "")
 
 

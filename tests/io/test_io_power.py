@@ -264,7 +264,7 @@ def test_an_unknown_robot_is_refused() -> None:
 def test_power_asked_for_again_and_again_is_refused_in_the_end() -> None:
     harness = IoHarness()
     harness.port.has_supply = False
-    asked = [harness.ask("power_on") for _ in range(commands.MOST_POWERING + 1)]
+    asked = [harness.ask("power_on") for _ in range(commands.MAX_POWERING + 1)]
     assert {c.outcome for c in asked[:-1]} == {"accepted"}
     assert asked[-1].outcome == "refused"
     harness.ask("power_off")

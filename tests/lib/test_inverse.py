@@ -33,7 +33,7 @@ ARMS = {
     "MTMR": ("MTM", "MTMR", ""),
 }
 RECORDED = ("PSM_LARGE_NEEDLE_DRIVER_400006", "PSM_NEEDLE_DRIVER_400117_snake", "ECM_straight", "MTML")
-MOST_STEPS = 40
+MAX_STEPS = 40
 
 
 @cache
@@ -73,7 +73,7 @@ def test_goals_of_the_original_routines_are_reached_from_near_and_from_home(name
             goal = np.array(record["fk"])
             assert solver.solve(goal, np.array(each["seed"])), (each["kind"], record["i"], solver.reason)
             assert_reached(solver, forward, goal)
-            assert solver.steps <= MOST_STEPS
+            assert solver.steps <= MAX_STEPS
             seeds += 1
     assert seeds >= 300
 
@@ -108,7 +108,7 @@ def test_goals_out_of_reach_are_refused_with_the_joint_to_blame(name: str) -> No
                 assert_reached(solver, forward, goal)
             continue
         refused += 1
-        assert np.array_equal(solver.q, seed) and solver.reason and solver.steps <= MOST_STEPS
+        assert np.array_equal(solver.q, seed) and solver.reason and solver.steps <= MAX_STEPS
         if solver.axis >= 0:
             assert solver.reason.startswith(f"{solver.kinematics.names[solver.axis]} would be ")
             assert "its limit" in solver.reason

@@ -31,7 +31,7 @@ from shm.topics import SUPERVISOR_STATE
 
 SYSTEM = f"thostile{os.getpid()}"
 HANG_S = 10
-MOST_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 OWNER = "supervisor"
 NAMES = ("magic", "version", "first", "fingerprint", "stride", "depth", "schema", "info", "kind", "size")
 FIELDS = ((8, 4), (12, 4), (16, 8), (24, 4), (28, 4), (32, 4), (36, 4), (40, 8), (56, 8))  # where, bytes
@@ -50,7 +50,7 @@ def bounded(weigh: bool = False) -> Iterator[None]:
         tracemalloc.start()
     try:
         yield
-        assert not weigh or tracemalloc.get_traced_memory()[1] < MOST_BYTES
+        assert not weigh or tracemalloc.get_traced_memory()[1] < MAX_BYTES
     finally:
         tracemalloc.stop()
         signal.setitimer(signal.ITIMER_REAL, 0)

@@ -12,7 +12,7 @@ import pytest
 
 from shm import place as p
 from shm.commands import COMMANDS
-from shm.mailbox import MOST_STOPS, Mailbox
+from shm.mailbox import MAX_STOPS, Mailbox
 from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, RESERVED, MailboxMap, create_mailbox
 from shm.place import MailboxFull, Place, StopPlace, take_place
 from shm.segment import SegmentError, segment_name, unlink
@@ -198,11 +198,11 @@ def test_stops_of_things_that_are_not_there_do_not_fill_the_memory(open_now: Any
     box, mine = open_now(Mailbox, "IO1", "io"), open_now(take_place, "IO1")
     mine.send("power_on", (), "PSM1")
     stops = open_now(StopPlace, "IO1")
-    for i in range(3 * MOST_STOPS):
+    for i in range(3 * MAX_STOPS):
         stops.stop("servo_zero", (), f"robot {i} of none")
         while box.has_news:
             list(box.drain())
-    assert len(box._stops) <= MOST_STOPS
+    assert len(box._stops) <= MAX_STOPS
 
 
 @pytest.mark.parametrize(("kind", "name", "values", "text", "stops"), [

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.soak.motion import SHORTEST_LEVER_M, Motion, MotionTruth, Truth
+from tests.soak.motion import MIN_LEVER_M, Motion, MotionTruth, Truth
 
 Array = NDArray[np.float64]
 
 MORE = 1.2
 SLACK_M_S = 0.005
-SLACK_RAD_S = SLACK_M_S / SHORTEST_LEVER_M
+SLACK_RAD_S = SLACK_M_S / MIN_LEVER_M
 WRIST_M = 0.01  # a tip that turns on the spot swings its wrist so far behind it; what lags there shows at the tip
 LAG_NS = 250_000_000
 APART_NS = 300_000_000  # what goes on after pauses shorter than this is one violation

@@ -25,7 +25,7 @@ Truth = NDArray[Any]
 WINDOW = 10  # records
 GOING = 40  # records: when io or the bus is gone, the last currents flow until the boards' watchdog cuts them
 BLINK = 60  # records: io lets an amplifier be off for 50 ms before it calls that a fault
-SHORTEST_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
+MIN_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Motion:
     """One robot, k speeds: when they were (ns), of its joints (k, n), levers (k, n), of the tip; what is `powered`:
     had power all the time, and was not about to lose it (GOING).
 
-    A lever is how fast the tip moves for a joint's speed of 1: m/rad, at least SHORTEST_LEVER_M; 1 of a prismatic one.
+    A lever is how fast the tip moves for a joint's speed of 1: m/rad, at least MIN_LEVER_M; 1 of a prismatic one.
     The jaw is the last joint of an arm that has one.
     """
 
@@ -105,8 +105,8 @@ class MotionTruth:
             jacobian = self._chain.body_jacobian(np.ascontiguousarray(joints[starts[k], :n]))
             lever[k, :n] = np.linalg.norm(jacobian[:3], axis=0)
             twist[k] = jacobian @ change[k, :n]
-        lever[:, ~self._is_prismatic] = np.maximum(lever[:, ~self._is_prismatic], SHORTEST_LEVER_M)
-        lever[:, n:] = SHORTEST_LEVER_M
+        lever[:, ~self._is_prismatic] = np.maximum(lever[:, ~self._is_prismatic], MIN_LEVER_M)
+        lever[:, n:] = MIN_LEVER_M
         return Motion(self.name, self.kind, truth["stamp_ns"][ends], np.abs(change) / span_s, lever,
                       np.linalg.norm(twist[:, :3], axis=1) / span_s, np.linalg.norm(twist[:, 3:], axis=1) / span_s,
                       powered)

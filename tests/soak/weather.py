@@ -15,8 +15,8 @@ from tests.soak.system import System
 BOARDS = {2: MASTER, 3: MASTER, 6: SLAVE, 7: SLAVE}
 HELD_UP_S = 0.06  # surely more than the 30 ms that count
 DEAD_BUS_S = 0.15
-SHORTEST_S, LONGEST_S = 0.02, 3.0
-MOST_PACKETS = 60
+MIN_S, MAX_S = 0.02, 3.0
+MAX_PACKETS = 60
 IO = "IO1"
 
 
@@ -78,7 +78,7 @@ class Weather:
         return self.chance.choice(list(self.favourites) if self.chance.random() < 0.5 else self.system.instances)
 
     def _length(self) -> float:
-        low, high = SHORTEST_S, LONGEST_S
+        low, high = MIN_S, MAX_S
         return float(low * (high / low) ** self.chance.random())
 
     def _kill(self, who: str) -> str:
@@ -99,7 +99,7 @@ class Weather:
         begin = monotonic_ns()
         pause(length_s)
         passed_s = (monotonic_ns() - begin) * 1e-9
-        if length_s > {IO: HELD_UP_S, "boards": DEAD_BUS_S}.get(who, LONGEST_S + 1.0):
+        if length_s > {IO: HELD_UP_S, "boards": DEAD_BUS_S}.get(who, MAX_S + 1.0):
             self.diary.lose(ROBOTS, words)
         if length_s > HELD_UP_S:
             self.diary.void([who], streams=False)
@@ -110,7 +110,7 @@ class Weather:
 
     def _count(self) -> int:
         """Of packets: often few, which do no harm, and up to more than the watchdog stands."""
-        return round(MOST_PACKETS ** self.chance.random())
+        return round(MAX_PACKETS ** self.chance.random())
 
     def _replies(self, command: str) -> str:
         return self._order(command, (self._count(),), IO)

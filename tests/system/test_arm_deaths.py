@@ -16,7 +16,7 @@ from tests.system.robot import DEMO, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
-MOST_MM = 0.5
+MAX_MM = 0.5
 AWAY = {"ECM": (0.5, 0.3, 0.15, 0.5), "MTML": (0.3, 0.3, 0.2, 0.3, 0.2, 0.2, 0.5)}
 STATES = {
     "ECM": ("POWERING", "CALIBRATING_ENCODERS_FROM_POTS", "HOMING", "moving", "effort"),
@@ -120,7 +120,7 @@ def check_path(path: NDArray[np.float64], state: str) -> None:
     """The tip's way (k, 3) m from the kill on."""
     if state in ("moving", "HOMING", "CALIBRATING_ROLL"):
         # what was under way runs out within the time io needs to notice, and stands then
-        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() * 1e3 < MOST_MM, f"no jump in {state}"
-        assert np.linalg.norm(path[-20:] - path[-1], axis=1).max() * 1e3 < MOST_MM
+        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() * 1e3 < MAX_MM, f"no jump in {state}"
+        assert np.linalg.norm(path[-20:] - path[-1], axis=1).max() * 1e3 < MAX_MM
     else:
-        assert np.linalg.norm(path - path[0], axis=1).max() * 1e3 < MOST_MM, state
+        assert np.linalg.norm(path - path[0], axis=1).max() * 1e3 < MAX_MM, state

@@ -18,7 +18,7 @@ from tests.system.robot import Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 LOCKSTEP = ("--set", "clock=lockstep")
-MOST_JUMP = 0.5e-3  # m
+MAX_JUMP = 0.5e-3  # m
 TO_JOINT = np.eye(7)
 TO_JOINT[2, 1], TO_JOINT[3, 1], TO_JOINT[3, 2] = -1.0, 0.6697, -0.6697
 
@@ -84,6 +84,6 @@ def test_both_masters_home_and_are_free_locked_and_held(robot: Robot, data: Call
         wait_for(lambda: cycle(robot) > since + 2000, 30, "time")  # noqa: B023
         far = jump(robot, arm, first_axis(robot, arm), since)
         print(arm, "jump, mm", far * 1e3)
-        assert far < MOST_JUMP and echo(robot, f"{arm}/operating_state")["is_homed"] is True
+        assert far < MAX_JUMP and echo(robot, f"{arm}/operating_state")["is_homed"] is True
     robot.trocar("power-off")
     assert robot.down() == 0

@@ -35,8 +35,8 @@ SECONDS = 5.0
 SUSTAINED_S = 10.0
 WINDOWS = 3  # to keep a rate in: a virtual machine is stopped for milliseconds now and then
 LOOK_S = 0.05
-MOST_MISSED = 0.001
-FIRST_HZ, STEP_HZ, MOST_HZ = 3000, 500, 8000
+MAX_MISSED = 0.001
+FIRST_HZ, STEP_HZ, MAX_HZ = 3000, 500, 8000
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
 SOURCE = ROOT / "configs"
@@ -56,7 +56,7 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
         tried = sustained(lambda hz: _part_missed(file, sustained_s, f"io.period_s={1.0 / hz}", SLOW_ARMS, *placed))
     most, least = (figures[f"read_to_write_us_p50_{2 * psms}"] for psms in (max(sizes), min(sizes)))
     figures[f"ratio_{2 * max(sizes)}_vs_{2 * min(sizes)}"] = most / least
-    figures["max_rate_hz"] = max((hz for hz, missed in tried.items() if missed < MOST_MISSED), default=0)
+    figures["max_rate_hz"] = max((hz for hz, missed in tried.items() if missed < MAX_MISSED), default=0)
     conditions = {
         "boards": [2 * psms for psms in sizes], "seconds": seconds, "sustained_s": sustained_s,
         "missed_at_hz": {str(hz): round(missed, 6) for hz, missed in sorted(tried.items())},
@@ -71,9 +71,9 @@ def sustained(measure: Callable[[float], float]) -> dict[int, float]:
     """Part of the deadlines missed at every rate tried [Hz]: upwards while the first is kept, else downwards."""
     tried: dict[int, float] = {}
     hz = FIRST_HZ
-    while 0 < hz <= MOST_HZ and hz not in tried:
+    while 0 < hz <= MAX_HZ and hz not in tried:
         tried[hz] = measure(hz)
-        hz += STEP_HZ if tried[hz] < MOST_MISSED else -STEP_HZ
+        hz += STEP_HZ if tried[hz] < MAX_MISSED else -STEP_HZ
     return tried
 
 
@@ -126,7 +126,7 @@ def _part_missed(file: Path, seconds: float, *sets: str) -> float:
             after = _io(background.system)
             missed, cycles = after.missed - before.missed, after.cycles - before.cycles
             least = min(least, missed / max(1, missed + cycles))
-            if least < MOST_MISSED:
+            if least < MAX_MISSED:
                 break
         return least
     finally:

@@ -49,7 +49,7 @@ PART = 0.1
 STEP_NS = 1_000_000
 COLLECT_NS = 500_000_000
 SETTLED_S = 1.0
-LONGEST_NS = 30_000_000  # until the next nudge
+MAX_NS = 30_000_000  # until the next nudge
 QUIET_NS = 5_000_000
 SEED = 1
 
@@ -164,11 +164,11 @@ def edges(times: Stamps, positions: Array) -> Stamps:
 def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
     """ns from each nudge to the first of the setpoints (m, k) that has gone PART of its way; those without left out.
 
-    The way is the largest change within LONGEST_NS, per axis; drift before the nudge does not count.
+    The way is the largest change within MAX_NS, per axis; drift before the nudge does not count.
     """
     found = []
     for nudge in nudges.tolist():
-        first, last = np.searchsorted(stamps, (nudge - QUIET_NS, nudge + LONGEST_NS)).tolist()
+        first, last = np.searchsorted(stamps, (nudge - QUIET_NS, nudge + MAX_NS)).tolist()
         begin = int(np.searchsorted(stamps, nudge))
         if first == begin or last >= len(stamps) or last < begin + 2:
             continue

@@ -27,7 +27,7 @@ SHARE: Final = 0.4  # of its range, over which a hand moves an axis
 MAX_WAY_RAD, MAX_WAY_M = 1.0, 0.1
 RESIDUAL: Final = 0.03  # of that way: what a straight line may leave
 SCALE_WITHIN: Final = 0.25  # a new scale against the old one
-LEAST_V: Final = 0.2  # between closed and open
+MIN_V: Final = 0.2  # between closed and open
 HOLD_S: Final = 2.0
 LOOK_S: Final = 0.1
 
@@ -148,13 +148,13 @@ def _gripper(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int,
     line, found = gripper_line(float(closed[0]), float(opened[0])), []
     if line is None:
         found = [Finding(subject.where(0), f"{closed[0]:.3f} V closed, {opened[0]:.3f} V open",
-                         f"{LEAST_V:g} V between", "its potentiometer is dead or its cable loose")]
+                         f"{MIN_V:g} V between", "its potentiometer is dead or its cable loose")]
     return {} if outcome.add(found) or line is None else {0: line}
 
 
 def gripper_line(closed_v: float, open_v: float) -> FittedLine | None:
     """From the voltages of a closed and an open gripper; None where they cannot be told apart."""
-    if not abs(open_v - closed_v) >= LEAST_V:
+    if not abs(open_v - closed_v) >= MIN_V:
         return None
     scale = OPEN_RAD / (open_v - closed_v)
     return FittedLine(scale, -scale * closed_v, 0.0)

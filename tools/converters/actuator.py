@@ -11,7 +11,7 @@ Json = dict[str, object]
 _TYPES = {"Revolute": REVOLUTE, "REVOLUTE": REVOLUTE, "Prismatic": PRISMATIC, "PRISMATIC": PRISMATIC}
 _SOURCES = {"FIRMWARE": "FIRMWARE", "SOFTWARE": "SOFTWARE"}
 _HARDWARE = {"QLA1": "QLA1", "DQLA": "DQLA", "dRA1": "dRA1"}
-_MOST_BOARDS, _MOST_AXES = 16, 16
+_MAX_BOARDS, _MAX_AXES = 16, 16
 _QLA_AXES, _DQLA_AXES = 4, 8
 _DRA_SCALES = (4800.0, 16000.0)  # bits/A of the dRA1's amplifiers; a QLA has 5242.88
 _ESTIMATED = "the firmware's velocity is scaled by bits_to_position"
@@ -70,8 +70,8 @@ class Actuators:
         return row
 
     def _place(self, element: Element) -> Json:
-        board = element.integer("BoardId", "BoardID", most=_MOST_BOARDS - 1)
-        axis = element.integer("AxisId", "AxisID", most=_MOST_AXES - 1)
+        board = element.integer("BoardId", "BoardID", most=_MAX_BOARDS - 1)
+        axis = element.integer("AxisId", "AxisID", most=_MAX_AXES - 1)
         self._axes.append(axis)
         return {"board_id": board, "axis_id": axis}
 

@@ -8,7 +8,7 @@ from tools.converters.report import number_text
 
 Json = dict[str, object]
 
-_MOST_BOARDS, _MOST_BITS = 16, 32
+_MAX_BOARDS, _MAX_BITS = 16, 32
 _TRIGGERS = {"all": (True, True), "press": (True, False), "release": (False, True), "none": (False, False)}
 _FLAGS = {"0": False, "1": True}
 _CLICK = 0.2  # of the debounce time, where an old file did not say
@@ -64,12 +64,12 @@ def dallas_chip(element: Element) -> Json:
 
 
 def _place(element: Element) -> Json:
-    bit = element.integer("BitId", "BitID", most=_MOST_BITS - 1)
+    bit = element.integer("BitId", "BitID", most=_MAX_BITS - 1)
     return {"name": name_of(element), "board_id": _board(element), "bit_id": bit}
 
 
 def _board(element: Element) -> int:
-    return element.integer("BoardId", "BoardID", most=_MOST_BOARDS - 1)
+    return element.integer("BoardId", "BoardID", most=_MAX_BOARDS - 1)
 
 
 def name_of(element: Element) -> str:

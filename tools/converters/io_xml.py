@@ -19,7 +19,7 @@ from tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
 
-_MOST_ACTUATORS = 16
+_MAX_ACTUATORS = 16
 _GRIPPER_AXIS = 7  # of the MTMs of versions 1 to 4: today the gripper is a robot of its own
 _TYPES = {"io-only": True, "robot": False}
 _FLAGS = {"True": True, "False": False}
@@ -72,7 +72,7 @@ def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json 
     only_io = element.word(_TYPES, "Type") or False
     preload = element.word(_FLAGS, "HasEncoderPreload")
     element.drop("NumOfJoint", _NO_JOINTS)
-    count = element.integer("NumOfActuator", least=1, most=_MOST_ACTUATORS)
+    count = element.integer("NumOfActuator", least=1, most=_MAX_ACTUATORS)
     listed = element.children("Actuator")
     for extra in listed[count:]:
         extra.drop_all(f"NumOfActuator is {count}")

@@ -13,7 +13,7 @@ Json = dict[str, object]
 
 _TYPES = {"Revolute": REVOLUTE, "Prismatic": PRISMATIC}
 _INTERFACES = {"JointTorqueInterface": True}
-_MOST_JOINTS = 16
+_MAX_JOINTS = 16
 _NO_LIMIT = 1e6  # of the integral state, rad or m times cycles: more than anything reaches
 _ELSEWHERE = "limits of positions are those of the IO file and of the kinematic file"
 _JOINT_SPACE = "gains were for joints, today's are for actuators: compare where the two are coupled (MTM, instruments)"
@@ -24,7 +24,7 @@ def convert_pid(root: XmlNode, report: ConversionReport) -> Json:
     top = Element(root, "", report)
     top.take("type")
     top.word(_INTERFACES, "interface")
-    count = top.integer("numofjoints", least=1, most=_MOST_JOINTS)
+    count = top.integer("numofjoints", least=1, most=_MAX_JOINTS)
     joints = top.need("joints")
     listed = joints.children("joint")
     for extra in listed[count:]:

@@ -20,7 +20,7 @@ _GEOMETRY = ("alpha", "A", "theta", "D")
 _NUMBERS = ("offset", "qmin", "qmax", "ftmax", "mass", "cx", "cy", "cz", "Ixx", "Iyy", "Izz")
 _AXES = ("x1", "x2", "x3", "y1", "y2", "y3", "z1", "z2", "z3")
 _WORDS = 1 + len(_GEOMETRY) + 2
-_MOST_LINKS = 16
+_MAX_LINKS = 16
 _COUNT = re.compile(r"[0-9]{1,4}\Z")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 
@@ -38,8 +38,8 @@ def convert_rob(text: str, report: ConversionReport) -> Json:
     """The kinematic file of a text that looks like one; of no use when the report has problems."""
     lines = text.splitlines()
     count = int(lines[0])
-    if not 1 <= count <= _MOST_LINKS:
-        report.error(1, "number of links", lines[0].strip(), "out of range", f"a whole number from 1 to {_MOST_LINKS}")
+    if not 1 <= count <= _MAX_LINKS:
+        report.error(1, "number of links", lines[0].strip(), "out of range", f"a whole number from 1 to {_MAX_LINKS}")
         return {}
     if len(lines) <= count:
         report.error(1, "number of links", str(count), f"the file has {len(lines) - 1}", str(len(lines) - 1))

@@ -28,7 +28,7 @@ DEADMAN: Final = BTN_TL
 BUTTONS: Final = {"operator_present": BTN_TL, "clutch": BTN_EAST, "camera": BTN_WEST}
 DEAD_ZONE: Final = 0.12  # of a stick's way: what it may be off at rest
 OPEN_RAD: Final = math.radians(60.0)  # the gripper with the trigger let go
-LONGEST_STEP_S: Final = 0.02  # what was held up longer does not become motion
+MAX_STEP_S: Final = 0.02  # what was held up longer does not become motion
 
 
 class GamepadEvent(Protocol):
@@ -141,7 +141,7 @@ class GamepadTip:
         own = self._turn * np.array(turns)
         self.twist[:3] = self._speed * np.array((x, -y, -z))  # sticks count downwards
         self.twist[3:] = self.pose[:3, :3] @ own
-        step_s = min(passed_s, LONGEST_STEP_S)
+        step_s = min(passed_s, MAX_STEP_S)
         self.pose[:3, 3] += self.twist[:3] * step_s
         self.pose[:3, :3] = self.pose[:3, :3] @ rotation_from_vector(own * step_s)
         return pose_from_matrix(self.pose)

@@ -18,7 +18,7 @@ from tools.options import JsonOption
 from tools.printing import emit, made_table, note, number, table
 
 PERIOD_S: Final = 0.1  # of the live view
-MOST_REGISTERS: Final = 1024
+MAX_REGISTERS: Final = 1024
 ALL: Final = "all"
 ALL_BOARDS: Final = 0x3F  # as `Port` has it
 FOREIGN_SAMPLES: Final = 3  # in a row, before somebody else is said to sample the board
@@ -88,7 +88,7 @@ def read(
     port: PortArgument,
     board: BoardArgument,
     register: RegisterArgument,
-    count: Annotated[int, typer.Argument(metavar="COUNT", min=1, max=MOST_REGISTERS,
+    count: Annotated[int, typer.Argument(metavar="COUNT", min=1, max=MAX_REGISTERS,
                                          help="So many registers from there on.")] = 1,
     as_json: JsonOption = False,
 ) -> int:

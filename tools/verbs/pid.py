@@ -21,7 +21,7 @@ from tools.systems import chosen_system, unknown
 
 CONFIRMED_NS: Final = 1_000_000_000
 POLL_S: Final = 0.01
-MOST_WHO: Final = 12  # letters of who asks
+MAX_WHO: Final = 12  # letters of who asks
 
 Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Robot or arm, e.g. PSM1.")]
 
@@ -67,7 +67,7 @@ def set_gains(
     name = chosen_system(system)
     found = present(name, [robot])[0]
     place = found.axis(axis)
-    text = " ".join([found.robot, *(key for key, _ in pairs), f"@{getpass.getuser()[:MOST_WHO]}"])
+    text = " ".join([found.robot, *(key for key, _ in pairs), f"@{getpass.getuser()[:MAX_WHO]}"])
     if len(text.encode()) > MAX_TEXT:
         raise Misuse(f"too much for one command ({len(text.encode())} bytes of names; allowed: {MAX_TEXT}); "
                      "give fewer gains at once")

@@ -22,7 +22,7 @@ from tools.systems import chosen_system
 
 APPROACH_S = 60.0
 SHOWN_EVERY = 20
-LONGEST_GAP_S = 0.1  # from there on the arm, too, takes what comes next for another stream
+MAX_GAP_S = 0.1  # from there on the arm, too, takes what comes next for another stream
 
 
 def stream(
@@ -96,7 +96,7 @@ def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, time: 
     """Send the rows; returns how many were skipped because their time had passed. Problem after too long a gap."""
     skipped = [0]
     try:
-        for k in beats(rate, count, skipped, LONGEST_GAP_S, time):
+        for k in beats(rate, count, skipped, MAX_GAP_S, time):
             follower.collect()
             follower.send(rows.position[k], rows.velocity[k] if rows.velocity is not None else None,
                           float(rows.jaw[k]) if rows.jaw is not None else None)

@@ -14,8 +14,8 @@ from procs.arm.control import Control
 PLATFORM, PITCH, YAW = 3, 4, 5
 STIFFNESS: Final = 1.0  # N·m/rad
 DAMPING: Final = 0.1  # N·m·s/rad
-MOST_WAY: Final = 0.05 * math.pi  # rad: further off does not pull harder
-MOST_EFFORT: Final = 0.4  # N·m
+MAX_WAY: Final = 0.05 * math.pi  # rad: further off does not pull harder
+MAX_EFFORT: Final = 0.4  # N·m
 
 
 class Platform:
@@ -30,7 +30,7 @@ class Platform:
         """Add its effort to those of this cycle."""
         io = self._control.io
         position = io.position[PLATFORM]
-        way = min(max(io.position[YAW] * math.cos(io.position[PITCH]), -MOST_WAY), MOST_WAY)
+        way = min(max(io.position[YAW] * math.cos(io.position[PITCH]), -MAX_WAY), MAX_WAY)
         goal = min(max(position + way, self._low), self._high)
         effort = self._gain * (STIFFNESS * (goal - position) - DAMPING * io.velocity[PLATFORM])
-        self._control.motion.effort[PLATFORM] += min(max(effort, -MOST_EFFORT), MOST_EFFORT)
+        self._control.motion.effort[PLATFORM] += min(max(effort, -MAX_EFFORT), MAX_EFFORT)

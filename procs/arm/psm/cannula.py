@@ -23,7 +23,7 @@ INSERTION: Final = 2
 WRIST_FRAME, TIP_FRAME = 4, 6  # of the chain
 SAFE_DISTANCE: Final = 0.045  # m to the wrist
 SAFE_BUFFER: Final = 0.002  # so much less is enough for Cartesian control to begin
-LEAST_GOAL: Final = 0.001  # m to the tip: closer, its direction means nothing
+MIN_GOAL: Final = 0.001  # m to the tip: closer, its direction means nothing
 DEPTH: Final = 0.025  # m to the tip: further, it is beyond the cannula
 SNAKE_DEPTH: Final = 0.027
 PROBE: Final = 0.2  # m of insertion
@@ -60,7 +60,7 @@ class Cannula:
         if found[INSERTION] >= least:
             return
         kinematics = self._control.joints.kinematics
-        if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < LEAST_GOAL:
+        if kinematics is not None and np.linalg.norm(kinematics.fk(found, np.eye(4))[:3, 3]) < MIN_GOAL:
             reason = "can't solve IK too close to RCM"
             self._control.report(codes.NEAR_RCM, reason, REPORT_NS)
             raise CommandRefused(f"unable to solve inverse kinematics ({reason})")

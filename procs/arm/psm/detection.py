@@ -17,7 +17,7 @@ from procs.document.system import Tool
 from procs.requests import CommandRefused
 
 RETRY_NS: Final = 500_000_000
-LONGEST_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
+MAX_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Detection:
                 self._order, self._due_ns = 0, now + RETRY_NS
         elif now >= self._due_ns:
             self._order = control.io_requests.order("trigger_read", (), control.arm.instrument_reader)
-        if now - self._asked_ns > LONGEST_NS:
+        if now - self._asked_ns > MAX_NS:
             self._fail("io did not read its memory")
 
     def _fail(self, reason: str) -> None:

@@ -44,7 +44,7 @@ PINS_SHOWN = 4  # axes whose lines are in the digital input register
 COUNT_TICKS = 4  # the filter of the lines lets no two counts follow faster
 LONG_AGO = -(1 << 40)  # tick of edges that never were: older than any counter can tell
 _NEVER = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]  # a queue without edges
-_LEAST = 1e-30  # of a speed squared: what stands still would reach nothing
+_MIN = 1e-30  # of a speed squared: what stands still would reach nothing
 
 # Rows that sums are made of, several at once by a small matrix product: it costs no more than one addition.
 _X0, _V, _H, _ONE, _WAS, _IS, _WAY = range(7)
@@ -118,7 +118,7 @@ class Encoders:
         """Whole arrays instead of numbers and rows: numpy takes three times as long to stretch one side."""
         self._push_table, self._state_table, self._flag_table = push_table(n), state_table(), flag_table()
         self._columns = np.tile(np.arange(n, dtype=np.int64), (EDGES, 1))
-        self._least = np.full((EDGES, n), _LEAST)
+        self._least = np.full((EDGES, n), _MIN)
         self._three, self._none = (np.full(n, k, dtype=np.int64) for k in (3, 0))
         self._nothing = np.zeros(n)
         self._mask = np.full(n, reg.ENCODER_MASK, dtype=np.int64)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MOST_CHANGES, BoardOutputs
+from procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
 from procs.boards.devices.waveform import NEVER
 from procs.document.emulated import EmulatedSetupJoints
 from procs.document.system import Quirks
@@ -70,7 +70,7 @@ class EmulatedInterfaceBoard:
 
     def _follow(self, tick: int) -> None:
         self._settled = self._outputs.settled(self._of)
-        limit = MOST_CHANGES if self._settled < NEVER else FEW_CHANGES
+        limit = MAX_CHANGES if self._settled < NEVER else FEW_CHANGES
         changes = self._outputs.changes(self._at, tick, limit, of=self._of)
         if self._is_written or changes.levels != self._levels:
             self._see(changes.levels)

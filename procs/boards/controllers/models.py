@@ -97,8 +97,8 @@ def models_of(controllers: tuple[Controller, ...]) -> tuple[Model, ...]:
         raise ValueError(f"boards {sorted(ids)}; allowed: at least one, each with its own id from 0 to 15")
     models = [Model.of(node, controller) for node, controller in enumerate(controllers)]
     quads = blocks.hub_read_quads_of((model.firmware, model.hardware.name) for model in models)
-    if quads > blocks.MOST_HUB_QUADS:
-        raise ValueError(f"{len(ids)} boards with {quads} quadlets in hub memory; allowed: {blocks.MOST_HUB_QUADS}")
+    if quads > blocks.MAX_HUB_QUADS:
+        raise ValueError(f"{len(ids)} boards with {quads} quadlets in hub memory; allowed: {blocks.MAX_HUB_QUADS}")
     return tuple(sorted(models, key=lambda model: model.board_id))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MOST_CHANGES, BoardOutputs
+from procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
 
@@ -59,7 +59,7 @@ class Loopback:
         if outputs.busy_until > self._at:
             # A table is followed whole; of outputs that switch for ever, as PWM does, the newest switchings suffice.
             once = outputs.plays_once
-            changes = outputs.changes(self._at, tick, MOST_CHANGES if once else FEW_CHANGES)
+            changes = outputs.changes(self._at, tick, MAX_CHANGES if once else FEW_CHANGES)
             self._drive(changes.since, changes.levels)
             for at, levels in changes.items:
                 self._drive(at, levels)

@@ -17,10 +17,10 @@ from procs.boards.devices.waveform import ENTRIES, LEVELS, NEVER, VALID, Wavefor
 
 PLAY: Final = 1 << 31  # written: the masked outputs play the table; read: some output does
 ENTRY_VALID: Final = 1 << 30
-MOST_CHANGES: Final = 4096  # of one call to `changes`
+MAX_CHANGES: Final = 4096  # of one call to `changes`
 EVERY_OUTPUT: Final = 0xFF
 _MASK_SHIFT, _EXTRA_SHIFT, _INDEX_SHIFT = 8, 8, 16
-_LONGEST = 0xFFFF  # a 16-bit counter never exceeds it
+_MAX = 0xFFFF  # a 16-bit counter never exceeds it
 
 
 class Timer:
@@ -80,7 +80,7 @@ class Timer:
 
     def _holds(self, level: int) -> bool:
         count = self._count_of(level)
-        return count == 0 or (count == _LONGEST and self._longest_holds)
+        return count == 0 or (count == _MAX and self._longest_holds)
 
     def _plan(self) -> None:
         own, other = self._count_of(self._level), self._count_of(self._level ^ 1)
@@ -191,7 +191,7 @@ class BoardOutputs:
         valid = ENTRY_VALID if self._waveform.table[at[0]] & VALID else 0
         return value | at[0] << _INDEX_SHIFT | valid | PLAY
 
-    def changes(self, after: int, until: int, limit: int = MOST_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
+    def changes(self, after: int, until: int, limit: int = MAX_CHANGES, of: int = EVERY_OUTPUT) -> Changes:
         """Every change of the levels in (after, until] since the last write; the newest `limit` at most.
 
         `of`: as if there were no outputs but these, so that fast PWM on others costs and hides nothing.

@@ -15,8 +15,8 @@ from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
 from procs.fpga.ports import PortName, PortNameError
 
-LONGEST_PERIOD_S = 0.001
-LONGEST_WATCHDOG_S = 0.3
+MAX_PERIOD_S = 0.001
+MAX_WATCHDOG_S = 0.3
 
 
 @dataclass(slots=True)
@@ -122,18 +122,18 @@ def _check_port(context: Context, source: SourceFile, key: Key, port: str) -> No
 
 
 def _check_numbers(context: Context, source: SourceFile, key: Key, keys: IoKeys) -> None:
-    if keys.period > LONGEST_PERIOD_S:
+    if keys.period > MAX_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
-        context.warning(source, (*key, "period"), text, f"up to {LONGEST_PERIOD_S} s")
+        context.warning(source, (*key, "period"), text, f"up to {MAX_PERIOD_S} s")
     watchdog = keys.watchdog_timeout
-    if watchdog > LONGEST_WATCHDOG_S:
-        text = f"{LONGEST_WATCHDOG_S} s is used instead"
-        context.warning(source, (*key, "watchdog_timeout"), text, f"up to {LONGEST_WATCHDOG_S} s")
+    if watchdog > MAX_WATCHDOG_S:
+        text = f"{MAX_WATCHDOG_S} s is used instead"
+        context.warning(source, (*key, "watchdog_timeout"), text, f"up to {MAX_WATCHDOG_S} s")
     if watchdog <= 0.0:
         text = "the watchdog of the boards is off: motors stay powered when this computer dies"
-        context.warning(source, (*key, "watchdog_timeout"), text, f"above 0, up to {LONGEST_WATCHDOG_S} s")
+        context.warning(source, (*key, "watchdog_timeout"), text, f"above 0, up to {MAX_WATCHDOG_S} s")
 
 
 def watchdog_s(keys: IoKeys) -> float:
     """The watchdog time as it will be written to the boards; 0 is off."""
-    return min(max(keys.watchdog_timeout, 0.0), LONGEST_WATCHDOG_S)
+    return min(max(keys.watchdog_timeout, 0.0), MAX_WATCHDOG_S)

@@ -33,7 +33,7 @@ HEAD: Final = "IO_head_sensor"
 BEAMS: Final = tuple(f"dv_head_sensor_{beam}" for beam in range(1, 5))
 BEAMS_NEEDED: Final = 3
 TURN_OFF: Final = "head_sensor_turn_off"
-LONGEST_NAME: Final = 40
+MAX_NAME: Final = 40
 
 _NEEDS = {
     "PEDALS_ONLY": (PEDALS,),
@@ -251,9 +251,9 @@ class _ConsoleLoader:
         elif name in others:
             text = f"teleop {name} has the name of something else in this file"
             self.context.error(self.source, key, text, "a name of its own for every IO, arm, console and teleop")
-        elif len(name) > LONGEST_NAME:
+        elif len(name) > MAX_NAME:
             text = f"teleop {name} has a name of {len(name)} letters"
-            self.context.error(self.source, key, text, f"arms whose names are at most {LONGEST_NAME} letters together")
+            self.context.error(self.source, key, text, f"arms whose names are at most {MAX_NAME} letters together")
         self.taken.setdefault(name, f"console {console}")
         return name
 

@@ -210,7 +210,7 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
 def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
     """One broadcast query must have room for all boards of a bus in hub memory, and in a block."""
     quads = blocks.hub_read_quads_of((row.firmware, row.hardware) for row in rows)
-    if quads > blocks.MOST_HUB_QUADS:
+    if quads > blocks.MAX_HUB_QUADS:
         key = (*place.key, "controllers") if place.keys.controllers else place.key
         text = f"the {len(rows)} boards of {place.name} have {quads} quadlets in hub memory"
-        place.error(key, text, f"up to {blocks.MOST_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")
+        place.error(key, text, f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")

@@ -28,7 +28,7 @@ from procs.document import system as document
 from procs.document.catalogue import find
 from procs.document.emulated_names import names_on_boards
 
-MOST_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
+MAX_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
 LAST_OCTET = 254
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
@@ -54,9 +54,9 @@ def build_emulation(
     """
     rows: list[document.BusConfig] = []
     places = list(_places(context, source, buses, options))
-    if len(places) > MOST_BUSES:
+    if len(places) > MAX_BUSES:
         key = ("IOs",) if buses else (*EMULATION, "buses")
-        context.error(source, key, f"{len(places)} buses with emulated boards", f"at most {MOST_BUSES}")
+        context.error(source, key, f"{len(places)} buses with emulated boards", f"at most {MAX_BUSES}")
         return None
     by_name = {bus.keys.name: bus for bus in buses}
     for place in places:

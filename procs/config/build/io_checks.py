@@ -12,7 +12,7 @@ from procs.config.read.source import SourceFile
 IoOpened = Opened[IoFile]
 
 AXES = {"QLA1": 4, "DQLA": 8, "dRA1": 10, "HARDWARE_UNDEFINED": 10}
-_LEAST_FOR_CALIBRATION = 3  # with fewer actuators equal offsets are no sign of a missing calibration
+_MIN_FOR_CALIBRATION = 3  # with fewer actuators equal offsets are no sign of a missing calibration
 _SCALE_TOLERANCE = 0.05
 
 
@@ -129,7 +129,7 @@ def _check_calibration(context: Context, source: SourceFile, key: Key, robot: Ro
     report = context.warning if context.calibration_mode else context.error
     mode = ", or calibration mode (trocar: {calibration_mode: true})" if not context.calibration_mode else ""
     offsets = {int(actuator.drive.current_to_bits.offset) for actuator in robot.actuators}
-    if len(robot.actuators) >= _LEAST_FOR_CALIBRATION and len(offsets) == 1:
+    if len(robot.actuators) >= _MIN_FOR_CALIBRATION and len(offsets) == 1:
         where = (*key, "actuators", 0, "drive", "current_to_bits", "offset")
         text = f"robot {robot.name} is not calibrated: its {len(robot.actuators)} current offsets are all equal"
         report(source, where, text, f"offsets measured by the current calibration{mode}")

@@ -17,7 +17,7 @@ GENERIC: Final = "_GENERIC"
 COMPONENTS: Final = "COMPONENTS"
 BUTTONS: Final = ("clutch", "camera", "operator_present")
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
-_LONGEST_BUTTON: Final = 24  # what an event has room for
+_MAX_BUTTON: Final = 24  # what an event has room for
 
 
 def load_third_parties(context: Context, source: SourceFile, content: SystemFile) -> tuple[ThirdParty, ...]:
@@ -58,7 +58,7 @@ def _ask_button(context: Context, source: SourceFile, content: SystemFile, key: 
                           "own of letters, digits, _ and -, at most 40, for a program of yours")
             return
         found[name] = ThirdParty(name, "")
-    if not 0 < len(keys.interface.encode()) <= _LONGEST_BUTTON:
-        context.error(source, (*key, "interface"), "not a name for a button", f"1 to {_LONGEST_BUTTON} bytes")
+    if not 0 < len(keys.interface.encode()) <= _MAX_BUTTON:
+        context.error(source, (*key, "interface"), "not a name for a button", f"1 to {_MAX_BUTTON} bytes")
     elif keys.interface not in found[name].inputs:
         found[name] = dataclasses.replace(found[name], inputs=(*found[name].inputs, keys.interface))

@@ -11,7 +11,7 @@ from procs.config.build.context import Context
 from procs.config.read.validate import Section
 from procs.document.consoles import HidSensor
 
-LONGEST_REPORT: Final = 64  # bytes, of a full-speed device
+MAX_REPORT: Final = 64  # bytes, of a full-speed device
 
 UsbNumber = Annotated[str, Field(pattern=r"^(0[xX])?[0-9a-fA-F]{1,4}$", description="up to four hexadecimal digits")]
 
@@ -21,7 +21,7 @@ class HidFile(Section):
 
     id_vendor: UsbNumber
     id_product: UsbNumber
-    index_data: Annotated[int, Field(ge=0, lt=LONGEST_REPORT)]
+    index_data: Annotated[int, Field(ge=0, lt=MAX_REPORT)]
 
 
 def load_hid(context: Context, path: Path) -> HidSensor | None:

@@ -11,7 +11,7 @@ from procs.config.read.source import SourceFile
 Rows = tuple[tuple[float, ...], ...]
 
 _ORTHONORMAL = 1e-3  # files round cosines to four digits
-_LEAST_DETERMINANT = 1e-6
+_MIN_DETERMINANT = 1e-6
 
 
 def check_size(context: Context, source: SourceFile, key: Key, matrix: Rows, size: int) -> bool:
@@ -47,7 +47,7 @@ def check_invertible(context: Context, source: SourceFile, key: Key, matrix: Row
         return False
     with np.errstate(all="ignore"):
         determinant = abs(float(np.linalg.det(np.array(matrix))))
-    if not _LEAST_DETERMINANT <= determinant < np.inf:
+    if not _MIN_DETERMINANT <= determinant < np.inf:
         context.error(source, key, "has no inverse", "an invertible matrix")
         return False
     return True

@@ -10,7 +10,7 @@ Key = tuple[str | int, ...]
 ERROR = "error"
 WARNING = "warning"
 
-_LONGEST_VALUE = 60
+_MAX_VALUE = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +53,10 @@ def value_text(value: object) -> str:
         text = json.dumps(value, ensure_ascii=False)
     except (TypeError, ValueError):
         text = repr(value)
-    if len(text) > _LONGEST_VALUE and isinstance(value, list):
+    if len(text) > _MAX_VALUE and isinstance(value, list):
         text = f"a list of {len(value)}"
-    elif len(text) > _LONGEST_VALUE and isinstance(value, dict):
+    elif len(text) > _MAX_VALUE and isinstance(value, dict):
         text = "an object"
-    elif len(text) > _LONGEST_VALUE:
-        text = text[: _LONGEST_VALUE - 1] + "…"
+    elif len(text) > _MAX_VALUE:
+        text = text[: _MAX_VALUE - 1] + "…"
     return text

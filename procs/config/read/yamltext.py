@@ -20,7 +20,7 @@ from procs.config.read.jsontext import Parsed, TextError
 from procs.config.read.problem import Key
 
 _DEEPEST = 64
-_MOST_NODES = 500_000  # aliases can make a short text explode
+_MAX_NODES = 500_000  # aliases can make a short text explode
 _NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
 _BOOLEAN = re.compile(r"(?:true|True|TRUE|false|False|FALSE)\Z")
 _INTEGER = re.compile(r"[-+]?[0-9]+\Z")
@@ -86,7 +86,7 @@ class _YamlReader:
 
     def value(self, node: yaml.Node, key: Key) -> object:
         self.nodes += 1
-        if self.nodes > _MOST_NODES or len(key) > _DEEPEST:
+        if self.nodes > _MAX_NODES or len(key) > _DEEPEST:
             raise _error(node, "nested too deeply, or an alias that contains itself")
         if isinstance(node, yaml.MappingNode):
             return self.mapping(node, key)

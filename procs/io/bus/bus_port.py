@@ -30,7 +30,7 @@ from procs.io.bus.transport import Transport
 
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
-LONGEST_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
+MAX_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
 
 
 class BusPort:
@@ -235,7 +235,7 @@ class BusPort:
 
     def read_block(self, board: int, address: int, quads: int) -> Quads:
         """So many consecutive quadlets of one board, (quads,)."""
-        most = min(LONGEST_BLOCK, self._link.transport.most_read) // 4
+        most = min(MAX_BLOCK, self._link.transport.most_read) // 4
         if not 2 <= quads <= most:
             raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {most}")
         data = self._link.read_block(self._node(board), address, 4 * quads)
@@ -257,7 +257,7 @@ class BusPort:
         node = wire.BROADCAST if board == ALL_BOARDS else self._node(board)
         data = np.asarray(values, np.uint32).astype(np.dtype(">u4")).tobytes()
         link = self._link
-        most = min(LONGEST_BLOCK, link.transport.most_write) // 4
+        most = min(MAX_BLOCK, link.transport.most_write) // 4
         if not 2 <= len(values) <= most:
             raise PortError(f"block of {len(values)} quadlets", f"board {board}", f"allowed: 2 to {most}")
         if not link.send(wire.block_write(node, address, data, link.next_tl(), link.generation, link.flags)):

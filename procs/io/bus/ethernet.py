@@ -22,8 +22,8 @@ from procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
 
 PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; nothing else wakes us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER
-MOST_READ: Final = 976  # bytes: original hosts ask for frames of 1024 bytes at most, because of the firmware
-MOST_WRITE: Final = 984
+MAX_READ: Final = 976  # bytes: original hosts ask for frames of 1024 bytes at most, because of the firmware
+MAX_WRITE: Final = 984
 NODES: Final = 16
 SIOCGIFHWADDR: Final = 0x8927  # kind of hardware and address of an interface
 
@@ -64,7 +64,7 @@ class EthernetTransport:
     gives_address: int | None = None
     pause_ms = 0
     stranger = ""
-    most_read, most_write = MOST_READ, MOST_WRITE
+    most_read, most_write = MAX_READ, MAX_WRITE
     send: Callable[[wire.Buffer], object]
     poll: Callable[[int], object]
     recv_into: Callable[[memoryview], int]

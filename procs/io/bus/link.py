@@ -13,7 +13,7 @@ import numpy as np
 
 from procs.fpga import wire
 from procs.io.bus.port import Counters, Quads
-from procs.io.bus.transport import MOST_QUEUED, Transport
+from procs.io.bus.transport import MAX_QUEUED, Transport
 
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
@@ -147,7 +147,7 @@ class Link:
         """No reply to an earlier request comes from now on; False: those that had come are thrown away, more may."""
         if self.transport.forget():
             return True
-        for _ in range(MOST_QUEUED):
+        for _ in range(MAX_QUEUED):
             if not self.transport.poll(0):
                 break
             with contextlib.suppress(OSError):
@@ -180,7 +180,7 @@ class Link:
             spin_until_ns = begin_ns + self.spin_ns
             while not transport.poll(0) and self.now_ns() < spin_until_ns:
                 pass
-        for _ in range(MOST_QUEUED):
+        for _ in range(MAX_QUEUED):
             if not transport.poll(left_ms):
                 break
             try:
@@ -202,7 +202,7 @@ class Link:
                 break
             self.counters.stray += 1
             self.suspect = True
-            # A simulated clock stands still meanwhile; there MOST_QUEUED is the bound.
+            # A simulated clock stands still meanwhile; there MAX_QUEUED is the bound.
             left_ms = max(0, (deadline_ns - now_ns + 999_999) // 1_000_000)
         self.counters.timeouts += 1
         self.counters.waited_ns += min(self.now_ns() - begin_ns, timeout_ms * 1_000_000)

@@ -9,8 +9,8 @@ from procs.fpga import wire
 from procs.io.bus.port import PortError
 
 RECEIVE_BUFFER_BYTES: Final = 1 << 20  # asked for; the kernel doubles it
-LEAST_QUEUED_BYTES: Final = 512  # what it counts for any datagram, at least
-MOST_QUEUED: Final = 2 * RECEIVE_BUFFER_BYTES // LEAST_QUEUED_BYTES  # datagrams that a socket may hold
+MIN_QUEUED_BYTES: Final = 512  # what it counts for any datagram, at least
+MAX_QUEUED: Final = 2 * RECEIVE_BUFFER_BYTES // MIN_QUEUED_BYTES  # datagrams that a socket may hold
 
 
 class Transport(Protocol):

@@ -17,7 +17,7 @@ from procs.kinematics.poses import rotation_from_vector
 
 Array = NDArray[np.float64]
 
-MOST_TILT: Final = 0.5 * math.pi
+MAX_TILT: Final = 0.5 * math.pi
 PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that four joints can have
 
 
@@ -68,7 +68,7 @@ class EndoscopeInverse(InverseSolver):
     def solve(self, goal: Array, seed: Array) -> bool:
         """Joints whose tip is where `goal` (4, 4) says, turned about the shaft as it says."""
         frame, self.tilt = self._endoscope.attainable(goal)
-        if self.tilt > MOST_TILT:
+        if self.tilt > MAX_TILT:
             np.copyto(self.q, seed)
             self.reason, self.axis = f"the goal looks {math.degrees(self.tilt):.3g} deg away from the shaft", -1
             return False

@@ -25,17 +25,17 @@ CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to g
 ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
 STEPS: Final = 8
-MOST_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
+MAX_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
 SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
 LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
-LONGEST_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
+MAX_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
 DAMPING: Final = 1e-12
 FURTHEST_SEEN: Final = (0.01, 0.1)  # m, rad: of a goal that is further, this much of the way is looked at
 TURN_WEIGHT: Final = 0.01  # m: where place and turn cannot both be had, a radian counts as much as this
 NEAREST_DAMPING: Final = 1e-9  # m²
 LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
 GUESS_ROOM: Final = 1e-4  # the same for what the geometry says
-MOST_TILT: Final = 0.5 * math.pi
+MAX_TILT: Final = 0.5 * math.pi
 PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that an ECM's four joints can have
 ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
 BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
@@ -101,7 +101,7 @@ class InverseSolver:
             elif beyond < best:
                 best, why, axis = beyond, self.reason, self.axis
         for _, start in sorted(candidates, key=lambda each: each[0]):
-            if self.steps >= MOST_STEPS:
+            if self.steps >= MAX_STEPS:
                 break
             np.copyto(q, start)
             if not self._newton(target, math.inf):
@@ -160,11 +160,11 @@ class InverseSolver:
         square = jacobian.shape[0] == jacobian.shape[1]
         change = self._lu.compute(jacobian).solve(error) if square else self._damped(jacobian, error)
         self._longest = max(map(abs, change.tolist()))
-        if not self._longest <= LONGEST_STEP:
+        if not self._longest <= MAX_STEP:
             change = self._damped(jacobian, error)
             self._longest = max(map(abs, change.tolist()))
-            if self._longest > LONGEST_STEP:
-                change *= LONGEST_STEP / self._longest
+            if self._longest > MAX_STEP:
+                change *= MAX_STEP / self._longest
         return change
 
     def _damped(self, jacobian: Array, error: Array) -> Array:
