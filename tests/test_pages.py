@@ -122,7 +122,8 @@ def test_the_architecture_names_every_table() -> None:
 
 def parts() -> set[str]:
     """What stands on a storey."""
-    return {f"procs/{path.stem}" for path in (ROOT / "procs").iterdir() if path.stem[0] != "_"} | {"shm", "tools"}
+    files = [path.relative_to(ROOT) for path in (ROOT / "procs").rglob("*.py") if path.stem != "__init__"]
+    return {f"procs/{path.parts[1].removesuffix('.py')}" for path in files} | {"shm", "tools"}
 
 
 def storeys() -> list[set[str]]:
