@@ -104,7 +104,7 @@ static int take_place(const char *system, const char *arm) { /* as a writer of T
          !strcmp(h.kind, "ring") && h.size == (uint64_t)file.st_size && h.schema <= LIMIT && h.stride <= LIMIT &&
          h.stride >= sizeof(struct record) && h.depth && h.first + (uint64_t)h.depth * h.stride <= h.size,
          "%s is no ring for this program", name);
-    need(pread(fd, text, h.schema, TEXT_AT) == (ssize_t)h.schema && strstr(text, "\"writer\":\"external\""),
+    need(pread(fd, text, h.schema, TEXT_AT) == (ssize_t)h.schema && strstr(text, "\"writer\":\"third_party\""),
          "%s is not a place for a program of yours", arm);
     check_schema(text);
     need(!flock(fd, LOCK_EX | LOCK_NB), "another program is %s", arm);

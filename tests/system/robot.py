@@ -133,6 +133,13 @@ class Robot:
                 code = int(end.code or 0)
         return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
+    def home(self, *arms: str, timeout: float = 120.0) -> None:
+        """`trocar home`; asked for again where a busy machine held somebody up meanwhile."""
+        for _ in range(2):
+            if "held up" not in self.trocar("home", *arms, code=None, timeout=timeout):
+                break
+        self.trocar("home", *arms, timeout=timeout)
+
     def trocar(self, *words: str, code: int | None = 0, timeout: float = 120.0) -> str:
         """Run a verb; returns its output, fails on another exit code than expected."""
         done = self.types(*words, timeout=timeout)

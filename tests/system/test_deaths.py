@@ -23,7 +23,7 @@ def homed(robot: Robot, clock: str) -> None:
     """The demo robot, powered and homed."""
     robot.up(DEMO, "--set", f"clock={clock}")
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
 
 
 def move(robot: Robot, goal: tuple[float, ...]) -> None:
@@ -115,7 +115,7 @@ def test_boards_cut_the_amplifiers_when_io_is_killed(robot: Robot, clock: str) -
     assert not io.field("pid_enabled").any()
     io.close()
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
     move(robot, PLACE)
     wait_for(lambda: at(robot, PLACE), 30, "a move after the recovery")
 

@@ -92,7 +92,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     with systems(tmp_path_factory.mktemp("efforts")) as make:
         robot = make()
         robot.up(FILE)
-        robot.trocar("home")
+        robot.home()
         yield robot
 
 

@@ -45,7 +45,7 @@ def row(robot: Robot, instance: str) -> Any:
 def test_whoever_hangs_is_killed_and_comes_back(robot: Robot) -> None:
     robot.up()
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
     io = directory.reader(robot.name, "IO1", "state")
     events = directory.reader(robot.name, "supervisor", "events")
     assert io.newest()

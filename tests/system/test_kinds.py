@@ -16,7 +16,7 @@ KINDS = {"demo-psm-si": ("PSM1",), "demo-ecm-si": ("ECM",)}  # demo-ecm and demo
 def test_arms_of_every_kind_home_on_emulated_boards(robot: Robot, name: str) -> None:
     robot.up(ROOT / f"configs/systems/{name}.yaml", "--set", "clock=lockstep")
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
     for arm in KINDS[name]:
         assert json.loads(robot.trocar("echo", f"{arm}/operating_state", "--json", "--once"))["is_homed"] is True
     assert robot.down() == 0

@@ -140,7 +140,7 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     wait_for(lambda: arm.text("sub_state") == "ENABLED", 10, "powered")
     assert not arm.value("is_homed")
 
-    robot.trocar("home")
+    robot.home()
     move = arm.client.send("move_jp", (0.6, 0.4, 0.16, 0.3, 0.2, -0.2))
     wait_for(lambda: bool(arm.value("setpoint_position")[0] > 0.1), 20, "some of the move")
     stopped_ns = arm.hold_up()

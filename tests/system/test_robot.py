@@ -22,7 +22,7 @@ def test_a_real_site_file_starts_on_emulated_boards_and_homes(robot: Robot, data
     robot.up(file, "--path", str(data("dvrk-share")), "--boards", "emulated")
     assert "port fw replaced by emulated boards 6, 7" in robot.output()
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
     state = json.loads(robot.trocar("echo", "PSM1/operating_state", "--json", "--once"))
     assert state["state"] == "ENABLED"
     assert state["is_homed"] is True

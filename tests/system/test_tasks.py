@@ -32,7 +32,7 @@ def system_file(folder: Path, options: str) -> Path:
 def test_a_task_pushes_a_robot_that_holds(robot: Robot, tmp_path: Path) -> None:
     robot.up(system_file(tmp_path, "{effort: 1.2}"))
     robot.trocar("power-on")
-    robot.trocar("home")
+    robot.home()
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0")
 
     def pushed() -> bool:
