@@ -38,16 +38,18 @@ def systems(place: Path, clock: str = "wall") -> Iterator[Callable[[], Robot]]:
         made.append(Robot(name, folder, clock))
         return made[-1]
 
-    yield make
     left: list[str] = []
-    for robot in made:
-        robot.down()
-        left += robot.left_over()
-        for pid in robot.pids:
-            if psutil.pid_exists(pid):
-                os.kill(pid, signal.SIGKILL)
-        for parts in names_of(robot.name):
-            unlink(segment_name(*parts))
+    try:
+        yield make
+    finally:
+        for robot in made:
+            robot.down()
+            left += robot.left_over()
+            for pid in robot.pids:
+                if psutil.pid_exists(pid):
+                    os.kill(pid, signal.SIGKILL)
+            for parts in names_of(robot.name):
+                unlink(segment_name(*parts))
     assert not left, f"left behind: {left}"
 
 
