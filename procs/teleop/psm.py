@@ -122,12 +122,11 @@ class TeleopPsm(Teleop):
 
     def lose(self) -> None:
         """See Teleop."""
+        self.forget_presence()
         if self.state is TeleopState.ENABLED:
             self.events.report(codes.OPERATOR_ABSENT, f"{self.name}: {self.operator.absence}; following has stopped",
-                                self.name)
-            self.forget_presence()
+                               self.name)
             self.go(TeleopState.ALIGNING)
-        self.forget_presence()
 
     def forget_presence(self) -> None:
         """See Teleop."""
