@@ -286,7 +286,7 @@ FAULT_SINCE: Final = Code(
     "fault-since", ERROR, "teleop", "there was a fault since the teleoperation was asked for",
     "trocar send console teleop_enable 1")
 ARM_ERROR: Final = Code(
-    "arm-error", ERROR, "teleop", "one of its arms told an error; following has stopped",
+    "arm-error", ERROR, "teleop", "one of its arms reported an error; following has stopped",
     "see the arm's error")
 ARM_TIMEOUT: Final = Code(
     "arm-timeout", ERROR, "teleop", "one of its arms is silent; following has stopped",
@@ -354,7 +354,7 @@ SOUND_FAILED: Final = Code(
     "sound-failed", WARNING, "system", "a sound could not be made",
     "sounds only inform, nothing else is affected")
 THIRD_PARTY_ERROR: Final = Code(
-    "third-party-error", ERROR, "third_party", "a third-party program that is an arm tells an error",
+    "third-party-error", ERROR, "third_party", "a third-party program that is an arm reports an error",
     "see that program; teleoperations that use it stop")
 
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))

@@ -232,11 +232,12 @@ ARM_STATE = Topic(
         Field("control_mode", "u1", "", "0 none, 1 position, 2 trajectory, 3 effort"),
         Field("control_space", "u1", "", "0 none, 1 joint, 2 Cartesian: what the goals in force were given in"),
         Field("bias_generation", "<u4", "", "bias generation the homing belongs to, 0: not homed"),
-        Field("simulated", "?", "", "KINEMATIC: there is no robot, io plays it"),
+        Field("simulated", "?", "", "KINEMATIC: there is no robot, its joints are ideal"),
         Field("tool", "S40", "", "instrument, empty: none is known to be on"),
-        Field("adapter", "u1", "", "PSM, sterile adapter: 0 not looked at, 1 none, 2 found on, 3 put on, 4 engaged"),
+        Field("adapter", "u1", "", "PSM, sterile adapter: "
+              "0 not looked at, 1 none, 2 present at start, 3 attached, 4 engaged"),
         Field("instrument", "u1", "", "PSM, instrument, whose joints the arm has once it is engaged: "
-              "0 not looked at, 1 none, 2 found on, 3 put on, 4 engaged"),
+              "0 not looked at, 1 none, 2 present at start, 3 attached, 4 engaged"),
         Field("emulated", "(2,)?", "", "PSM: adapter, instrument are on because a command said so"),
         Field("reference_frame", "S24", "", "frame of measured_cp"),
         Field("base_frame", "(7,)<f8", "m, -", "pose of the arm's base in the reference frame"),

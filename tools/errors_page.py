@@ -41,7 +41,7 @@ ACTIONS: Final = {
 def page() -> str:
     """The whole page: all codes by kind of process, then what io does about its faults."""
     kinds = dict.fromkeys(row.owner.partition(",")[0] for row in CODES)
-    parts = [f"\n## Of {kind}\n\n| code | severity | told by | cause | remedy |\n|---|---|---|---|---|\n"
+    parts = [f"\n## Of {kind}\n\n| code | severity | reported by | cause | remedy |\n|---|---|---|---|---|\n"
              + "".join(_row(row) for row in CODES if row.owner.partition(",")[0] == kind) for kind in kinds]
     return HEAD + "".join(parts) + OF_IO + "".join(
         f"| {row.number} | `{row.code}` | {ACTIONS[row.action]} |\n" for row in FAULTS)

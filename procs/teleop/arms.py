@@ -39,7 +39,7 @@ class TeleopArm:
     `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
     base frame is another one; `is_in_hand`: the clutch on the arm itself is pressed; `refuses_goals`: it did not go to
     the last goal it has answered; `fault`: why it is not to be believed from this cycle on, `doubt`: the same for as
-    long as it lasts, see Outsider.
+    long as it lasts, see ThirdPartyArm.
     """
 
     sets_pace = True

@@ -193,7 +193,7 @@ class Kernel:
         self._real = real
 
     def futex(self, number: int, at: int, what: int, value: int, *rest: Any) -> int:
-        """A word of the page where naps are."""
+        """A word of the page where wake-up words are."""
         place = ("page", int(at))
         if what == 1:
             return int(self._real.me.wake(place))

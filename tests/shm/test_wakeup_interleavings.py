@@ -11,7 +11,7 @@ from tests.shm.simulated import Change, Real
 LONG = 10**12
 
 
-def rouser(real: Real, name: str, rounds: int) -> Program:
+def waker(real: Real, name: str, rounds: int) -> Program:
     """Has `rounds` news of its own, one after the other."""
 
     def run(me: Actor) -> None:
@@ -43,9 +43,9 @@ def sleeper(real: Real, rounds: dict[str, int]) -> Program:
 
 
 def wakeup(real: Real, rounds: dict[str, int], model: str = "tso") -> Explorer:
-    """One sleeper, and a rouser for each name."""
-    rousers = {name: rouser(real, name, count) for name, count in rounds.items()}
-    return Explorer({"sleeper": sleeper(real, rounds), **rousers}, woken, model=model)
+    """One sleeper, and a waker for each name."""
+    wakers = {name: waker(real, name, count) for name, count in rounds.items()}
+    return Explorer({"sleeper": sleeper(real, rounds), **wakers}, woken, model=model)
 
 
 def woken(outcome: Outcome) -> None:
@@ -54,7 +54,7 @@ def woken(outcome: Outcome) -> None:
 
 
 @pytest.mark.parametrize("rounds", [{"io": 3}, {"io": 1, "client": 1}])
-def test_nobody_naps_while_there_is_news(rounds: dict[str, int]) -> None:
+def test_nobody_sleeps_while_there_is_news(rounds: dict[str, int]) -> None:
     assert wakeup(Real(), rounds).explore().states > 300
 
 
@@ -64,14 +64,14 @@ def test_merging_leaves_no_schedule_out() -> None:
     assert slowly.explore().schedules == wakeup(Real(), {"io": 2}).explore().schedules
 
 
-def test_naps_work_where_memory_keeps_no_order() -> None:
+def test_sleeps_work_where_memory_keeps_no_order() -> None:
     assert wakeup(Real(fenced=True), {"io": 2}, model="weak").explore().states > 100
 
 
 P2, Q2 = "self._fence()  # P2", "self._fence()  # Q2"
 DROWSY: dict[str, Change] = {
     "sleeper without fence": ("wakeup", P2, "pass"),
-    "rouser without fence": ("wakeup", Q2, "pass"),
+    "waker without fence": ("wakeup", Q2, "pass"),
     "word left as it is": ("wakeup", "self._futex.value = 0  # Q4", "pass"),
     "nobody woken": ("wakeup", "self._futex.wake()", "pass"),
 }

@@ -1,5 +1,5 @@
 """The victims of kills.py that end at a ring, and what must hold when one has died: its writer, and a reader who also
-naps until it is woken. Those at a mailbox are in senders.py."""
+sleeps until it is woken. Those at a mailbox are in senders.py."""
 
 from __future__ import annotations
 
@@ -113,9 +113,9 @@ class WriterVictim:
 
 
 class ReaderVictim:
-    """A ring's reader dies, who naps and is roused by the writer, which lives on in the parent."""
+    """A ring's reader dies, who sleeps and is woken by the writer, which lives on in the parent."""
 
-    READS, LOST, NAPS = range(Notes.FREE, Notes.FREE + 3)
+    READS, LOST, SLEEPS = range(Notes.FREE, Notes.FREE + 3)
 
     def __init__(self, system: str, notes: Notes) -> None:
         create_ring(system, "io", topic(16, 1024), {}, {})
@@ -126,7 +126,7 @@ class ReaderVictim:
         self._page = ControlPage(system, "io", write=True)
         self._wakeup = self._page.wakeup()
         self._due = self._steady = 0
-        self.figures = {"records": 0, "reads": 0, "lost": 0, "naps": 0, "left_asleep": 0}
+        self.figures = {"records": 0, "reads": 0, "lost": 0, "sleeps": 0, "left_asleep": 0}
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Attach, and read for ever: by `next`, by `newest`, or history."""
@@ -144,7 +144,7 @@ class ReaderVictim:
                 notes[self.READS] += self._read(witness, life % 3)
                 notes[self.LOST] = reader.lost
             holds(not reader.backwards, reader.problem)
-            notes[self.NAPS] += 1
+            notes[self.SLEEPS] += 1
 
     @staticmethod
     def _read(witness: Witness, verb: int) -> int:
@@ -159,7 +159,7 @@ class ReaderVictim:
         return witness.received - before
 
     def serve(self) -> None:
-        """Publish and rouse: at full speed, or now and then, so that the reader sleeps."""
+        """Publish and wake: at full speed, or now and then, so that the reader sleeps."""
         now = time.monotonic_ns()
         if now >= self._due:
             self._author.publish()
@@ -169,7 +169,7 @@ class ReaderVictim:
     def inspect(self, life: int, pid: int) -> None:
         """The dead is not taken for a sleeper for ever, and the ring is as it was."""
         self._steady = QUIET_NS if life % 2 else 0
-        for figure, at in (("reads", self.READS), ("lost", self.LOST), ("naps", self.NAPS)):
+        for figure, at in (("reads", self.READS), ("lost", self.LOST), ("sleeps", self.SLEEPS)):
             self.figures[figure] += self._notes[at]
         self.figures["left_asleep"] += int(self._wakeup.sleeps)
         self.figures["records"] = n = self._author.publish()

@@ -63,6 +63,11 @@ class Pushed:
         assert self.boards.newest()
         return int(self.boards.stamp_ns)
 
+    def wait_ns(self, duration_ns: int) -> None:
+        """Until so much of the boards' time has passed."""
+        since_ns = self.now_ns()
+        wait_for(lambda: self.now_ns() > since_ns + duration_ns, 10, f"{duration_ns * 1e-9:g} s")
+
     def truth(self, since_ns: int, what: str) -> np.ndarray:
         """True joint positions or velocities (k, size) since then."""
         return np.asarray(self.boards.since(since_ns)[what][:, self.axes] @ self.space.to_joint.T)
@@ -176,12 +181,12 @@ def test_a_stream_that_was_held_up_ends_and_does_not_jump(running: Robot, psm: P
                               stderr=subprocess.STDOUT, text=True)
     wait_for(lambda: psm.truth(psm.now_ns() - 50_000_000, "velocity")[:, 0].max() > 0.5, 20, "PSM1 moved by the stream")
     os.kill(stream.pid, signal.SIGSTOP)
-    time.sleep(0.5)
+    psm.wait_ns(500_000_000)
     since = psm.now_ns()
     os.kill(stream.pid, signal.SIGCONT)
     reported, _ = stream.communicate(timeout=20)
     assert stream.returncode == 1 and "held up for 0." in reported, reported
-    wait_for(lambda: psm.now_ns() > since + 1_000_000_000, 10, "a second of it")
+    psm.wait_ns(1_000_000_000)
     assert np.abs(psm.truth(since, "velocity")[:, 0]).max() < 0.1, "a jump"
     assert psm.mode == POSITION
 
@@ -189,9 +194,9 @@ def test_a_stream_that_was_held_up_ends_and_does_not_jump(running: Robot, psm: P
 def test_a_stream_of_another_program_is_not_followed_across_a_gap(psm: Pushed) -> None:
     for k in range(50):
         psm.remote.ask("servo_jp", (0.002 * k, *DEEP[1:]))
-    time.sleep(0.5)
+    psm.wait_ns(500_000_000)
     since = psm.now_ns()
     answer = psm.remote.answered("servo_jp", (0.6, *DEEP[1:]))
     assert answer.outcome == "refused" and "move there first" in answer.text
-    wait_for(lambda: psm.now_ns() > since + 500_000_000, 10, "half a second")
+    psm.wait_ns(500_000_000)
     assert np.abs(psm.truth(since, "velocity")[:, 0]).max() < 0.1

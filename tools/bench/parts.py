@@ -232,7 +232,7 @@ def client(system: str) -> Turn:
 
 
 def sleeper(system: str) -> Turn:
-    """Times from the rouser's call to the sleeper running."""
+    """Times from the waker's call to the sleeper running."""
     page = ControlPage(system, "sleeper", write=True)
     wakeup, sent_out = page.wakeup(), page.field("cycles")
     stamp, heard = page.field("heartbeat_ns"), page.field("missed")
@@ -254,12 +254,12 @@ def sleeper(system: str) -> Turn:
             if sent < 0:
                 return {"wakeup": times}
             times.append(now - sent)
-        raise Problem("the rouser has gone")
+        raise Problem("the waker has gone")
 
     return turn
 
 
-def rouser(system: str) -> Turn:
+def waker(system: str) -> Turn:
     """Rouse the sleeper when it has heard the last news and gone to sleep."""
     page = ControlPage(system, "sleeper", write=True)
     wakeup, sent_out = page.wakeup(), page.field("cycles")
@@ -296,7 +296,7 @@ def rouser(system: str) -> Turn:
 ROLES: dict[str, Callable[[str], Turn]] = {
     "ping": ping, "pong": pong, "ping_4k": lambda system: ping(system, PROBE_4K, "trip_4k"),
     "pong_4k": lambda system: pong(system, PROBE_4K), "local": local, "crowd": crowd, "poller": poller,
-    "looker": looker, "owner": owner, "client": client, "sleeper": sleeper, "rouser": rouser,
+    "looker": looker, "owner": owner, "client": client, "sleeper": sleeper, "waker": waker,
 }
 
 

@@ -176,7 +176,7 @@ def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
         "local": team("local"),
         "crowd": team(*["poller"] * POLLERS, *["looker"] * LOOKERS, "crowd"),
         "mailbox": team("client", "owner"),
-        "wakeup": team("rouser", "sleeper"),
+        "wakeup": team("waker", "sleeper"),
     }
 
 

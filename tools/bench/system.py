@@ -147,8 +147,8 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
                     "errors": sum(count for count, _ in errors.values()),
                     "warnings": sum(count for count, _ in warnings.values())},
         "homed": homed, "following": following, "processes": [*rows, bench],
-        "told": {name: [*errors[name][1],
-                        *warnings[name][1]] for name in reported if errors[name][0] + warnings[name][0]},
+        "reported": {name: [*errors[name][1], *warnings[name][1]] for name in reported
+                     if errors[name][0] + warnings[name][0]},
         "problems": _problems(system, homed, missing, errors, before, after),
     }
 
@@ -202,9 +202,9 @@ def show(result: dict[str, Any]) -> None:
     columns = ("process", "Hz", "missed %", "overruns", "CPU %", "scheduling")
     table("bench system: processes", columns, rows, columns[1:5])
     print(f"homed: {', '.join(result['homed'])}\nfollowing: {', '.join(result['following'])}")
-    for name, texts in result["told"].items():
+    for name, texts in result["reported"].items():
         for text in texts:
-            print(f"{name} said: {text}")
+            print(f"{name} reported: {text}")
     for problem in result["problems"]:
         print(f"PROBLEM: {problem}")
 
@@ -212,7 +212,7 @@ def show(result: dict[str, Any]) -> None:
 def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
               before: dict[str, Mark], after: dict[str, Mark]) -> list[str]:
     printed = [f"{name} is not homed" for name in powered_names(system) if name not in homed] + missing
-    printed += [f"{name} told {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
+    printed += [f"{name} reported {count} errors: {texts[0]}" for name, (count, texts) in errors.items() if count]
     restarted = [name for name in after if name in before and before[name].pid != after[name].pid]
     return printed + [f"{name} was started anew" for name in restarted]
 

@@ -19,7 +19,7 @@ class AttachmentState(IntEnum):
     UNKNOWN = 0  # nobody has looked yet
     ABSENT = 1
     FOUND = 2  # it was on from the start: taken for engaged as soon as the arm is homed
-    NEW = 3  # it was put on since: the discs have to be turned until it catches
+    NEW = 3  # it was attached since: the discs have to be turned until it catches
     ENGAGED = 4
 
 

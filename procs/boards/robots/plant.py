@@ -322,7 +322,7 @@ def _model_variations(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> 
     counts = {robot.name: len(robot.actuators) for robot in robots}
     for one in emulation.model_variations:
         if one.robot not in like:
-            raise ValueError(f"{one.robot}: no such robot to give a likeness; there are {', '.join(like) or 'none'}")
+            raise ValueError(f"{one.robot}: no such robot to vary; there are {', '.join(like) or 'none'}")
         for what, values in (("backlash", one.backlash), ("pot_offset", one.pot_offset)):
             if len(values) not in (0, counts[one.robot]):
                 raise ValueError(f"{one.robot}: {len(values)} numbers of {what}; allowed: {counts[one.robot]} or none")

@@ -33,7 +33,7 @@ def test_without_a_difference_nothing_changes() -> None:
 
 
 def test_a_likeness_of_nobody_is_refused() -> None:
-    with pytest.raises(ValueError, match="PSM7: no such robot to give a likeness; there are PSM1, PSM2"):
+    with pytest.raises(ValueError, match="PSM7: no such robot to vary; there are PSM1, PSM2"):
         psm(LND, 2, 1, ModelVariation("PSM7"))
 
 
