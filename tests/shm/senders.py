@@ -146,7 +146,10 @@ class StopVictim:
         self.figures = {"sent": 0, "ran": 0, "died_unrecorded": 0, "answers_seen": 0, "neighbour_ran": 0}
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
-        """Stop for ever, some at a time; the answers come in the order sent, each once."""
+        """Stop for ever, some at a time; the answers come in the order sent, each once.
+
+        The neighbour's go through the same ring, which comes round when we are without a core: we begin anew then.
+        """
         stops, notes, sent, answered = StopPlace(self._system, "io", f"life {life}"), self._notes, 0, 0
         ready()
         while True:
@@ -157,9 +160,14 @@ class StopVictim:
                 except MailboxFull:
                     pass
             for reply in stops.answers():
-                answered += 1
-                holds(reply.text == f"{life}:{answered}", f"answer {answered} is {reply}")
+                count = int(reply.text.removeprefix(f"{life}:"))
+                follows = answered < count <= sent if stops.lost else count == answered + 1
+                holds(follows, f"answer {count} of {sent} came after {answered}: {reply}; {stops.lost} were overwritten")
+                answered = count
             notes[self.ANSWERED] = answered
+            if stops.lost:
+                stops.close()
+                stops, answered = StopPlace(self._system, "io", f"life {life}"), sent
 
     def serve(self) -> None:
         """Run what came in; the neighbour stops something as well, and is never kept out."""
