@@ -70,7 +70,7 @@ def carry_out(request: Request, handler: Handler) -> str:
         reason = f"{request.name}: {error}"
         request.refuse(reason)
         return reason
-    if text is not ANSWERED:
+    if text != ANSWERED:
         request.done(text or "")
     return ""
 
