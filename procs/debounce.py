@@ -33,37 +33,41 @@ class Debounce:
         """In the order of the document."""
         n = len(inputs)
         self.value: NDArray[np.bool_] = np.zeros(n, dtype=bool)
-        self._when_low = np.array([i.pressed_value for i in inputs], dtype=bool)
+        self.when_low = np.array([i.pressed_value for i in inputs], dtype=bool)
         self._debounce = np.array([i.debounce_s for i in inputs])
         self._click = np.array([i.debounce_click_s for i in inputs])
         self._clicks = self._click != self._debounce
         self._triggers = np.array(
             [[i.trigger_when_pressed, i.trigger_when_released] for i in inputs], dtype=bool).reshape(n, 2)
         self._quiet_first = np.array([i.skip_first_run for i in inputs], dtype=bool)
-        self._pressed = np.zeros(n, dtype=bool)
-        self._pending = np.zeros(n, dtype=bool)
+        self.pressed = np.zeros(n, dtype=bool)
+        self.pending = np.zeros(n, dtype=bool)
         self._candidate = np.zeros(n, dtype=bool)
         self._counter = np.zeros(n)
-        self._first = True
+        self.is_first = True
 
     def poll(self, bits: NDArray[np.bool_], dt: float) -> list[tuple[int, int]]:
         """Take raw `bits` (n,) and the time since the last poll [s]; returns (input, PRESSED, RELEASED or CLICKED)."""
-        np.not_equal(bits, self._when_low, self._pressed)
-        if self._first:
-            return self._begin(dt)
-        if self._pressed.tobytes() == self.value.tobytes() and b"\1" not in self._pending.tobytes():
-            return _NOTHING
-        return self._changed(dt)
+        return self.settle(dt) if self.watch(bits) or self.is_first else _NOTHING
+
+    def watch(self, bits: NDArray[np.bool_]) -> bool:
+        """Take raw `bits` (n,); True: some are, or were, not as `value` says: see `settle`."""
+        np.not_equal(bits, self.when_low, self.pressed)
+        return self.pressed.tobytes() != self.value.tobytes() or b"\1" in self.pending.tobytes()
+
+    def settle(self, dt: float) -> list[tuple[int, int]]:
+        """What became of the bits that were taken last, `dt` s after those before; see `poll`."""
+        return self._begin(dt) if self.is_first else self._changed(dt)
 
     def _begin(self, dt: float) -> list[tuple[int, int]]:
         """What there is at first is taken and told; of those that skip that, it is a change from released."""
-        self._first = False
+        self.is_first = False
         at_once = ~self._quiet_first
-        np.copyto(self.value, self._pressed, where=at_once)
+        np.copyto(self.value, self.pressed, where=at_once)
         return self._events(at_once, np.zeros_like(at_once)) + self._changed(dt)
 
     def _changed(self, dt: float) -> list[tuple[int, int]]:
-        now, pending = self._pressed, self._pending
+        now, pending = self.pressed, self.pending
         waiting = pending & (self._counter < self._debounce)
         ripe = pending & ~waiting
         broken = waiting & (now != self._candidate)
@@ -73,7 +77,7 @@ class Debounce:
         begins = ~pending & (now != self.value) & ~at_once
         taken = (ripe | at_once) & (now != self.value)
         np.copyto(self.value, now, where=ripe | at_once)
-        self._pending = (pending | begins) & ~ripe & ~broken
+        np.copyto(pending, (pending | begins) & ~ripe & ~broken)
         self._counter[begins] = 0.0
         np.copyto(self._candidate, now, where=begins)
         return self._events(taken, clicked)

@@ -41,7 +41,21 @@ trocar_install() {
     }
 }
 
+# The part of the program that is written in C, once for each source and compiler; without it all runs, slower.
+trocar_kernel() {
+    kernel_stamp="$root/.venv/.trocar-kernel"
+    made_of=$(cat "$root"/procs/kernel/* "$root"/procs/fpga/*.py 2>/dev/null | cksum; "${CC:-cc}" --version 2>/dev/null)
+    if [ ! -f "$kernel_stamp" ] || [ "$(cat "$kernel_stamp")" != "$made_of" ]; then
+        (cd "$root" && "$python" -m procs.kernel.build >&2) || :
+        echo "$made_of" > "$kernel_stamp"
+    fi
+}
+
 trocar_venv() {
+    trocar_environment "$1" && trocar_kernel
+}
+
+trocar_environment() {
     extras=$1
     if [ -n "${TROCAR_PYTHON:-}" ] && ! trocar_is_new_enough "$TROCAR_PYTHON"; then
         echo "trocar: TROCAR_PYTHON=$TROCAR_PYTHON is no Python 3.11 or newer; unset it, or give it one" >&2

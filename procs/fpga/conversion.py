@@ -50,22 +50,22 @@ class CurrentEncoder:
 
     def __init__(self, scale: Floats, offset: Floats) -> None:
         """`scale` and `offset` (n,) of current_to_bits."""
-        self._scale, self._offset = scale, offset
+        self.scale, self.offset = scale, offset
         self._float = np.zeros(len(scale))
         self._finite = np.zeros(len(scale), dtype=bool)
         self._mask = np.full(len(scale), CURRENT_MASK, dtype=np.int64)
-        self._zero = np.trunc(offset)
+        self.zero = np.trunc(offset)
         self.bits: Ints = np.zeros(len(scale), dtype=np.int64)
 
     def encode(self, current: Floats) -> bool:
         """Fill `bits` (n,); False when some current was not finite: those axes got the bits of 0 A."""
         values = self._float
-        np.multiply(current, self._scale, values)
-        np.add(values, self._offset, values)
+        np.multiply(current, self.scale, values)
+        np.add(values, self.offset, values)
         np.isfinite(values, self._finite)
         finite = b"\0" not in self._finite.tobytes()
         if not finite:
-            np.copyto(values, self._zero, where=~self._finite)
+            np.copyto(values, self.zero, where=~self._finite)
         np.copyto(self.bits, values, casting="unsafe")  # truncates toward zero, like the reference
         np.bitwise_and(self.bits, self._mask, self.bits)
         return finite

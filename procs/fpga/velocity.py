@@ -19,7 +19,7 @@ Words = NDArray[np.uint32]
 ACCELERATION_THRESHOLD: Final = 0.0005  # 1 / newest quarter period [ticks]: with fewer ticks, time is too coarse
 SLOWEST_S: Final = 1.0  # the software estimate runs out to zero in this time without a count
 
-_SAME_EDGE: Final = registers.VELOCITY_DIRECTION | 0xF << registers.QUARTER_EDGE_SHIFT
+SAME_EDGE: Final = registers.VELOCITY_DIRECTION | 0xF << registers.QUARTER_EDGE_SHIFT
 _NEVER: Final = 1e-300  # stands for 0 ticks where a division needs something
 
 
@@ -41,12 +41,13 @@ class FirmwareVelocity:
         rows: Words = np.zeros((5, n), dtype=np.uint32)
         self.words: Words = rows[:4]
         self.predicted: Floats = np.zeros(n)  # counts/s at the time of the sample
-        hz = np.asarray(clock_hz) + np.zeros(n)
+        hz: Floats = np.asarray(clock_hz) + np.zeros(n)
         # per n: speed and the most that can have been missed since the last edge [counts/s]
         self._speeds = np.zeros((2, n))
         self._cap, self._speed = self._speeds
         self._edges_hz = np.array([hz, 4.0 * hz])
-        self._rate, self._sign = np.zeros(n), np.zeros(n)  # acceleration [counts/tick² / 8]
+        self.hz = hz
+        self.rate, self.sign = np.zeros(n), np.zeros(n)  # acceleration [counts/tick² / 8]
         self._rate_scale = 8.0 * hz * hz
         _, self._period_word, self._quarter5_word, self._quarter1_word, self._quarter1_again = rows
         self._compared, self._with = rows[1:3], rows[3:]  # period and quarter 5 with quarter 1
@@ -61,7 +62,7 @@ class FirmwareVelocity:
         # by the top three bits of the period word: overflow, direction, direction changed
         self._signs = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         self._unlike = np.zeros((2, n), dtype=np.uint32)
-        self._same = np.array([[registers.VELOCITY_DIRECTION], [_SAME_EDGE]], np.uint32) | np.zeros((2, n), np.uint32)
+        self._same = np.array([[registers.VELOCITY_DIRECTION], [SAME_EDGE]], np.uint32) | np.zeros((2, n), np.uint32)
         self._no_bits = np.zeros((2, n), dtype=np.uint32)
         reasons = np.zeros((4, n), dtype=bool)  # why edges do not compare
         self._apart, self._short = reasons[:2], reasons[2:]
@@ -79,16 +80,16 @@ class FirmwareVelocity:
     @property
     def velocity(self) -> Floats:
         """Counts/s over the last four edges."""
-        return self._speed * self._sign
+        return self._speed * self.sign
 
     @property
     def acceleration(self) -> Floats:
         """Counts/s²."""
-        return self.accelerations(np.zeros_like(self._rate))
+        return self.accelerations(np.zeros_like(self.rate))
 
     def accelerations(self, out: Floats) -> Floats:
         """Counts/s² into `out`."""
-        np.multiply(self._rate, self._sign, out)
+        np.multiply(self.rate, self.sign, out)
         return np.multiply(out, self._rate_scale, out)
 
     def update(self) -> Floats:
@@ -98,18 +99,18 @@ class FirmwareVelocity:
         ticks[...] = self._masked
         np.maximum(ticks, self._least, out=ticks)
         np.right_shift(self._period_word, self._shift, self._kind)
-        self._signs.take(self._kind, out=self._sign, mode="clip")
+        self._signs.take(self._kind, out=self.sign, mode="clip")
         np.divide(self._edges_hz, self._since_middle, self._speeds)
         self._accelerate()
         # half the period back to the middle of the four edges, and the time since the last one
         now = self._a
         np.multiply(self._since_middle, self._age_scale, self._ages)
         np.add(self._half, self._whole, now)
-        np.multiply(self._rate, now, now)
+        np.multiply(self.rate, now, now)
         np.add(now, self._speed, now)
         np.minimum(now, self._cap, out=now)
         np.maximum(now, self._none, out=now)
-        return np.multiply(now, self._sign, self.predicted)
+        return np.multiply(now, self.sign, self.predicted)
 
     def _accelerate(self) -> None:
         """Magnitude of the acceleration along the direction of motion; zero where the edges do not compare."""
@@ -120,7 +121,7 @@ class FirmwareVelocity:
         np.less(self._quarters, self._shortest, self._short)
         np.bitwise_or(self._apart, self._short, self._apart)
         np.bitwise_or(self._incomparable, self._or_this, self._incomparable)
-        change, before, both = self._rate, self._a, self._b
+        change, before, both = self.rate, self._a, self._b
         np.subtract(self._quarter5, self._quarter1, change)
         np.add(self._period, change, before)
         np.greater_equal(self._quarter5_word, self._overflow, self._overflowed)
@@ -138,35 +139,39 @@ class SoftwareVelocity:
     def __init__(self, n: int) -> None:
         """Nothing known yet: the first update gives 0."""
         self.velocity: Floats = np.zeros(n)
-        self._previous = np.zeros(n)
-        self._since, self._slope = np.zeros(n), np.zeros(n)
+        self.previous = np.zeros(n)
+        self.since, self.slope = np.zeros(n), np.zeros(n)
         self._change, self._magnitude = np.zeros(n), np.zeros(n)
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._moved, self._young = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self._none, self._one, self._slowest = np.zeros(n), np.ones(n), np.full(n, SLOWEST_S)
-        self._known = False
+        self.known = np.zeros(1, dtype=bool)  # the counts of the update before are
+
+    def forget(self) -> None:
+        """The counters were set, nobody knows to what: the next update gives 0."""
+        self.known[0] = False
 
     def reset(self, counts: NDArray[np.generic]) -> None:
         """The counters were set: what they show now is no motion."""
-        np.copyto(self._previous, counts)
-        for each in (self._since, self._slope, self.velocity):
+        np.copyto(self.previous, counts)
+        for each in (self.since, self.slope, self.velocity):
             each.fill(0.0)
-        self._known = True
+        self.known[0] = True
 
     def update(self, counts: NDArray[np.generic], dt: Floats) -> Floats:
         """Estimate from `counts` (n,) and the boards' time since the sample before, `dt` (n,) in s."""
-        if not self._known:
+        if not self.known[0]:
             self.reset(counts)
             return self.velocity
         change, v = self._change, self.velocity
-        np.subtract(counts, self._previous, change)
-        np.copyto(self._previous, counts)
+        np.subtract(counts, self.previous, change)
+        np.copyto(self.previous, counts)
         # no count: run down the slope for a second, then stand still
-        np.less(self._since, self._slowest, self._young)
-        np.multiply(self._slope, dt, self._a)
+        np.less(self.since, self._slowest, self._young)
+        np.multiply(self.slope, dt, self._a)
         np.subtract(v, self._a, v)
         np.multiply(v, self._young, v)
-        np.add(self._since, dt, self._since)
+        np.add(self.since, dt, self.since)
         np.not_equal(change, self._none, self._moved)
         if b"\1" not in self._moved.tobytes():
             return v
@@ -175,10 +180,10 @@ class SoftwareVelocity:
         np.absolute(change, self._magnitude)
         np.subtract(self._magnitude, self._one, jump)
         np.divide(jump, np.maximum(dt, tiny), jump)
-        np.divide(self._one, np.maximum(self._since, tiny, out=self._a), self._a)
+        np.divide(self._one, np.maximum(self.since, tiny, out=self._a), self._a)
         np.add(jump, self._a, jump)
         np.copysign(jump, change, jump)
         np.copyto(v, jump, where=self._moved)
-        np.copyto(self._slope, v, where=self._moved)
-        np.copyto(self._since, self._none, where=self._moved)
+        np.copyto(self.slope, v, where=self._moved)
+        np.copyto(self.since, self._none, where=self._moved)
         return v

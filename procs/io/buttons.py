@@ -24,23 +24,28 @@ class Buttons:
         inputs = robots.io.digital_inputs
         row = {board: k for k, board in enumerate(robots.board_ids)}
         self._names = [i.name for i in inputs]
+        self.count = len(inputs)
         self._flat = port.blocks.reshape(-1)
-        self._index = np.array(
+        self.index = np.array(
             [row[i.board_id] * port.columns.count + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
-        self._bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
+        self.bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
         self._words, self._zero = np.zeros(len(inputs), np.uint32), np.zeros(len(inputs), np.uint32)
         self._set = np.zeros(len(inputs), dtype=bool)
-        self._debounce = Debounce(inputs)
+        self.debounce = Debounce(inputs)
         self._record, self._reports = record, reports
 
-    def poll(self, dt_s: float) -> None:
-        """Look at the newest sample, `dt_s` after the one before."""
+    def watch(self) -> bool:
+        """Take the bits of the newest sample; True: see `settle`."""
         if not self._names:
-            return
-        self._flat.take(self._index, out=self._words, mode="clip")
-        np.bitwise_and(self._words, self._bit, self._words)
+            return False
+        self._flat.take(self.index, out=self._words, mode="clip")
+        np.bitwise_and(self._words, self.bit, self._words)
         np.not_equal(self._words, self._zero, self._set)
-        for index, kind in self._debounce.poll(self._set, dt_s):
+        return self.debounce.watch(self._set)
+
+    def settle(self, dt_s: float) -> None:
+        """Take up what changed, `dt_s` after the sample before."""
+        for index, kind in self.debounce.settle(dt_s):
             name = self._names[index]
             self._reports.events.append(IoEvent("button", NAMES[kind], NAMES[kind], name, value=PAYLOADS[kind]))
-        self._record.input[...] = self._debounce.value
+        self._record.input[...] = self.debounce.value

@@ -37,6 +37,7 @@ from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.io.setup_brakes import SetupBrakes
+from procs.io.stages import stages
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
 from procs.requests import Request
@@ -72,7 +73,7 @@ class RobotIo:
         fields of these records; None: nobody looks.
         """
         self.io, self.record, self.reports = io, record, IoReports()
-        self._port, self._now_ns, self._is_over = port, now_ns, is_over
+        self.port, self._now_ns, self._is_over = port, now_ns, is_over
         self.robots = robots = Robots(io)
         if robots.board_ids != tuple(port.board_ids):
             raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
@@ -80,28 +81,29 @@ class RobotIo:
         record.encoder_set[...] = preset if preset is not None else False
         self.samples = samples = Samples(robots, port, record)
         self._brakes = Brakes(robots, record)
-        self._outputs = Outputs(robots, port, record, self._brakes)
+        self.outputs = Outputs(robots, port, record, self._brakes)
         self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.effort_mode))
-        self._power = Power(robots, port, record, self._outputs, self.reports, samples, self._brakes)
+        self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes)
         self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
-        self._safety = Safety(robots, samples, record, self.reports)
+        self.safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports)
         self._follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
-        self._digital_outputs = DigitalOutputs(robots, port, record)
+        self.digital_outputs = DigitalOutputs(robots, port, record)
         self.instruments = InstrumentReaders(robots, port, self.reports, instruments)
-        self._setup_brakes = SetupBrakes(robots, record, self._digital_outputs, self.reports)
-        self._idle_outputs = IdleOutputs(robots, record, self._digital_outputs, self.reports)
-        self._buttons = Buttons(robots, port, record, self.reports)
+        self._setup_brakes = SetupBrakes(robots, record, self.digital_outputs, self.reports)
+        self._idle_outputs = IdleOutputs(robots, record, self.digital_outputs, self.reports)
+        self.buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
+        self.stages = stages(self)
         cells = cells or [NoFaults() for _ in robots.names]
         wishes = ArmRequests(robots, record, self._follow, report)
-        self._commands = IoCommands(robots, record, self._power, self._bias, self._follow, self.pid, self._safety,
-                                    self._brakes, self._digital_outputs, self.gains, self.instruments, self._axis_drive,
+        self._commands = IoCommands(robots, record, self.power, self._bias, self._follow, self.pid, self.safety,
+                                    self._brakes, self.digital_outputs, self.gains, self.instruments, self._axis_drive,
                                     cells, wishes)
-        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, self._power, self._bias,
+        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, self.power, self._bias,
                                            self._brakes, cells, wishes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
@@ -128,17 +130,17 @@ class RobotIo:
         if io.calibration_mode:
             self.reports.warn(codes.CALIBRATION_MODE, io.name)
         if io.close_all_relays:
-            self._outputs.close_relays()
+            self.outputs.close_relays()
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards."""
         read_ns = self._now_ns()
         with np.errstate(all="ignore"):
-            self._port.ask_all()
+            self.port.ask_all()
             # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
             self._follow.receive(read_ns)
-            self.good = good = self._port.read_all()
-            now_ns = self.stamp_ns = self._port.recv_ns if good else self._now_ns()
+            self.good = good = self.port.read_all()
+            now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
             if good:
                 self._look(now_ns)
             else:
@@ -158,10 +160,10 @@ class RobotIo:
                 share *= share_of(now_ns - self._good_ns)
             if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
                 share = 0.0
-                self._outputs.all_off()
-            finite = self._outputs.encode(self.pid.effort, share)
-            self._port.write_all()
-            self._outputs.written()
+                self.outputs.all_off()
+            finite = self.stages.encode(share, self.outputs.acts_once)
+            self.port.write_all()
+            self.outputs.written()
             if not finite:
                 self._not_finite(now_ns)
             self._show(good, read_ns, now_ns)
@@ -175,22 +177,24 @@ class RobotIo:
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")
-        self.samples.update()
-        self._power.step(now_ns)
-        if self._power.changed:
-            self._power.changed = False
-            self._safety.refresh(self._power.reached)
-        self._safety.check(now_ns)
-        if self._safety.set_encoder_zero:
-            for robot in self._safety.set_encoder_zero:
+        power, safety = self.power, self.safety
+        if self.stages.decode() or now_ns >= power.wake_ns:
+            power.step(now_ns)
+        if power.changed:
+            power.changed = False
+            safety.refresh(power.reached)
+        if self.stages.check() or safety.counting:
+            safety.examine(now_ns)
+        if self.safety.set_encoder_zero:
+            for robot in self.safety.set_encoder_zero:
                 self._bias.zero(robot)
-            self._safety.set_encoder_zero.clear()
+            self.safety.set_encoder_zero.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
 
     def _show_validity(self, good: bool, now_ns: int) -> None:
         """Which robots were sampled in this cycle; those with a board that is away are reported, and switched off."""
-        record, away = self.record, self._port.away
+        record, away = self.record, self.port.away
         if not good:
             record.valid[...] = record.robot_valid[...] = False
         elif not (away.any() or self._away.any()):
@@ -250,7 +254,7 @@ class RobotIo:
 
     def _blamed(self) -> tuple[int, ...]:
         """Boards with bad reads since the last time somebody asked."""
-        counts = self._port.counters.board_bad_reads
+        counts = self.port.counters.board_bad_reads
         rows = np.flatnonzero(counts > self._bad_by_board)
         self._bad_by_board = counts.copy()
         return tuple(self.robots.board_ids[row] for row in rows)
@@ -259,7 +263,7 @@ class RobotIo:
         """In-cycle tasks and the joint controllers, on this very sample."""
         if self._tasks is not None:
             self._tasks.step(now_ns)
-        tripped = self.pid.step(self.samples.position, self.samples.velocity, self.record.at_limit)
+        tripped = self.pid.beyond(self.record.at_limit) if self.stages.control() else None
         if tripped is not None:
             for robot, axes in enumerate(self.robots.slices):
                 if tripped[axes].any():
@@ -282,19 +286,17 @@ class RobotIo:
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
         """The rest of the record; the boards have been written already."""
-        record, counters = self.record, self._port.counters
+        record, counters = self.record, self.port.counters
         if counters.stray != self._strays:
             self._strays = counters.stray
             self._report_stranger(now_ns)
-        if good:
-            self.samples.publish()
-            self._digital_outputs.poll()
-            self._buttons.poll((now_ns - self._before_ns) * 1e-9)
+        if good and (self.stages.show() or self.buttons.debounce.is_first):
+            self.buttons.settle((now_ns - self._before_ns) * 1e-9)
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = read_ns
-        record.recv_ns[...] = self._port.recv_ns
-        record.write_ns[...] = self._port.send_ns
+        record.recv_ns[...] = self.port.recv_ns
+        record.write_ns[...] = self.port.send_ns
         end_ns = self._now_ns()
         record.age_ns[...] = end_ns - self._whole_ns
         np.subtract(end_ns, self._sampled_ns, record.sample_age_ns)
@@ -302,7 +304,7 @@ class RobotIo:
 
     def _report_stranger(self, now_ns: int) -> None:
         """Somebody else than the boards sends to io's socket."""
-        stranger = self._port.stranger
+        stranger = self.port.stranger
         if stranger != self._stranger and now_ns - self._stranger_ns >= STRANGER_REPEAT_NS:
             self._stranger, self._stranger_ns = stranger, now_ns
             self.reports.warn(codes.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
@@ -312,15 +314,15 @@ class RobotIo:
 
         The boards come first, and with nothing in between that an error in the loop may have left unable to run.
         """
-        nothing = np.zeros(self.robots.axes)
+        self.pid.effort.fill(0.0)
         for _ in range(FAREWELLS):
-            self._outputs.all_off()
-            self._outputs.encode(nothing)
-            self._port.write_all()
-            self._outputs.written()
+            self.outputs.all_off()
+            self.outputs.encode(1.0, self.outputs.acts_once)
+            self.port.write_all()
+            self.outputs.written()
         self._setup_brakes.shutdown()
         self._idle_outputs.shutdown()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self._follow.enable(robot, False, now_ns)
-            self._power.off(robot)
+            self.power.off(robot)

@@ -32,13 +32,13 @@ class DigitalOutputs:
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
         row = {board: k for k, board in enumerate(robots.board_ids)}
         self._flat = port.blocks.reshape(-1)
-        self._index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
+        self.index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
                                dtype=np.intp)
-        self._bit = np.array([_shown(o.bit_id) for o in self._outputs], dtype=np.uint32)
-        self._unseen: Flags = np.array([port.hardware[row[o.board_id]] == "dRA1" for o in self._outputs], dtype=bool)
-        self._written: Flags = np.zeros(len(self._outputs), dtype=bool)
+        self.bit = np.array([_shown(o.bit_id) for o in self._outputs], dtype=np.uint32)
+        self.unseen: Flags = np.array([port.hardware[row[o.board_id]] == "dRA1" for o in self._outputs], dtype=bool)
+        self.written: Flags = np.zeros(len(self._outputs), dtype=bool)
         self._words: NDArray[np.uint32] = np.zeros(len(self._outputs), dtype=np.uint32)
-        self.names = tuple(o.name for o in self._outputs)
+        self.names, self.count = tuple(o.name for o in self._outputs), len(self._outputs)
         for output in self._outputs:
             if not output.is_pwm and (output.high_s or output.low_s):
                 self._configure(output, _counts(output.high_s), _counts(output.low_s))
@@ -49,7 +49,7 @@ class DigitalOutputs:
         if output.is_pwm:
             self._configure(output, 0, 0)
         self._write(output, high)
-        self._written[place] = high
+        self.written[place] = high
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A share of the time high, 0 to 1, at the file's frequency. Returns why not, or ""."""
@@ -68,13 +68,13 @@ class DigitalOutputs:
             self._write(output, True)
         return ""
 
-    def poll(self) -> None:
+    def show(self) -> None:
         """Show the levels of the newest sample."""
         if self.names:
-            self._flat.take(self._index, out=self._words, mode="clip")
-            np.bitwise_and(self._words, self._bit, self._words)
+            self._flat.take(self.index, out=self._words, mode="clip")
+            np.bitwise_and(self._words, self.bit, self._words)
             np.equal(self._words, 0, self._record.output)
-            np.copyto(self._record.output, self._written, where=self._unseen)
+            np.copyto(self._record.output, self.written, where=self.unseen)
 
     def _configure(self, output: DigitalOutput, high: int, low: int) -> None:
         """Ticks that a pin stays high and low; 0: until it is written."""

@@ -18,6 +18,7 @@ not finite leaves as 0.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +28,16 @@ from procs.document.system import PidAxis
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+SWITCHES: Final = ("has_dead_band", "is_soft", "filters", "integrates", "observes", "limits_output", "has_offset",
+                   "any_off", "any_effort", "has_contribution")
+"""What of the law is needed at all: names of the places of `Pid.switches`."""
+
 
 class Pid:
     """State and gains of n actuators. Inputs and results are arrays (n,) that stay the same objects.
 
     A caller writes `setpoint_position`, `setpoint_velocity`, `requested_effort` and `feed_forward`, sets modes through
-    the methods, calls `step` once a cycle, and reads `effort` and `position_error`.
+    the methods, calls `control` once a cycle, and reads `effort` and `position_error`.
     """
 
     def __init__(
@@ -55,54 +60,68 @@ class Pid:
         self.position_error: Floats = memory[3]
         self.effort_mode: Flags = memory[4]
         self.requested_effort, self.feed_forward = np.zeros(n), np.zeros(n)
-        self.contribution: Floats | None = None  # of in-cycle tasks; None: there are none
+        self.contribution = np.zeros(n)  # of in-cycle tasks, where there are any
         self.enabled: Flags = np.zeros(n, dtype=bool)
         self.integral, self.disturbance = np.zeros(n), np.zeros(n)
         limited = effort_limit > 0.0
-        self._effort_limit = np.where(limited, effort_limit, np.inf)
-        self._minus_effort = -self._effort_limit
-        self._observer_input, self._observer_state = np.zeros(n), np.zeros(n)
-        self._has_velocity, self._checked = np.zeros(n), np.zeros(n, dtype=bool)
-        self._filtered = np.zeros(n)
-        self._allowed = np.full(n, np.inf)
+        self.effort_limit = np.where(limited, effort_limit, np.inf)
+        self._minus_effort = -self.effort_limit
+        self.observer_input, self.observer_state = np.zeros(n), np.zeros(n)
+        self.has_velocity, self._checked = np.zeros(n), np.zeros(n, dtype=bool)
+        self.filtered = np.zeros(n)
+        self.allowed = np.full(n, np.inf)
+        self.excess, self.within = np.zeros(n), np.ones(n, dtype=bool)
+        """Tracking error after the dead-band, and whether it is allowed."""
+        self.off = np.ones(n, dtype=bool)
+        self.switches: NDArray[np.int64] = np.zeros(len(SWITCHES), dtype=np.int64)
+        self.tolerance, self.kp, self.kd, self.ki, self.offset = (np.zeros(n) for _ in range(5))
+        self.inner, self.per_width, self.keep, self.i_limit = (np.zeros(n) for _ in range(4))
+        self.share_new, self.share_old, self.output_limit = (np.zeros(n) for _ in range(3))
+        self.momentum, self.rate = np.zeros(n), np.zeros(n)
+        self._minus_output = np.zeros(n)
         self._a, self._b, self._x, self._f = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-        self._inside, self._ok = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        self._off = np.ones(n, dtype=bool)
+        self._inside, self._finite = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self._zero, self._one = np.zeros(n), np.ones(n)
         self._three, self._minus_two = np.full(n, 3.0), np.full(n, -2.0)
-        self._any_off, self._any_effort = True, False
+        self._any_off, self._any_effort, self._has_contribution = True, False, False
         self._adopt()
 
     def _adopt(self) -> None:
-        """Arrays of what `gains` say."""
-        rows, n = self.gains, len(self.gains)
+        """Arrays of what `gains` say, in place."""
+        rows = self.gains
 
         def column(name: str) -> Floats:
             return np.array([float(getattr(row, name)) for row in rows])
 
-        self.tolerance = column("tolerance")
-        self._kp, self._kd, self._ki, self._offset = (column(c) for c in ("p_gain", "d_gain", "i_gain", "offset"))
-        self._has_offset = bool(np.any(self._offset != 0.0))
-        self._inner = column("p_deadband")
-        outer = np.maximum(column("p_deadband_outer"), self._inner)
-        width = outer - self._inner
+        for array, name in ((self.tolerance, "tolerance"), (self.kp, "p_gain"), (self.kd, "d_gain"),
+                            (self.ki, "i_gain"), (self.offset, "offset"), (self.inner, "p_deadband"),
+                            (self.keep, "i_forget_rate"), (self.i_limit, "i_limit"),
+                            (self.share_new, "v_low_pass_cutoff")):
+            array[...] = column(name)
+        self._has_offset = bool(np.any(self.offset != 0.0))
+        outer = np.maximum(column("p_deadband_outer"), self.inner)
+        width = outer - self.inner
         self._dead = bool(np.any(outer > 0.0))
         self._soft = bool(np.any(width > 0.0))
-        self._per_width = np.full(n, np.inf)
-        np.divide(1.0, width, out=self._per_width, where=width > 0.0)
-        self._keep = column("i_forget_rate")
-        self._i_limit = column("i_limit")
-        self._integrates = bool(np.any(self._ki != 0.0))
-        self._new, self._old = column("v_low_pass_cutoff"), 1.0 - column("v_low_pass_cutoff")
-        self._filters = bool(np.any(self._old != 0.0))
+        self.per_width[...] = np.inf
+        np.divide(1.0, width, out=self.per_width, where=width > 0.0)
+        self._integrates = bool(np.any(self.ki != 0.0))
+        np.subtract(1.0, self.share_new, out=self.share_old)
+        self._filters = bool(np.any(self.share_old != 0.0))
         output = column("pid_max_output")
-        self._output_limit = np.where(output >= 0.0, output, np.inf)
-        self._minus_output = -self._output_limit
+        self.output_limit[...] = np.where(output >= 0.0, output, np.inf)
+        np.negative(self.output_limit, out=self._minus_output)
         self._limits_output = bool(np.any(output >= 0.0))
         observed = column("use_disturbance_observer")
         self._observes = bool(np.any(observed))
-        self._momentum = column("nominal_mass") * column("disturbance_cutoff") * observed
-        self._rate = column("disturbance_cutoff") * self._dt_s * observed
+        self.momentum[...] = column("nominal_mass") * column("disturbance_cutoff") * observed
+        self.rate[...] = column("disturbance_cutoff") * self._dt_s * observed
+        self._set_switches()
+
+    def _set_switches(self) -> None:
+        self.switches[...] = (self._dead, self._soft, self._filters, self._integrates, self._observes,
+                              self._limits_output, self._has_offset, self._any_off, self._any_effort,
+                              self._has_contribution)
 
     def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
         """Other gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
@@ -111,7 +130,7 @@ class Pid:
         stays. What acts on the present error (gains, dead-bands, offset, limits) acts with its new value at once, and
         an integral or observer that is switched off lets go.
         """
-        momentum = self._momentum
+        momentum = self.momentum.copy()
         for axis, row in changes.items():
             before, self.gains[axis] = self.gains[axis], row
             self.integral[axis] *= before.i_gain / row.i_gain if row.i_gain else 0.0
@@ -119,16 +138,16 @@ class Pid:
         self._inside[...] = False  # nobody fills it where the last dead-band has gone
         for axis, row in changes.items():
             if row.use_disturbance_observer:
-                self._observer_state[axis] += (self._momentum[axis] - momentum[axis]) * velocity[axis]
+                self.observer_state[axis] += (self.momentum[axis] - momentum[axis]) * velocity[axis]
             else:
-                self._observer_state[axis] = self._observer_input[axis] = self.disturbance[axis] = 0.0
+                self.observer_state[axis] = self.observer_input[axis] = self.disturbance[axis] = 0.0
         self._modes_changed()
 
     def enable(self, axes: slice | Flags, on: bool, position: Floats) -> None:
         """Switch the actuators `axes` on or off at measured `position` (n,); always starts from a clean state."""
         self.enabled[axes] = self.controlled[axes] & on
-        for each in (self.integral, self.disturbance, self._observer_input, self._observer_state, self._filtered,
-                     self._has_velocity, self.feed_forward, self.requested_effort, self.setpoint_velocity,
+        for each in (self.integral, self.disturbance, self.observer_input, self.observer_state, self.filtered,
+                     self.has_velocity, self.feed_forward, self.requested_effort, self.setpoint_velocity,
                      self.position_error, self.effort):
             each[axes] = 0.0
         self.effort_mode[axes] = False
@@ -142,9 +161,9 @@ class Pid:
 
     def carry_velocity(self, axes: slice | Flags, on: bool) -> None:
         """Whether the setpoint velocities are to be used; starts the filter afresh when they are not."""
-        self._has_velocity[axes] = float(on)
+        self.has_velocity[axes] = float(on)
         if not on:
-            self._filtered[axes] = 0.0
+            self.filtered[axes] = 0.0
             self.setpoint_velocity[axes] = 0.0
 
     def check_tracking(self, axes: slice | Flags, on: bool) -> None:
@@ -152,63 +171,78 @@ class Pid:
         self._checked[axes] = on
         self._modes_changed()
 
+    def contribute(self) -> Floats:
+        """From now on what in-cycle tasks write here (n,) is added to the efforts."""
+        self._has_contribution = True
+        self._set_switches()
+        return self.contribution
+
     def _modes_changed(self) -> None:
-        self._off = ~self.enabled
-        self._any_off = bool(np.any(self._off))
+        np.logical_not(self.enabled, out=self.off)
+        self._any_off = bool(np.any(self.off))
         self._any_effort = bool(np.any(self.effort_mode))
         watched = self._checked & self.enabled & ~self.effort_mode
-        self._allowed = np.where(watched, self.tolerance, np.inf)
+        self.allowed[...] = np.where(watched, self.tolerance, np.inf)
+        self._set_switches()
 
     def step(self, position: Floats, velocity: Floats, at_limit: Flags) -> Flags | None:
-        """One cycle on the measured values (n,): fills `effort` and `position_error`.
+        """`control`, then `beyond`."""
+        return self.beyond(at_limit) if self.control(position, velocity) else None
 
-        Returns None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance;
-        those whose setpoint was clipped `at_limit` are exempt. The caller decides what to switch off.
-        """
+    def control(self, position: Floats, velocity: Floats) -> bool:
+        """One cycle on the measured values (n,): fills `effort` and `position_error`; True: see `beyond`."""
         e, u = self.position_error, self._f
         np.subtract(self.setpoint_position, position, e)
-        excess = self._dead_band(e)
-        np.less_equal(excess, self._allowed, self._ok)
-        tripped = None if b"\0" not in self._ok.tobytes() else self._tripped(at_limit)
+        np.less_equal(self._dead_band(e), self.allowed, self.within)
         if self._any_effort:
             np.copyto(e, self._zero, where=self.effort_mode)
         ve = self._velocity_error(velocity)
-        np.multiply(self._kp, e, u)
-        np.multiply(self._kd, ve, ve)
+        np.multiply(self.kp, e, u)
+        np.multiply(self.kd, ve, ve)
         np.add(u, ve, u)
         self._integral_and_observer(e, velocity, u)
         if self._limits_output:
-            np.minimum(u, self._output_limit, out=u)
+            np.minimum(u, self.output_limit, out=u)
             np.maximum(u, self._minus_output, out=u)
         f = self.effort
         if self._has_offset or self._any_effort:
-            np.add(u, self._offset, f)
+            np.add(u, self.offset, f)
             if self._any_effort:
                 np.copyto(f, self.requested_effort, where=self.effort_mode)
             np.add(f, self.feed_forward, f)
         else:
             np.add(u, self.feed_forward, f)
-        if self.contribution is not None:
+        if self._has_contribution:
             np.add(f, self.contribution, f)
-        np.minimum(f, self._effort_limit, out=f)
+        np.minimum(f, self.effort_limit, out=f)
         np.maximum(f, self._minus_effort, out=f)
         self._finish(position, u)
-        return tripped
+        return b"\0" in self.within.tobytes()
+
+    def beyond(self, at_limit: Flags) -> Flags | None:
+        """None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance.
+
+        Those whose setpoint was clipped `at_limit` are exempt, but an error that is not a number is no excuse. The
+        caller decides what to switch off.
+        """
+        beyond: Flags = ~self.within & self.enabled & ~self.effort_mode
+        beyond &= ~(at_limit & np.isfinite(self.excess))
+        return beyond if bool(np.any(beyond)) else None
 
     def _dead_band(self, e: Floats) -> Floats:
         """Shorten the errors `e` in place; returns their magnitude. Fills `_inside`, where there is any dead-band."""
-        a, excess = self._a, self._b
+        a, excess = self._a, self.excess
         if not self._dead:
             return np.absolute(e, excess)
         np.absolute(e, a)
-        np.less(a, self._inner, self._inside)
-        np.subtract(a, self._inner, excess)
+        np.less(a, self.inner, self._inside)
+        np.subtract(a, self.inner, excess)
         np.maximum(excess, self._zero, out=excess)
         if self._soft:
             # x²(3 − 2x) rises from 0 to 1 between the dead-bands; without an outer one x is 1 at once
             x = self._x
             with np.errstate(invalid="ignore"):  # 0 · inf exactly on a hard edge: fmin turns the NaN into 1
-                np.multiply(excess, self._per_width, x)
+                np.multiply(excess, self.per_width, x)
             np.fmin(x, self._one, out=x)
             np.multiply(excess, x, excess)
             np.multiply(excess, x, excess)
@@ -220,17 +254,17 @@ class Pid:
 
     def _velocity_error(self, velocity: Floats) -> Floats:
         """Velocity feed minus measured velocity, 0 inside the dead-band; the filter rests there."""
-        ve, fed, x = self._a, self._filtered, self._x
+        ve, fed, x = self._a, self.filtered, self._x
         if not (self._filters or self._dead):
-            np.multiply(self.setpoint_velocity, self._has_velocity, fed)
+            np.multiply(self.setpoint_velocity, self.has_velocity, fed)
             return np.subtract(fed, velocity, ve)
         if self._filters:
-            np.multiply(self._old, fed, ve)
-            np.multiply(self._new, self.setpoint_velocity, x)
+            np.multiply(self.share_old, fed, ve)
+            np.multiply(self.share_new, self.setpoint_velocity, x)
             np.add(ve, x, x)
         else:
             np.copyto(x, self.setpoint_velocity)
-        np.multiply(x, self._has_velocity, x)
+        np.multiply(x, self.has_velocity, x)
         if b"\1" in self._inside.tobytes():
             np.copyto(x, fed, where=self._inside)
             np.copyto(fed, x)
@@ -245,18 +279,18 @@ class Pid:
         x = self._x
         if self._integrates:
             i = self.integral
-            np.multiply(i, self._keep, i)
+            np.multiply(i, self.keep, i)
             np.add(i, e, i)
-            np.minimum(i, self._i_limit, out=i)
-            np.maximum(i, -self._i_limit, out=i)
-            np.multiply(i, self._ki, x)
+            np.minimum(i, self.i_limit, out=i)
+            np.maximum(i, -self.i_limit, out=i)
+            np.multiply(i, self.ki, x)
             np.add(u, x, u)
         if self._observes:
-            state, step = self._observer_state, self._b
-            np.multiply(self._momentum, velocity, x)
-            np.add(self._observer_input, x, step)
+            state, step = self.observer_state, self._b
+            np.multiply(self.momentum, velocity, x)
+            np.add(self.observer_input, x, step)
             np.subtract(step, state, step)
-            np.multiply(step, self._rate, step)
+            np.multiply(step, self.rate, step)
             np.add(state, step, state)
             np.subtract(state, x, self.disturbance)
             np.add(u, self.disturbance, u)
@@ -265,32 +299,26 @@ class Pid:
         """Switch off what is disabled or not finite; remember what the observer needs."""
         f = self.effort
         if self._observes:
-            np.minimum(u, self._effort_limit, out=u)
+            np.minimum(u, self.effort_limit, out=u)
             np.maximum(u, self._minus_effort, out=u)
-            np.copyto(self._observer_input, u)
+            np.copyto(self.observer_input, u)
         if self._any_off:
-            np.copyto(f, self._zero, where=self._off)
-            np.copyto(self.position_error, self._zero, where=self._off)
-            np.copyto(self.setpoint_position, position, where=self._off)
-            self._rest(self._off)
+            np.copyto(f, self._zero, where=self.off)
+            np.copyto(self.position_error, self._zero, where=self.off)
+            np.copyto(self.setpoint_position, position, where=self.off)
+            self._rest(self.off)
         if self._any_effort:
             np.copyto(self.setpoint_position, position, where=self.effort_mode)
             self._rest(self.effort_mode)
-        np.isfinite(f, self._ok)
-        if b"\0" in self._ok.tobytes():
-            bad = ~self._ok
+        np.isfinite(f, self._finite)
+        if b"\0" in self._finite.tobytes():
+            bad = ~self._finite
             f[bad] = 0.0
-            for each in (self.integral, self.disturbance, self._observer_input, self._observer_state, self._filtered):
+            for each in (self.integral, self.disturbance, self.observer_input, self.observer_state, self.filtered):
                 each[bad] = 0.0
 
     def _rest(self, where: Flags) -> None:
         """Nothing winds up while an actuator is off or in effort mode."""
         if self._integrates or self._observes:
-            for each in (self.integral, self.disturbance, self._observer_input, self._observer_state):
+            for each in (self.integral, self.disturbance, self.observer_input, self.observer_state):
                 np.copyto(each, self._zero, where=where)
-
-    def _tripped(self, at_limit: Flags) -> Flags | None:
-        """Actuators beyond their tolerance; an error that is not a number is no excuse at a limit."""
-        beyond: Flags = ~self._ok & self.enabled & ~self.effort_mode
-        beyond &= ~(at_limit & np.isfinite(self._b))
-        return beyond if bool(np.any(beyond)) else None

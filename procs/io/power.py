@@ -22,7 +22,7 @@ from procs.fpga import blocks, registers
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
 from procs.io.outputs import Outputs
-from procs.io.record import Flags, IoRecord
+from procs.io.record import Flags, Floats, IoRecord
 from procs.io.reports import IoReports, also
 from procs.io.robots import Robots, Samples
 
@@ -64,16 +64,18 @@ class Power:
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         self._samples = samples
         self._status = port.blocks[:, blocks.STATUS]
+        self.status_column = blocks.STATUS
         n_boards, hardware = len(robots.board_ids), np.array(port.hardware)
         # only a QLA1 reports a supply fault, and a DQLA does not say whether its relay really closed
-        self._mask = np.where(hardware == "QLA1", WATCHED | registers.STATUS_MV_FAULT, WATCHED).astype(np.uint32)
-        self._relay_unseen = hardware == "DQLA"
-        self._any_unseen = bool(self._relay_unseen.any())
-        self._now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
-        self._before = b""
+        self.mask = np.where(hardware == "QLA1", WATCHED | registers.STATUS_MV_FAULT, WATCHED).astype(np.uint32)
+        self.relay_unseen: Flags = hardware == "DQLA"
+        self._any_unseen = bool(self.relay_unseen.any())
+        self.now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
+        self.before: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
+        self.amps_before: Floats = np.zeros(robots.drives)
         self._supplies = [Supply() for _ in robots.names]
         self._rows = [np.flatnonzero(row) for row in robots.on_board]
-        self._wake_ns = 0
+        self.wake_ns = 0
         self._switched = [(places >= robots.axes) | (not off)  # which drives of a robot power-on switches on
                           for places, off in zip(robots.of_robot, robots.motors_off, strict=True)]
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
@@ -86,7 +88,7 @@ class Power:
         self._record.power_requested[robot] = True
         self._supplies[robot] = Supply(SUPPLY, now_ns)
         self.reached[robot] = False
-        self._wake_ns, self.changed = 0, True
+        self.wake_ns, self.changed = 0, True
         if self._robots.motors_off[robot]:
             self._reports.warn(codes.CALIBRATION_MOTORS, self._robots.names[robot])
 
@@ -95,7 +97,7 @@ class Power:
         if self._record.power_requested[robot]:
             return "it is powered"
         self._supplies[robot] = Supply(ALONE, now_ns, until_ns=now_ns + round(for_s * 1e9))
-        self._wake_ns, self.changed = 0, True
+        self.wake_ns, self.changed = 0, True
         return ""
 
     def off(self, robot: int, open_relays: bool = False) -> None:
@@ -112,21 +114,23 @@ class Power:
             if record.power_requested[other]:
                 free &= ~robots.on_board[other]
         self._outputs.cut_power(free, open_relays)
-        self._wake_ns, self.changed = 0, True
+        self.wake_ns, self.changed = 0, True
         if was_on:
             self._reports.status("power off", robots.names[robot])
 
-    def step(self, now_ns: int) -> None:
-        """Look at the status words of a good sample."""
-        np.bitwise_and(self._status, self._mask, self._now)
+    def watch(self) -> bool:
+        """Take the status words of a good sample; True: they, or amplifiers, are not as `step` has seen them."""
+        np.bitwise_and(self._status, self.mask, self.now)
         if self._any_unseen:
-            relay = self._now[self._relay_unseen] & np.uint32(registers.STATUS_RELAY)
-            self._now[self._relay_unseen] |= relay << 1
-        words = self._now.tobytes() + self._samples.amp_on.tobytes()
-        if words == self._before and now_ns < self._wake_ns:
-            return
-        self._before = words
-        self._wake_ns = NEVER
+            relay = self.now[self.relay_unseen] & np.uint32(registers.STATUS_RELAY)
+            self.now[self.relay_unseen] |= relay << 1
+        return (self.now.tobytes() != self.before.tobytes()
+                or self._samples.amp_on.tobytes() != self.amps_before.tobytes())
+
+    def step(self, now_ns: int) -> None:
+        """Judge the status words of a good sample: whenever they have changed, and at `wake_ns`."""
+        self.before[...], self.amps_before[...] = self.now, self._samples.amp_on
+        self.wake_ns = NEVER
         self.changed = True
         for robot in range(len(self._supplies)):
             self._show(robot)
@@ -138,7 +142,7 @@ class Power:
 
     def _show(self, robot: int) -> None:
         """Flags of the record: good ones hold on every board, bad ones on any."""
-        record, words = self._record, self._now[self._rows[robot]]
+        record, words = self._record, self.now[self._rows[robot]]
         every, some = int(np.bitwise_and.reduce(words)), int(np.bitwise_or.reduce(words))
         bad = registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT
         powered = every & GOOD == GOOD and not some & bad and len(words) > 0
@@ -155,7 +159,7 @@ class Power:
 
     def _advance(self, robot: int, now_ns: int) -> None:
         supply, record = self._supplies[robot], self._record
-        every = int(np.bitwise_and.reduce(self._now[self._rows[robot]]))
+        every = int(np.bitwise_and.reduce(self.now[self._rows[robot]]))
         in_time = now_ns - supply.start_ns <= POWER_GRACE_NS
         commanded = every & registers.STATUS_POWER and every & registers.STATUS_RELAY
         if not record.watchdog[robot]:
@@ -180,7 +184,7 @@ class Power:
         if now_ns >= supply.until_ns:
             self.off(robot)
             return
-        is_on = int(np.bitwise_and.reduce(self._now[self._rows[robot]])) & commanded == commanded
+        is_on = int(np.bitwise_and.reduce(self.now[self._rows[robot]])) & commanded == commanded
         in_time = now_ns - supply.start_ns <= POWER_GRACE_NS
         if not is_on and in_time and now_ns >= supply.retry_ns:
             supply.retry_ns = now_ns + RETRY_NS
@@ -195,7 +199,7 @@ class Power:
             reports.trip(codes.WATCHDOG, robot, boards=self._with(robot, registers.STATUS_WATCHDOG))
         if record.power_fault[robot] and age_ns > FAULT_GRACE_NS:
             reports.trip(codes.POWER_FAULT, robot, boards=self._with(robot, registers.STATUS_MV_FAULT))
-        words = self._now[self._rows[robot]]
+        words = self.now[self._rows[robot]]
         supplied = int(np.bitwise_and.reduce(words)) & GOOD == GOOD and len(words) > 0
         if not supplied and (age_ns > POWER_GRACE_NS or record.pid_enabled[robot]):
             rows = self._rows[robot][words & GOOD != GOOD]
@@ -225,7 +229,7 @@ class Power:
     def _with(self, robot: int, bit: int) -> tuple[int, ...]:
         """Boards of a robot whose status has this bit."""
         rows = self._rows[robot]
-        return tuple(self._robots.board_ids[row] for row in rows[(self._now[rows] & np.uint32(bit)) != 0])
+        return tuple(self._robots.board_ids[row] for row in rows[(self.now[rows] & np.uint32(bit)) != 0])
 
     def _wake_at(self, when_ns: int) -> None:
-        self._wake_ns = min(self._wake_ns, when_ns)
+        self.wake_ns = min(self.wake_ns, when_ns)

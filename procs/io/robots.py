@@ -36,6 +36,7 @@ PERIOD: Final = 8
 ROWS: Final = 9
 CHECKED: Final = 5
 
+NO_TABLE: Final = -1
 NO_ENCODER: Final = Encoder(Linear(), 0.0, 0.0, "FIRMWARE")
 
 
@@ -51,11 +52,12 @@ class Robots:
         drives: list[Actuator | Brake] = [*actuators, *brakes]
         self.actuators, self.brakes, self.all = tuple(actuators), tuple(brakes), tuple(drives)
         self.axes, self.drives = len(actuators), len(drives)
+        self.count, self.brake_count = len(self.names), len(brakes)
         self.titles = axis_titles(io)
         """Of every robot its axes, then its brakes, for people."""
         boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
         boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}
-        self.board_ids = tuple(sorted(boards))
+        self.board_ids, self.board_count = tuple(sorted(boards)), len(boards)
         self.motors_off = [io.calibration_mode and robot.hardware == "dRA1" for robot in io.robots]
         """Whether calibration mode keeps the motors of a robot off: only its brakes are powered then."""
         self.slices: list[slice] = []
@@ -105,6 +107,41 @@ class Robots:
         return [int(r) for r in np.flatnonzero(shared) if r != robot]
 
 
+class Pots:
+    """Potentiometers: volts by a line, readings by a table, and then, of some robots, sums over all of the robot's."""
+
+    def __init__(self, robots: Robots) -> None:
+        """From the document."""
+        n, every = robots.axes, list(zip(robots.slices, robots.io.robots, strict=True))
+        lines = [a.potentiometer.voltage_to_position if a.potentiometer else Linear(0.0) for a in robots.actuators]
+        self.scale, self.offset = np.array([x.scale for x in lines]), np.array([x.offset for x in lines])
+        self.table_row = np.full(n, NO_TABLE)  # of `tables`
+        tables = [lookup.unpack(row.lookup, len(row.actuators)) for _, row in every if row.lookup]
+        self.tables: Floats = np.concatenate([*tables, np.zeros((0, lookup.ENTRIES))])
+        self.table_rows, self.entries = self.tables.shape
+        self.table_row[robots.has_table] = np.arange(self.table_rows)
+        self._in_tables = np.flatnonzero(robots.has_table)
+        self.coupling: Floats = np.zeros((n, n))  # a column an axis
+        self._coupled = []
+        for axes, row in every:
+            if row.joint_to_actuator_position is not None:
+                self.coupling[axes, axes] = np.array(row.joint_to_actuator_position).T
+                self._coupled.append((axes, self.coupling[axes, axes]))
+        self.first, self.count = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)  # rows of each column
+        for axes, _ in self._coupled:
+            self.first[axes], self.count[axes] = axes.start, axes.stop - axes.start
+
+    def decode(self, volts: Floats, readings: NDArray[np.uint32], out: Floats) -> None:
+        """Positions (n,) of all potentiometers."""
+        np.multiply(volts, self.scale, out)
+        np.add(out, self.offset, out)
+        if len(self._in_tables):
+            places = np.minimum(readings[self._in_tables], self.entries - 1)
+            out[self._in_tables] = self.tables[self.table_row[self._in_tables], places]
+        for axes, matrix in self._coupled:  # row after row, as the kernel sums: no library of matrices does
+            out[axes] = np.add.reduce(matrix * out[axes, np.newaxis], axis=0)
+
+
 class Samples:
     """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views on it."""
 
@@ -118,66 +155,53 @@ class Samples:
         self.period_s, self.pot_error = self.values[PERIOD, :n], self.values[POT_ERROR, :n]
         self.pot_position: Floats = np.zeros(n)
         self.velocity: Floats = record.velocity
-        self._words = np.zeros((ROWS, robots.drives), dtype=np.uint32)
-        self._index, self._shift, self._mask = _where(robots, port.columns, hardware)
-        self._bias, self._scale, self._offset = _scales(robots)
-        self._counts = self._words[POSITION, :n]
-        self._pot_scale = np.array([a.potentiometer.voltage_to_position.scale if a.potentiometer else 0.0
-                                    for a in robots.actuators])
-        self._pot_offset = np.array([a.potentiometer.voltage_to_position.offset if a.potentiometer else 0.0
-                                     for a in robots.actuators])
-        self._tables = [(s, np.arange(len(r.actuators)), lookup.unpack(r.lookup, len(r.actuators)))
-                        for s, r in zip(robots.slices, robots.io.robots, strict=True) if r.lookup]
-        self._readings = self._words[VOLTAGE, :n]
-        self._couplings = [(s, np.array(r.joint_to_actuator_position).T.copy(), np.zeros(len(r.actuators)))
-                           for s, r in zip(robots.slices, robots.io.robots, strict=True)
-                           if r.joint_to_actuator_position is not None]
+        self.words = np.zeros((ROWS, robots.drives), dtype=np.uint32)
+        self.index, self.shift, self.mask = _where(robots, port.columns, hardware)
+        self.bias, self.scale, self.offset = _scales(robots)
+        self._counts = self.words[POSITION, :n].view(np.int32)
+        self._readings = self.words[VOLTAGE, :n]
+        self.pots = Pots(robots)
         columns = port.columns
         kinds = (columns.running, columns.period, columns.quarter_5, columns.quarter_1)
-        self._velocity_index = np.array(
+        self.velocity_index = np.array(
             [(robots.board_row * columns.count + kind.start + robots.channel)[:n] for kind in kinds], dtype=np.intp)
-        self._any_software = bool(np.any(robots.software))
+        self.any_software = int(np.any(robots.software))
         clocks = np.where(hardware[:n] == "dRA1", registers.ESPM_CLOCK_HZ, registers.CLOCK_HZ)
-        self._firmware = FirmwareVelocity(n, clocks.astype(np.float64))
-        self._softly = SoftwareVelocity(n)
-        self._no_pot = ~robots.has_pot
-        self._first_axis = np.array([s.start for s in robots.slices], dtype=np.intp)
+        self.firmware = FirmwareVelocity(n, clocks.astype(np.float64))
+        self.softly = SoftwareVelocity(n)
+        self.no_pot = ~robots.has_pot
+        self.first_axis = np.array([s.start for s in robots.slices], dtype=np.intp)
 
-    def update(self) -> None:
-        """Decode the port's blocks."""
-        words, values, robots = self._words, self.values, self._robots
-        self._flat.take(self._index, out=words, mode="clip")
-        np.right_shift(words, self._shift, words)
-        np.bitwise_and(words, self._mask, words)
+    def decode(self) -> None:
+        """The port's blocks to SI units, with velocities."""
+        words, values = self.words, self.values
+        self._flat.take(self.index, out=words, mode="clip")
+        np.right_shift(words, self.shift, words)
+        np.bitwise_and(words, self.mask, words)
         values[...] = words
-        np.add(values, self._bias, values)
-        np.multiply(values, self._scale, values)
-        np.add(values, self._offset, values)
-        pots = self.pot_position
-        np.multiply(self.volts, self._pot_scale, pots)
-        np.add(pots, self._pot_offset, pots)
-        for axes, places, table in self._tables:
-            pots[axes] = table[places, self._readings[axes]]
-        for axes, matrix, result in self._couplings:
-            np.matmul(pots[axes], matrix, out=result)
-            pots[axes] = result
-        np.subtract(pots, self.position, self.pot_error)
-        self._flat.take(self._velocity_index, out=self._firmware.words, mode="clip")
-        np.multiply(self._firmware.update(), robots.position_scale, self.velocity)
-        if self._any_software:
-            self._update_software()
+        np.add(values, self.bias, values)
+        np.multiply(values, self.scale, values)
+        np.add(values, self.offset, values)
+        self.pots.decode(self.volts, self._readings, self.pot_position)
+        np.subtract(self.pot_position, self.position, self.pot_error)
+        self._estimate()
 
-            np.copyto(self.velocity, self._record.software_velocity, where=robots.software)
+    def _estimate(self) -> None:
+        self._flat.take(self.velocity_index, out=self.firmware.words, mode="clip")
+        np.multiply(self.firmware.update(), self._robots.position_scale, self.velocity)
+        if self.any_software:
+            self._estimate_softly()
+            np.copyto(self.velocity, self._record.software_velocity, where=self._robots.software)
 
-    def _update_software(self) -> None:
-        software = self._softly.update(self._counts.view(np.int32), self.period_s)
+    def _estimate_softly(self) -> None:
+        software = self.softly.update(self._counts, self.period_s)
         np.multiply(software, self._robots.position_scale, self._record.software_velocity)
 
     def encoders_were_set(self) -> None:
         """The counters were preloaded: the next difference is no motion."""
-        self._softly = SoftwareVelocity(self._robots.axes)
+        self.softly.forget()
 
-    def publish(self) -> None:
+    def show(self) -> None:
         """Put the measured values into the record; nobody needs them before the boards are written."""
         record, values = self._record, self.values
         record.position[...] = self.position
@@ -188,16 +212,16 @@ class Samples:
         record.pot_bits[...] = self._readings
         record.pot_position[...] = self.pot_position
         scale = self._robots.position_scale
-        np.multiply(self._firmware.predicted, scale, record.firmware_velocity)
-        np.multiply(self._firmware.accelerations(record.acceleration), scale, record.acceleration)
-        if not self._any_software:
-            self._update_software()
-        if len(self._no_pot):
-            np.putmask(record.pot_position, self._no_pot, np.nan)
-        np.subtract(self._counts.view(np.int32), conversion.ENCODER_MIDRANGE, record.encoder_bits)
+        np.multiply(self.firmware.predicted, scale, record.firmware_velocity)
+        np.multiply(self.firmware.accelerations(record.acceleration), scale, record.acceleration)
+        if not self.any_software:
+            self._estimate_softly()
+        if len(self.no_pot):
+            np.putmask(record.pot_position, self.no_pot, np.nan)
+        np.subtract(self._counts, conversion.ENCODER_MIDRANGE, record.encoder_bits)
         np.greater(self.amp_on, 0.5, record.amp_on)
-        if len(self._first_axis):
-            self.period_s.take(self._first_axis, out=record.board_period, mode="clip")
+        if len(self.first_axis):
+            self.period_s.take(self.first_axis, out=record.board_period, mode="clip")
 
 
 def _where(robots: Robots, columns: Columns,

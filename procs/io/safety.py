@@ -37,12 +37,12 @@ class Safety:
         self._values = samples.values[:CHECKED]
         self._error_a, self._error_s = robots.io.current_error_a, robots.io.current_error_s
         self._compares = self._error_a > 0.0
-        rows = CHECKED + self._compares
-        self._magnitude: Floats = np.zeros((rows, drives))
-        self._limits: Floats = np.full((rows, drives), np.inf)
-        self._ok: NDArray[np.bool_] = np.ones((rows, drives), dtype=bool)
-        self._sampled = self._magnitude[:CHECKED]
-        self._current_apart: Floats = self._magnitude[CURRENT_ERROR] if self._compares else np.zeros(0)
+        self.rows = rows = CHECKED + self._compares
+        self.magnitude: Floats = np.zeros((rows, drives))
+        self.limits: Floats = np.full((rows, drives), np.inf)
+        self.within: NDArray[np.bool_] = np.ones((rows, drives), dtype=bool)
+        self._sampled = self.magnitude[:CHECKED]
+        self._current_apart: Floats = self.magnitude[CURRENT_ERROR] if self._compares else np.zeros(0)
         self._unlike_s = np.zeros(drives)
         self._enabled_limit = conversion.feedback_limit(robots.maximum_current)
         tolerances = [robot.tolerances[i] if i < len(robot.tolerances) else None
@@ -55,10 +55,10 @@ class Safety:
         self._cycles = [0] * len(robots.names)
         self._overflow_handled = [False] * len(robots.names)
         self._warm_ns = [-WARM_REPEAT_NS] * len(robots.names)
-        self._counting = False
+        self.counting = False
         counts = np.array([not r.only_io for r in robots.io.robots], dtype=bool)
         counted = counts[robots.robot_of_axis] if n else np.zeros(0, dtype=bool)
-        self._limits[OVERFLOW, :n] = np.where(counted & robots.has_encoder, 0.5, np.inf)
+        self.limits[OVERFLOW, :n] = np.where(counted & robots.has_encoder, 0.5, np.inf)
         self.set_encoder_zero: list[int] = []  # robots whose encoders overflowed in this cycle
         self.refresh(np.zeros(len(robots.names), dtype=bool))
 
@@ -74,31 +74,31 @@ class Safety:
         idle = np.where(powered & (not robots.io.calibration_mode), IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
         limit[n:] = self._enabled_limit[n:]  # brakes: the same whether on or off
-        self._limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
-        self._limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
-        self._limits[SAFETY] = np.where(reached[robots.robot_of_drive], 0.5, np.inf)
-        self._limits[POT_ERROR, :n] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
+        self.limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
+        self.limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
+        self.limits[SAFETY] = np.where(reached[robots.robot_of_drive], 0.5, np.inf)
+        self.limits[POT_ERROR, :n] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
         if self._compares:
-            self._limits[CURRENT_ERROR] = np.where(self._samples.amp_on > 0.5, self._error_a, np.inf)
+            self.limits[CURRENT_ERROR] = np.where(self._samples.amp_on > 0.5, self._error_a, np.inf)
 
     def forget_pots(self, axes: slice) -> None:
         """The potentiometer check was switched: durations start again."""
         self._apart_s[axes] = 0.0
         self._pot_reported[axes] = False
 
-    def check(self, now_ns: int) -> None:
-        """Look at the newest sample."""
+    def check(self) -> bool:
+        """Hold the newest sample against the limits; True: something is beyond them, or was: see `examine`."""
         np.absolute(self._values, self._sampled)
         if self._compares:  # the request is still what the boards had while they measured
             np.subtract(self._samples.current, self._record.current_request, self._current_apart)
             np.absolute(self._current_apart, self._current_apart)
-        np.less_equal(self._magnitude, self._limits, self._ok)
-        if b"\0" in self._ok.tobytes() or self._counting:
-            self._examine(now_ns)
+        np.less_equal(self.magnitude, self.limits, self.within)
+        return b"\0" in self.within.tobytes()
 
-    def _examine(self, now_ns: int) -> None:
-        fine = self._ok
-        self._counting = False
+    def examine(self, now_ns: int) -> None:
+        """Look at everything that is beyond its limit, or was."""
+        fine = self.within
+        self.counting = False
         for robot, places in enumerate(self._robots.of_robot):
             self._check_current(robot, fine[CURRENT, places], places)
             if not fine[SAFETY, places].all():
@@ -116,20 +116,20 @@ class Safety:
         if fine.all():
             self._cycles[robot] = 0
             return
-        self._counting = True
+        self.counting = True
         self._cycles[robot] += 1
         if self._cycles[robot] > CURRENT_CYCLES:
             axis = _first(fine)
             self._cycles[robot] = 0
             self._reports.trip(codes.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
-                               float(self._limits[CURRENT, places][axis]), also(~fine))
+                               float(self.limits[CURRENT, places][axis]), also(~fine))
 
     def _check_current_error(self, fine: Flags) -> None:
         self._unlike_s[fine] = 0.0
         unlike = ~fine
         if not unlike.any():
             return
-        self._counting = True
+        self.counting = True
         self._unlike_s[unlike] += self._samples.values[PERIOD, unlike]
         late = unlike & ~(self._unlike_s <= self._error_s)
         self._unlike_s[late] = 0.0
@@ -155,7 +155,7 @@ class Safety:
         if fine.all():
             self._overflow_handled[robot] = False
             return
-        self._counting = True
+        self.counting = True
         if not self._overflow_handled[robot]:
             self._overflow_handled[robot] = True
             self.set_encoder_zero.append(robot)
@@ -167,7 +167,7 @@ class Safety:
         self._pot_reported[fine] = False
         if not apart.any():
             return
-        self._counting = True
+        self.counting = True
         self._apart_s[apart] += self._samples.period_s[apart]
         late = apart & (~(self._apart_s <= self._latency) | ~np.isfinite(self._samples.pot_error))
         # what goes on after it was reported is reported again to a robot that was given power meanwhile

@@ -72,7 +72,6 @@ class Tasks:
         places = [(row, name) for row in io.tasks for name in row.robots]
         self._rows: Floats = np.zeros((len(places), robots.axes))
         self._finite: Flags = np.ones((len(places), robots.axes), dtype=bool)
-        self._sum: Floats = np.zeros(robots.axes)
         self._attached: list[Attached] = []
         modules: dict[str, ModuleType] = {}  # one for all tasks from the same file
         for row in io.tasks:
@@ -87,7 +86,7 @@ class Tasks:
                 _label(row), row.module, robot, name, task, sample, effort[:], effort, round(row.budget_s * 1e9),
                 row.over_budget))
             reports.status(f"in-cycle task {_label(row)} attached, budget {row.budget_s * 1e6:.0f} µs", name)
-        pid.contribution = self._sum
+        self._sum = pid.contribute()
 
     def step(self, stamp_ns: int) -> None:
         """Run all tasks on the newest good sample."""

@@ -304,7 +304,7 @@ class IoHarness:
     @property
     def currents(self) -> np.ndarray:
         """Current words last written, 0 in the middle, robots' axes only."""
-        return self.core._outputs._words & 0xFFFF
+        return self.core.outputs.words & 0xFFFF
 
     def dac(self, row: int = 0) -> np.ndarray:
         return self.port.sent[-1][row, :4]

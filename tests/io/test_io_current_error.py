@@ -95,13 +95,14 @@ def test_only_the_robot_with_the_difference_loses_power() -> None:
 
 def test_a_difference_that_is_not_a_number_is_one() -> None:
     harness = powered()
-    update = harness.core.samples.update
+    decode = harness.core.stages.decode
 
-    def broken() -> None:
-        update()
+    def broken() -> int:
+        found = decode()
         harness.core.samples.current[4] = np.nan
+        return found
 
-    harness.core.samples.update = broken  # type: ignore[method-assign]
+    harness.core.stages = dataclasses.replace(harness.core.stages, decode=broken)
     harness.run(11)
     assert harness.codes == ["current-error"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -55,15 +57,15 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
     harness = working(braked())
     harness.send(1, position=0.01)
     harness.run(2)
-    step = harness.core.pid.step
+    control = harness.core.stages.control
 
-    def broken(*given):
-        found = step(*given)
+    def broken() -> int:
+        found = control()
         if harness.record.pid_enabled[0]:
             harness.core.pid.effort[2] = np.nan
         return found
 
-    harness.core.pid.step = broken  # type: ignore[method-assign]
+    harness.core.stages = dataclasses.replace(harness.core.stages, control=broken)
     harness.run(1)
     assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
     harness.run(1)

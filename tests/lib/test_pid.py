@@ -55,7 +55,7 @@ def test_velocity_feed_is_filtered() -> None:
     pid.carry_velocity(ALL, True)
     pid.setpoint_velocity[:] = 0.02
     assert step(pid, 0.1, 0.0995, 0.01) == pytest.approx(3.0, abs=1e-12)
-    assert pid._filtered[0] == 0.01  # so that nothing is damped
+    assert pid.filtered[0] == 0.01  # so that nothing is damped
 
 
 def test_velocity_feed_needs_leave() -> None:
@@ -211,7 +211,7 @@ def test_effort_is_always_finite_and_limited(
 
 def test_a_contribution_cannot_leave_the_effort_limits() -> None:
     pid = enabled(axis(p_gain=1.0), limit=np.array([2.0]))
-    pid.contribution = np.array([0.5])
+    pid.contribute()[:] = 0.5
     assert step(pid, 0.1) == pytest.approx(0.6, abs=1e-12)
     pid.contribution[:] = -9.0
     assert step(pid, 0.1) == -2.0
@@ -223,7 +223,7 @@ def test_a_contribution_cannot_leave_the_effort_limits() -> None:
 
 def test_a_contribution_is_nothing_while_disabled() -> None:
     pid = enabled(axis(p_gain=1.0))
-    pid.contribution = np.array([0.5])
+    pid.contribute()[:] = 0.5
     pid.enable(ALL, False, np.zeros(1))
     assert step(pid, 0.1) == 0.0
 

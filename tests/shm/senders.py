@@ -162,7 +162,7 @@ class StopVictim:
             for reply in stops.answers():
                 count = int(reply.text.removeprefix(f"{life}:"))
                 follows = answered < count <= sent if stops.lost else count == answered + 1
-                holds(follows, f"answer {count} of {sent} came after {answered}: {reply}; {stops.lost} were overwritten")
+                holds(follows, f"answer {count} of {sent} came after {answered}; {stops.lost} were overwritten")
                 answered = count
             notes[self.ANSWERED] = answered
             if stops.lost:

@@ -1,0 +1,82 @@
+"""The stages of a cycle that work on all axes at once: by the kernel, else by numpy, which gives the same to the bit.
+
+What is rare comes back as a number, not 0, and is handled by who is named there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from procs.io.buttons import Buttons
+from procs.io.digital_outputs import DigitalOutputs
+from procs.io.outputs import Outputs
+from procs.io.pid import Pid
+from procs.io.power import Power
+from procs.io.robots import Samples
+from procs.io.safety import Safety
+from procs.kernel.fields import BoundStruct
+from procs.kernel.io_fields import IO
+from procs.kernel.library import bind
+
+
+class Parts(Protocol):
+    """Whose arrays the stages work on; the kernel finds them by these names (procs/kernel/io_fields.py)."""
+
+    samples: Samples
+    power: Power
+    safety: Safety
+    pid: Pid
+    outputs: Outputs
+    digital_outputs: DigitalOutputs
+    buttons: Buttons
+
+
+@dataclass(frozen=True, slots=True)
+class Stages:
+    """One call each a cycle, in this order."""
+
+    decode: Callable[[], int]
+    """Blocks to SI units and velocities. 1: status words or amplifiers have changed (`Power.step`)."""
+    check: Callable[[], int]
+    """The sample against its limits. 1: something is beyond them (`Safety.examine`)."""
+    control: Callable[[], int]
+    """The joint controllers. 1: a tracking error is too large (`Pid.beyond`)."""
+    encode: Callable[[float, int], int]
+    """A share of the efforts to words; 1: with what acts once. 0: an effort was not finite."""
+    show: Callable[[], int]
+    """The rest of the record, once the boards are written. 1: an input has changed (`Buttons.settle`)."""
+    why_numpy: str = ""
+    """Why the kernel does not do it; empty: it does."""
+
+
+def stages(parts: Parts) -> Stages:
+    """The quickest there are."""
+    bound = bind(IO, parts)
+    return numpy_stages(parts, bound) if isinstance(bound, str) else kernel_stages(bound)
+
+
+def kernel_stages(bound: BoundStruct) -> Stages:
+    """By the kernel."""
+    decode, check, control, encode, show = map(bound.function, IO.functions)
+    return Stages(decode, check, control, encode, show)
+
+
+def numpy_stages(parts: Parts, why: str) -> Stages:
+    """By numpy; `why` not by the kernel."""
+    samples, pid = parts.samples, parts.pid
+
+    def decode() -> int:
+        samples.decode()
+        return parts.power.watch()
+
+    def control() -> int:
+        return pid.control(samples.position, samples.velocity)
+
+    def show() -> int:
+        samples.show()
+        parts.digital_outputs.show()
+        return parts.buttons.watch()
+
+    return Stages(decode, parts.safety.check, control, parts.outputs.encode, show, why)

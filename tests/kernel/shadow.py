@@ -1,0 +1,75 @@
+"""Every stage of io by the kernel and by numpy, from the same memory: they must leave the same, to the bit.
+
+As a plug-in of pytest (`-p tests.kernel.shadow`) it does so for every cycle of every io of the tests that are run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+import procs.io.cycle
+from procs.io.stages import Parts, Stages, kernel_stages, numpy_stages
+from procs.kernel.fields import BoundStruct
+from procs.kernel.io_fields import IO
+from procs.kernel.library import bind
+
+LARGE = 10_000  # elements: tables of potentiometers, which nobody writes
+SELDOM = 101  # calls from one look at all addresses to the next
+
+
+class Compared:
+    """Counts what was compared, so that nobody takes nothing for success."""
+
+    calls = 0
+
+
+def bits(array: np.ndarray) -> np.ndarray:
+    """What is compared: zeros have a sign, but one that is not a number is as good as another."""
+    if array.dtype.kind == "f":
+        array = np.where(np.isnan(array), np.nan, array)
+    return np.ascontiguousarray(array).view(np.uint8)
+
+
+def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Callable[..., int], *given: float) -> int:
+    """Call both with the same memory; AssertionError names the first array in which they differ."""
+    arrays = [(key, array) for key, array in bound.arrays.items() if array.flags.writeable and array.size < LARGE]
+    before = [array.copy() for _, array in arrays]
+    found = kernel(*given)
+    after = [array.copy() for _, array in arrays]
+    for (_, array), was in zip(arrays, before, strict=True):
+        array[...] = was
+    with np.errstate(all="ignore"):
+        wanted = by_numpy(*given)
+    assert bool(found) == bool(wanted), f"{name}: {found} by the kernel, {wanted} by numpy"
+    for (key, array), made in zip(arrays, after, strict=True):
+        if made.tobytes() != array.tobytes() and not np.array_equal(bits(made), bits(array)):
+            where = np.flatnonzero(bits(made) != bits(array))[0] // array.itemsize
+            raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by the kernel, "
+                                 f"{array.flat[where]!r} by numpy")
+    Compared.calls += 1
+    if Compared.calls % SELDOM == 1:
+        assert not bound.moved(), f"{name}: elsewhere now: {bound.moved()}"
+    return wanted
+
+
+def shadowed(parts: Parts) -> Stages:
+    """Stages that are done both ways."""
+    bound = bind(IO, parts)
+    assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
+    kernel, by_numpy = kernel_stages(bound), numpy_stages(parts, "")
+    names = [row.name for row in dataclasses.fields(Stages) if row.name in IO.functions]
+    return Stages(*(partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name)) for name in names))
+
+
+def pytest_configure() -> None:
+    """From now on every io is compared."""
+    procs.io.cycle.stages = shadowed
+
+
+def pytest_sessionfinish() -> None:
+    """So that the caller knows that something was."""
+    print(f"\ncompared {Compared.calls} stages")
