@@ -142,7 +142,7 @@ def test_the_efforts_of_a_masters_killed_client_end_and_it_is_free(mtm: Pushed) 
     pusher.wait()
     wait_for(lambda: mtm.reported("effort-timeout"), 2, "the reason")
     assert mtm.mode == EFFORT
-    assert mtm.state.newest() and int(mtm.state.field("control_space")) == 2
+    wait_for(lambda: mtm.state.newest() and int(mtm.state.field("control_space")) == 2, 5, "Cartesian space")
     wait_for(lambda: mtm.state.newest() and np.abs(mtm.state.field("setpoint_effort")[6]) < 1e-4, 5, "no effort")
 
 

@@ -53,7 +53,7 @@ def take_all_places(robot: Robot) -> subprocess.Popen[str]:
 
 def test_stopping_never_queues_behind_those_who_have_all_places(full: Robot) -> None:
     with trocar.arm("PSM1", full.name) as mover:
-        mover.trajectory_j_set_ratio(0.05)
+        mover.trajectory_j_set_ratio(0.01)  # a minute: all that follows happens under way
         under_way = mover.move_jp([0.5, 0.3, 0.2, 0.0, 0.0, 0.0])
         plan = take_all_places(full)
         try:
