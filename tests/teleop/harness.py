@@ -154,15 +154,20 @@ class FakeTeleopArm:
 class Reports:
     def __init__(self) -> None:
         self.reported: list[tuple[str, str]] = []
+        self.log: list[str] = []
+        """All of it, on a line each."""
 
     def status(self, text: str, component: str = "") -> None:
         self.reported.append(("status", text))
+        self.log.append(f"status of {component}: {text}")
 
     def report(self, code: Code, text: str, component: str = "") -> None:
         self.reported.append((SEVERITIES[code.severity], text))
+        self.log.append(f"{code.code} of {component}: {text}")
 
     def emit(self, event: str, text: str = "", *, value: float = math.nan) -> None:
         self.reported.append((event, str(text) if text else str(value)))
+        self.log.append(" ".join((event, *self.reported[-1][1:])))
 
     def of(self, kind: str) -> list[str]:
         return [text for reported, text in self.reported if reported == kind]
@@ -253,6 +258,7 @@ class TeleopHarness:
         for arm in self.arms.values():
             arm.sent.clear()
         self.reports.reported.clear()
+        self.reports.log.clear()
 
 
 class EcmHarness(TeleopHarness):
