@@ -43,7 +43,8 @@ def shown(space: JointSpace) -> list[tuple[str, object]]:
             ("axes", space.axes), ("jaw", space.has_jaw), ("one to one", space.one_to_one),
             ("called", [space.name(axis) for axis in axes]), ("units", [space.unit(axis) for axis in axes]),
             ("kinematics", space.kinematics is not None), ("inverse", space.inverse is not None),
-            ("free", "-" if space.free is None else space.free), ("paired", "-" if space.paired is None else space.paired),
+            *((name, "-" if value is None else value) for name, value in (("free", space.free),
+                                                                          ("paired", space.paired))),
             *((name, getattr(space, name)) for name in ARRAYS)]
 
 

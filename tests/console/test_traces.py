@@ -118,7 +118,8 @@ class Play:
         return [(f"{logic.name}.{name}", sorted(value) if isinstance(value, set) else value)
                 for logic in self.logics for name, value in (
                     *((name, getattr(logic, name)) for name in (
-                        "selected", "lapsed", "fallen", "operator", "clutch", "camera", "wanted", "scale", "is_scaled")),
+                        "selected", "lapsed", "fallen", "operator", "clutch", "camera", "wanted", "scale",
+                        "is_scaled")),
                     ("asked", list(logic.asked.values())), ("origin", logic.origin.id))]
 
 

@@ -126,8 +126,8 @@ class Play:
             arm(place, position=np.full(8, 0.25)), arm(place, in_effort=True, effort=0.4),
             arm(place, in_effort=some, effort=-0.3, position=0.05, feed_forward=0.02),
             arm(place, velocity=0.5, has_velocity=True), arm(place, velocity=0.2, has_velocity=True, in_effort=some),
-            arm(place, feed_forward=0.1), arm(place, count=3), arm(place, position=np.array([0.0] * 5 + [math.nan] * 3)),
-            arm(place, in_effort=some, effort=math.nan), arm(place, in_effort=some, effort=9.0))]
+            arm(place, feed_forward=0.1), arm(place, count=3), arm(place, in_effort=some, effort=9.0),
+            arm(place, position=np.array([0.0] * 5 + [math.nan] * 3)), arm(place, in_effort=some, effort=math.nan))]
         last = robots.axes - 1
         boards = [status(row, bits) for row in range(len(port.board_ids)) for bits in (
             registers.STATUS_WATCHDOG, registers.STATUS_MV_FAULT, 1 << registers.STATUS_SAFETY_SHIFT + 1)]

@@ -36,8 +36,8 @@ PROBLEM_FAULT = 9
 SETPOINTS = ("mode", "count", "effort", "in_effort", "pid_generation", "bias_generation")
 ASKED = (
     *(("state_command", (), word) for word in ("enable", "home", "home", "disable", "unhome", " enable ", "pause", "")),
-    *(("clutch", (value,), name) for name in ("ECM", " PSM2 ", "nobody") for value in (1.0, 0.0)), ("clutch", (), "ECM"),
-    *(("set_lift_velocity", (value,), "") for value in (-1.0, 0.5, 0.0, 1.0, 1.01, math.nan)),
+    *(("clutch", (value,), name) for name in ("ECM", " PSM2 ", "nobody") for value in (1.0, 0.0)),
+    ("clutch", (), "ECM"), *(("set_lift_velocity", (value,), "") for value in (-1.0, 0.5, 0.0, 1.0, 1.01, math.nan)),
     ("set_lift_velocity", (), ""), ("servo_jp", (0.1, 0.2, 0.3), "PSM1"), ("move_jp", (0.2, -0.2, 100.0), "PSM3"),
     ("servo_jp", (0.1, 0.2, 100.5), "PSM1"), ("servo_jp", (0.1,), "PSM1"), ("servo_jp", (math.nan,) * 3, "PSM1"),
     ("set_reference_arm", (), "PSM1"), ("set_reference_arm", (), "ECM"), ("set_reference_arm", (), ""),
@@ -118,13 +118,14 @@ class Play:
             common += [moved(0, 0.05), moved(1, 0.0019), moved(2, 0.002), moved(2, 0.0, math.radians(1.1)),
                        moved(3, 0.0, math.radians(2.1)), moved(1, 0.0, math.radians(0.9))]
         if self.kind == SI:
+            above = [address.upper() for address in (self.cart.base_board, *(arm.board for arm in self.cart.arms))]
             boards = [self.cart.base_board, *(arm.board.upper() for arm in self.cart.arms)]
             return common + [
                 *((lambda place=place: self.pressed.__setitem__(place, True),  # type: ignore[misc]
                    lambda place=place: self.pressed.__setitem__(place, False)) for place in range(4)),
                 *((lambda address=address: link.silent.add(address), link.silent.clear)  # type: ignore[misc]
                   for address in boards),
-                (lambda: (link.silent.add(x(boards)), link.problems.update(dict.fromkeys(map(str.upper, boards), "away"))),
+                (lambda: (link.silent.add(x(boards)), link.problems.update(dict.fromkeys(above, "away"))),
                  lambda: (link.silent.clear(), link.problems.clear())),
                 (lambda: link.odd.update({x(boards): x((b"no", b'{"pots": [[1], [2]]}'))}), link.odd.clear)]
         if self.kind != CLASSIC:
