@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 DIGITS: Final = 6
+AT_ONCE: Final = 2
 ZERO: Final = 1e-9  # what rounding leaves of a zero differs between machines
 
 
@@ -77,23 +78,22 @@ class Trace:
 
 
 class Mishaps:
-    """What disturbs a play for a while: pairs of what brings it about and what ends it."""
+    """What disturbs a play for a while: pairs of what brings it about and what ends it, two at a time at most."""
 
     def __init__(self, chance: Random, pairs: Sequence[tuple[Callable[[], object], Callable[[], object]]], *,
                  often: float, longest: int) -> None:
         """`often`: the share of steps in which one begins; it lasts for up to `longest` steps."""
         self._chance, self._pairs, self._often, self._longest = chance, pairs, often, longest
-        self._end: Callable[[], object] | None = None
-        self._left = 0
+        self._ends: list[tuple[int, Callable[[], object]]] = []
 
     def step(self) -> None:
-        """Begin or end one; there is one at a time."""
-        if self._end is not None:
-            self._left -= 1
-            if self._left <= 0:
-                self._end()
-                self._end = None
-        elif self._chance.random() < self._often:
-            begin, self._end = self._chance.choice(self._pairs)
-            self._left = self._chance.randint(1, self._longest)
+        """Begin or end some."""
+        going = [(left - 1, end) for left, end in self._ends]
+        self._ends = [(left, end) for left, end in going if left > 0]
+        for left, end in going:
+            if left <= 0:
+                end()
+        if len(self._ends) < AT_ONCE and self._chance.random() < self._often:
+            begin, end = self._chance.choice(self._pairs)
+            self._ends.append((self._chance.randint(1, self._longest), end))
             begin()

@@ -13,7 +13,7 @@ import pytest
 from procs.codes import Code
 from procs.console.commands import ConsoleCommands
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
-from procs.console.selection import ECM, PSM, Selectable
+from procs.console.selection import ECM, PSM, Selectable, conflicts
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import NOBODY, Origin
 from tests.arm.fake_io import FakeRequest
@@ -91,9 +91,16 @@ class Play:
             logic.lost_sight, lambda: logic.began_anew(name), lambda: logic.refused(name, self.now_ns),
             lambda: logic.shows(name, "DISABLED"), lambda: logic.shows(name, "ENABLED"),
             lambda: desk.deaf.add(name), desk.deaf.clear, desk.deaf.clear,
+            lambda: self.select_unseen(logic, name),
             lambda: logic.faults_until(self.faults), self.fault]
         if chance.random() < 0.35:
             chance.choice(acts)()
+
+    def select_unseen(self, logic: Logic, name: str) -> None:
+        """As if the other console had not shown yet what it has selected."""
+        member = MEMBERS[NAMES.index(name)]
+        if not any(other.name in logic.selected for other in conflicts(member, logic.mine)):
+            logic.selected.add(name)
 
     def fault(self) -> None:
         self.faults += 1

@@ -66,7 +66,7 @@ class Play:
             for place in range(count if kind != FIXED else 0):
                 self.stand(place, np.array((0.1, 0.2, -0.3)))
         self.start()
-        self.mishaps = Mishaps(self.chance, self.all_mishaps(), often=0.02 if kind == CLASSIC else 0.05,
+        self.mishaps = Mishaps(self.chance, self.all_mishaps(), often=0.015 if kind == CLASSIC else 0.05,
                                longest=60 if kind == CLASSIC else 12)
 
     def start(self) -> None:
@@ -142,10 +142,12 @@ class Play:
     def step(self, ms: int) -> None:
         self.mishaps.step()
         requests = []
-        if self.chance.random() < (0.02 if self.kind == CLASSIC else 0.2):
+        if self.chance.random() < (0.04 if self.kind == CLASSIC else 0.2):
             name, values, text = self.chance.choice(ASKED)
             origin = Origin(len(self.trace.lines) * self.chance.randrange(2), 0, "play")
             requests.append(FakeRequest(name, values, text, origin=origin))
+        if self.kind == CLASSIC and self.joints.machine.state in ("DISABLED", "FAULT") and self.chance.random() < 0.05:
+            requests.append(FakeRequest("state_command", (), self.chance.choice(("home", "enable"))))
         for _ in range(ms // 2):
             self.now_ns += 2 * MS
             if self.kind == CLASSIC:
@@ -171,7 +173,7 @@ class Play:
 def test_setup_joints_do_in_a_long_play_what_they_did(kind: str) -> None:
     play = Play(kind)
     for number in range(STEPS[kind]):
-        pauses = (2, 6, 20, 30, 50, 52, 400) if number % 40 == 0 and kind == CLASSIC else (2,) if kind == CLASSIC else (
+        pauses = (2, 6, 20, 30, 50, 52, 400) if number % 80 == 0 and kind == CLASSIC else (2,) if kind == CLASSIC else (
             10, 100, 500, 2500)
         play.step(play.chance.choice(pauses))
     assert len(NAMES) >= len(play.cart.arms)

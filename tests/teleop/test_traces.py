@@ -21,6 +21,7 @@ from tests.traces import Mishaps, Trace, shown
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 700
 MS = 1_000_000
+HANDS = {"MTML": (0.15, -0.05, 0.40), "MTMR": (-0.15, -0.05, 0.40)}
 STEPS_MS = (10, 10, 10, 10, 10, 10, 10, 5, 5, 1, 20, 30, 35, 50, 100, 400)  # edges of all timeouts are multiples of 5
 FIELDS = [field.name for field in TELEOP_STATE.fields]
 PERSONS = (("state_command", (), "enable"),) * 6 + (
@@ -120,8 +121,10 @@ class Play:
         harness, chance = self.harness, self.chance
         for name in harness.names[:-1]:
             arm = harness.arms[name]
-            if chance.random() < 0.05:
-                arm.shift(*(chance.choice((-0.01, 0.0, 0.004)) for _ in range(3)))
+            if chance.random() < (0.05 if harness.names[0] == "MTMR" else 0.2):
+                middle = (0.0, 0.0, 0.0) if harness.names[0] == "MTMR" else HANDS[name]
+                arm.shift(*(chance.choice((-0.01, 0.0, 0.01)) + 0.05 * (there - here)
+                            for here, there in zip(arm.pose[:3], middle, strict=True)))
                 arm.turn(chance.randrange(3), chance.choice((-0.02, 0.05, 0.1)))
             if chance.random() < 0.1:
                 arm.ring.set(gripper_position=chance.choice((-0.3, 0.0, 0.2, 0.8, 1.2)))
