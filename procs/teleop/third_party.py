@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from procs.inputs import LATE_NS, Input, RecordReader
+from procs.kinematics.poses import angle_between
 from procs.requests import Sender
 from procs.teleop.arms import Array, Fields, TeleopArm
 
@@ -82,7 +83,7 @@ class ThirdPartyArm(TeleopArm):
     def _jump(self, pose: Array) -> str:
         passed_ns = max(self.stamp_ns - self._last_stamp_ns, self._now_ns - self._last_seen_ns)
         passed_s = min(passed_ns, MAX_STEP_NS) * 1e-9
-        way, turn = math.dist(pose[:3], self._last[:3]), _angle(pose[3:], self._last[3:])
+        way, turn = math.dist(pose[:3], self._last[:3]), angle_between(pose, self._last)
         room_m, room_rad = self._room_m + FASTEST_M_S * passed_s - way, self._room_rad + FASTEST_RAD_S * passed_s - turn
         self._room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)
         self._room_rad = STEP_RAD if room_rad < 0.0 else min(room_rad, STEP_RAD)
@@ -108,8 +109,3 @@ class ThirdPartyArm(TeleopArm):
 
 def _is_pose(pose: Array) -> bool:
     return bool(abs(math.hypot(*pose[3:]) - 1.0) <= UNIT and math.isfinite(pose[:3].sum()))
-
-
-def _angle(first: Array, second: Array) -> float:
-    """Between two orientations, quaternions of length 1."""
-    return 2.0 * math.acos(min(1.0, abs(float(first.dot(second)))))
