@@ -177,7 +177,8 @@ def test_a_console_obeys_listens_and_publishes_in_each_cycle() -> None:
                                                                                  origin=Origin(1, 10, "test"))]
     requests = list(node.requests)
     loop.cycle(7 * MS, 0)
-    assert [request.outcomes for request in requests] == [["done"]] * 2 and node.log[-1] == "publish console state 7000000"
+    assert [request.outcomes for request in requests] == [["done"]] * 2
+    assert node.log[-1] == "publish console state 7000000"
     assert record.field("operator_present").item() and record.field("teleop_enabled").item()
     assert any(line == "MTMR_PSM1 < state_command enable ()" for line in node.log)
     node.ring("MTMR_PSM1", "state").epoch += 1
