@@ -39,7 +39,7 @@ ASKED = (
 )
 
 
-class Desk:
+class LoggedDesk:
     """What a console says, to whom; those that are `deaf` cannot be told."""
 
     def __init__(self, name: str, log: list[str]) -> None:
@@ -70,17 +70,17 @@ class Desk:
         self.log.append(f"{self.name} beeps {duration_s:g} s {frequency_hz:g} Hz")
 
 
-class Play:
+class ConsolesPlay:
     """Two consoles that see what the other has selected a step later."""
 
     def __init__(self, seed: str) -> None:
         self.chance, self.trace, self.now_ns, self.faults = Random(seed), Trace(), 1_000 * MS, 0
         self.log: list[str] = []
-        self.desks = [Desk(name, self.log) for name in ("c", "d")]
+        self.desks = [LoggedDesk(name, self.log) for name in ("c", "d")]
         self.logics = [Logic(desk.name, MEMBERS, desk, 0.2) for desk in self.desks]
         self.commands = [ConsoleCommands(logic) for logic in self.logics]
 
-    def happen(self, logic: Logic, desk: Desk) -> None:
+    def happen(self, logic: Logic, desk: LoggedDesk) -> None:
         """Something may happen to a console."""
         chance, mine = self.chance, [member.name for member in logic.mine]
         name = chance.choice(mine)
@@ -132,7 +132,7 @@ class Play:
 
 @pytest.mark.parametrize("seed", ["consoles", "consoles-again"])
 def test_consoles_do_in_a_long_play_what_they_did(seed: str) -> None:
-    play = Play(seed)
+    play = ConsolesPlay(seed)
     for _ in range(STEPS):
         play.step()
         for logic in play.logics:
@@ -141,7 +141,7 @@ def test_consoles_do_in_a_long_play_what_they_did(seed: str) -> None:
 
 
 def test_two_consoles_that_see_each_other_never_run_what_shares_an_arm() -> None:
-    play = Play("shared")
+    play = ConsolesPlay("shared")
     arms = {member.name: (member.kind, set(member.arms)) for member in MEMBERS}
     for _ in range(STEPS):
         play.step()

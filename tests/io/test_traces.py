@@ -64,7 +64,7 @@ def guarded() -> IoHarness:
                      arm_lost_power_off_s=0.0, period_s=0.001)
 
 
-class Play:
+class IoPlay:
     """A core, and what happens around it."""
 
     def __init__(self, harness: IoHarness, seed: str) -> None:
@@ -184,7 +184,7 @@ class Play:
 
 @pytest.mark.parametrize("made", [braked, calibrated, guarded], ids=lambda made: made.__name__)
 def test_io_does_in_a_long_play_what_it_did(made: Callable[[], IoHarness]) -> None:
-    play = Play(made(), made.__name__)
+    play = IoPlay(made(), made.__name__)
     for _ in range(STEPS):
         play.step()
     play.trace.compare(FOLDER / f"{made.__name__}.txt")

@@ -47,7 +47,7 @@ ASKED = (
 Pair = tuple[Callable[[], object], Callable[[], object]]
 
 
-class Play:
+class CartPlay:
     """One cart, and what happens to it."""
 
     def __init__(self, kind: str) -> None:
@@ -171,7 +171,7 @@ class Play:
 
 @pytest.mark.parametrize("kind", STEPS)
 def test_setup_joints_do_in_a_long_play_what_they_did(kind: str) -> None:
-    play = Play(kind)
+    play = CartPlay(kind)
     for number in range(STEPS[kind]):
         pauses = (2, 6, 20, 30, 50, 52, 400) if number % 80 == 0 and kind == CLASSIC else (2,) if kind == CLASSIC else (
             10, 100, 500, 2500)

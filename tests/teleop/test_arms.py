@@ -228,7 +228,7 @@ def test_base_frames_are_known_while_their_record_is() -> None:
 # -- third-party programs ----------------------------------------------------------------------------------------------
 
 
-class Program(Watched):
+class LoneProgram(Watched):
     """A third-party program."""
 
     def __init__(self) -> None:
@@ -255,20 +255,20 @@ def test_a_step_may_be_as_long_as_a_hand_goes_in_that_time(after_ms: float) -> N
     way, turn = FASTEST_M_S * after_ms * 1e-3 + STEP_M, FASTEST_RAD_S * after_ms * 1e-3 + STEP_RAD
     for metres, angle, what in ((way - 1e-6, 0.0, ""), (way + 1e-6, 0.0, "MTMR jumped by"), (0.0, turn - 1e-6, ""),
                                 (0.0, turn + 1e-6, "°, a hand's turn is 15 rad/s")):
-        program = Program()
+        program = LoneProgram()
         assert what in program.go(metres, angle, after_ms) and bool(program.arm.fault) is bool(what)
-    late = Program()
+    late = LoneProgram()
     assert late.go(FASTEST_M_S * MAX_STEP_NS * 1e-9 + STEP_M + 1e-6, 0.0, 25.0 + after_ms) or after_ms < 5.0
 
 
 def test_what_a_step_may_have_on_top_is_used_up_and_comes_back() -> None:
-    program = Program()
+    program = LoneProgram()
     way = FASTEST_M_S * 0.010
     assert not program.go(way + 0.6 * STEP_M, 0.0) and program.go(way + 0.6 * STEP_M, 0.0)
-    program = Program()
+    program = LoneProgram()
     assert not program.go(way + 0.6 * STEP_M, 0.0) and not program.go(0.0, 0.0) and not program.go(way + STEP_M, 0.0)
     turn = FASTEST_RAD_S * 0.010
-    program = Program()
+    program = LoneProgram()
     assert not program.go(0.0, turn + 0.6 * STEP_RAD) and program.go(0.0, turn + 0.6 * STEP_RAD)
 
 
@@ -279,7 +279,7 @@ def test_a_twist_is_too_fast_beyond_what_a_hand_does() -> None:
         for axis in range(3):
             twist = np.zeros(6)
             twist[axis], twist[3 + axis] = linear, angular
-            fault = Program().go(0.0, 0.0, measured_cv=twist)
+            fault = LoneProgram().go(0.0, 0.0, measured_cv=twist)
             assert wrong in fault and bool(fault) is bool(wrong)
 
 
@@ -289,7 +289,7 @@ def test_a_pose_has_a_place_and_a_quaternion_of_length_1(which: str) -> None:
                         ((*HERE[:6], 1.0 + 1.01 * UNIT), True), ((*HERE[:6], 1.0 - 1.01 * UNIT), True),
                         ((*HERE[:5], 0.1, 1.0), True), ((math.nan, *HERE[1:]), True),
                         ((0, 0, math.inf, *HERE[3:]), True), ((*HERE[:3], math.nan, *HERE[4:]), True)):
-        program = Program()
+        program = LoneProgram()
         program.fake.ring.set(**{which: pose})
         program.look()
         assert bool(program.arm.fault) is wrong
@@ -299,15 +299,15 @@ def test_a_pose_has_a_place_and_a_quaternion_of_length_1(which: str) -> None:
 
 
 def test_a_gripper_that_was_there_is_missed() -> None:
-    program = Program()
+    program = LoneProgram()
     assert program.go(0.0, 0.0, gripper_valid=False) == "MTMR has lost its gripper"
-    program = Program()
+    program = LoneProgram()
     assert program.go(0.0, 0.0, gripper_position=math.nan) == "MTMR's gripper is no angle"
-    assert not Program().go(0.0, 0.0, gripper_position=0.5)
+    assert not LoneProgram().go(0.0, 0.0, gripper_position=0.5)
 
 
 def test_it_is_believed_again_after_half_a_second_without_a_fault() -> None:
-    program = Program()
+    program = LoneProgram()
     assert program.go(1.0, 0.0) and program.arm.doubt and not program.arm.has_pose
     program.look(after_ms=200.0)
     assert program.go(1.0, 0.0) == "", "it is doubted already"
@@ -321,20 +321,20 @@ def test_it_is_believed_again_after_half_a_second_without_a_fault() -> None:
 
 def test_a_pose_that_was_not_known_is_compared_with_nothing() -> None:
     for changes in ({"reference_valid": False}, {"measured_cp": (math.nan, *HERE[1:])}):
-        program = Program()
+        program = LoneProgram()
         program.fake.ring.set(**changes)
         program.look()
         program.fake.ring.set(reference_valid=True)
         program.fake.pose = (0.5, *HERE[1:])
         program.look()
         assert program.arm.fault == ""
-    program = Program()
+    program = LoneProgram()
     program.fake.ring.epoch += 1
     assert program.go(0.5, 0.0) == "", "it was started again"
 
 
 def test_a_record_that_was_seen_is_not_judged_again() -> None:
-    program = Program()
+    program = LoneProgram()
     program.fake.shift(0.5, 0, 0)
     program.look(written=False)
     assert program.arm.fault == "" and program.go(0.0, 0.0)

@@ -46,7 +46,7 @@ KINDS: dict[str, Callable[[], TeleopHarness]] = {
 }
 
 
-class Play:
+class TeleopPlay:
     """One teleoperation, and what happens around it."""
 
     def __init__(self, harness: TeleopHarness, seed: str) -> None:
@@ -170,7 +170,7 @@ class Play:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_teleoperations_do_in_a_long_play_what_they_did(kind: str) -> None:
-    play = Play(KINDS[kind](), kind)
+    play = TeleopPlay(KINDS[kind](), kind)
     for _ in range(STEPS):
         play.step()
     states = " ".join(play.trace.lines)
