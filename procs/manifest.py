@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from procs import sizes
-from procs.document.system import Process, SystemConfig
+from procs.document.process import Process
 from procs.inputs import LATE_S
 from procs.sizes import Sizes
+
+if TYPE_CHECKING:
+    from procs.document.system import SystemConfig
 
 
 @dataclass(frozen=True, slots=True)

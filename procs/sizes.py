@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from procs.document.system import IoConfig, SystemConfig
+if TYPE_CHECKING:
+    from procs.document.system import IoConfig, SystemConfig
 
 Sizes = tuple[dict[str, int], dict[str, Any]]
 """The sizes by name, and what the headers of its rings say besides."""

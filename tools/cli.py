@@ -175,4 +175,5 @@ def _verb_asked(arguments: Sequence[str]) -> str | None:
 
 def main() -> None:
     """The command `trocar`."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth
     build(_verb_asked(sys.argv[1:]))(prog_name="trocar")

@@ -32,7 +32,7 @@ BUSY_PERCENT: Final = 20.0  # of a core, from which on a process is named
 NAMED: Final = 3
 ETHERNET: Final = "1"  # as /sys/class/net/*/type has it
 ASK: Final = """
-from procs.document.system import Process
+from procs.document.process import Process
 from procs.realtime import realtime
 print(realtime(Process("doctor", "io", 0.001, priority=90), "wall", locked=True))
 """

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from procs.config.read.paths import log_folder
+from procs.paths import log_folder
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.segment import SegmentError

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from procs.config.read.paths import given_file, not_found
+from procs.paths import given_file, not_found
 from shm.directory import systems
 from shm.owners import SERVICE_USER
 from shm.segment import (

@@ -2,7 +2,7 @@
 
 from procs.config.build.kinds import Checked, check_file
 from procs.config.build.load import Loaded, load_system
-from procs.config.read.paths import PROJECT_CONFIGS
 from procs.config.read.problem import FileProblem
+from procs.paths import PROJECT_CONFIGS
 
 __all__ = ["PROJECT_CONFIGS", "Checked", "FileProblem", "Loaded", "check_file", "load_system"]

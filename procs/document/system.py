@@ -34,6 +34,7 @@ from procs.document.emulated import ModelVariation as ModelVariation
 from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
 from procs.document.gains import PidAxis as PidAxis
+from procs.document.process import Process as Process
 from procs.document.tasks import TaskRow as TaskRow
 from procs.document.third_party import ThirdParty as ThirdParty
 
@@ -211,23 +212,6 @@ class EmulationConfig:
     # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
     ios: tuple[IoConfig, ...] | None = None
     arms: tuple[ArmConfig, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Process:
-    """One instance the supervisor starts; `after` names instances that must be up first."""
-
-    name: str
-    kind: str
-    period_s: float
-    after: tuple[str, ...] = ()
-    on_exit: str = "restart"  # restart or stay-down
-    priority: int = 0  # SCHED_FIFO priority asked for; 0: none
-    cpu: int | None = None
-    restart_limit: int = 5
-    backoff_s: float = 0.2
-    late_s: float | None = None  # silence that is reported; None: as usual for its kind
-    hung_s: float | None = None  # silence after which it is killed
 
 
 @dataclass(frozen=True, slots=True)

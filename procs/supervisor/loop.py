@@ -18,9 +18,9 @@ from types import FrameType
 
 from procs import codes, lifecycle
 from procs.config import load_system
-from procs.config.read.paths import log_folder
 from procs.document.system import LOCKSTEP, PACED, WALL, Process, SystemConfig
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
+from procs.paths import log_folder
 from procs.realtime import lacking, realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child

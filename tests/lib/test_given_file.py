@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.config.read.paths import PROJECT_CONFIGS, given_file, not_found
+from procs.paths import PROJECT_CONFIGS, given_file, not_found
 
 
 @pytest.fixture

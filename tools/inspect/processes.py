@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from procs.document.system import Process, from_json
+from procs.document.process import Process, processes_of
 from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -78,7 +78,7 @@ def statuses(system: str) -> list[ProcessStatus]:
 def _rows(system: str) -> dict[str, Process]:
     """What the configuration says of each process; nothing where it is not readable."""
     try:
-        return {row.name: row for row in from_json(directory.document(system)).processes}
+        return {row.name: row for row in processes_of(directory.document(system))}
     except (SegmentError, ValueError):
         return {}
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from procs.config.read.paths import is_folder, log_folder
+from procs.paths import is_folder, log_folder
 from shm.clock import pause
 from shm.loglines import LogLine, parsed
 from tools.errors import Problem

@@ -14,7 +14,6 @@ from shm.mailbox_map import MAX_TEXT
 from tools.errors import Misuse, Problem
 from tools.inspect.gains import ALL, Present, present
 from tools.options import JsonOption, SystemOption
-from tools.pid_file import save_as
 from tools.printing import emit, note, table
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
@@ -128,6 +127,8 @@ def save(
 
     Example: trocar pid save PSM1 sawControllersPID-PSM1-tuned.json
     """
+    from tools.pid_file import save_as  # loads all that reads configuration files
+
     found = present(chosen_system(system), [robot])[0]
     saved = save_as(found, file, force=force)
     if as_json:

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from procs.config.read.paths import given_file, not_found
 from procs.document.system import Tool
+from procs.paths import given_file, not_found
 from shm.client import begin
 from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem

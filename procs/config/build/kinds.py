@@ -25,11 +25,11 @@ from procs.config.models.kinematic_file import KinematicFile, ToolFile, ToolInde
 from procs.config.models.lookup_file import check_table
 from procs.config.models.pid_file import PidFile
 from procs.config.models.system_file import IoKeys
-from procs.config.read.paths import PROJECT_CONFIGS, given_file, not_found
 from procs.config.read.problem import WARNING, FileProblem, Key
 from procs.config.read.search import search_path
 from procs.config.read.source import SourceFile, read_source
 from procs.document.cart import CLASSIC, FIXED, SI
+from procs.paths import PROJECT_CONFIGS, given_file, not_found
 
 SYSTEM = "system"
 UNKNOWN = "unknown"

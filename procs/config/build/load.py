@@ -27,12 +27,12 @@ from procs.config.build.tasks import with_tasks
 from procs.config.build.third_parties import load_third_parties
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import TrocarSection
-from procs.config.read.paths import PROJECT_CONFIGS, is_folder
 from procs.config.read.problem import ERROR, WARNING, FileProblem
 from procs.config.read.search import SearchPath, expanded, search_path
 from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document
+from procs.paths import PROJECT_CONFIGS, is_folder
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _SIMULATED = (document.PACED, document.LOCKSTEP)

@@ -14,12 +14,12 @@ from procs.config.build.instruments import psm_tool
 from procs.config.build.kinds import kind_of
 from procs.config.build.weights import measured_weight, weighing_links
 from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
-from procs.config.read.paths import PROJECT_CONFIGS, given_file, not_found
 from procs.config.read.problem import ERROR, FileProblem
 from procs.config.read.search import search_path
 from procs.document import system as document
 from procs.document.gravity_parameters import MasterGravityParameters
 from procs.kinematics.endoscopes import Endoscope, endoscope
+from procs.paths import PROJECT_CONFIGS, given_file, not_found
 
 BY_JOINTS = {row.joints: name for name, row in ARM_TYPES.items()}
 """What a kinematic file without an arm file is taken for, by its joints; others can be nothing but computed."""

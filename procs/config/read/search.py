@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from procs.config.read.paths import exists
+from procs.paths import exists
 
 _PID_STOCK = "sawControllersPID-"
 

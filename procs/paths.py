@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-PROJECT_CONFIGS: Final = Path(__file__).resolve().parents[3] / "configs"
+PROJECT_CONFIGS: Final = Path(__file__).resolve().parents[1] / "configs"
 
 
 def log_folder(environ: Mapping[str, str], system: str) -> Path:

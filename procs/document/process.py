@@ -1,0 +1,36 @@
+"""One process of a system, as the document says it; for whoever needs no more of the document than these rows."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from procs.document.decoding import decode
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One instance the supervisor starts; `after` names instances that must be up first."""
+
+    name: str
+    kind: str
+    period_s: float
+    after: tuple[str, ...] = ()
+    on_exit: str = "restart"  # restart or stay-down
+    priority: int = 0  # SCHED_FIFO priority asked for; 0: none
+    cpu: int | None = None
+    restart_limit: int = 5
+    backoff_s: float = 0.2
+    late_s: float | None = None  # silence that is reported; None: as usual for its kind
+    hung_s: float | None = None  # silence after which it is killed
+
+
+def processes_of(data: bytes) -> tuple[Process, ...]:
+    """The processes in the document from `to_json`, unlike `from_json` without a look at anything else in it.
+
+    ValueError when the bytes are not one (they may come from anywhere).
+    """
+    try:
+        return tuple(decode(Process, row) for row in json.loads(data)["processes"])
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
+        raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
