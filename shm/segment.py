@@ -86,14 +86,15 @@ def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[
     What other users have put there is none of ours; `foreign` lists that instead.
     """
     accepted = _accepted()
+    begin = "trocar~" if system is None else f"trocar~{system}~"
     found = []
-    for path in FOLDER.glob("trocar~*"):
-        parts = path.name.split("~")
+    for path in FOLDER.iterdir() if FOLDER.is_dir() else ():
+        parts = path.name.split("~") if path.name.startswith(begin) else []
         if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]):
             owner = _owner(path)
             if owner >= 0 and (owner not in accepted) == foreign:
                 found.append((parts[1], parts[2], parts[3]))
-    return sorted(names for names in found if system in (None, names[0]))
+    return sorted(found)
 
 
 def path_of(name: str) -> Path:

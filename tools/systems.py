@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from procs.paths import given_file, not_found
-from shm.directory import systems
 from shm.owners import SERVICE_USER
 from shm.segment import (
     Identity,
@@ -24,7 +23,7 @@ from shm.segment import (
     unlink,
 )
 from tools.errors import Problem
-from tools.running import SUPERVISOR, running
+from tools.running import SUPERVISOR, RunningProcess, running
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -56,12 +55,21 @@ def alive(identity: Identity) -> bool:
 
 def supervisor_of(system: str) -> Identity | None:
     """Who supervises a system: as its control page says, or where that is no help, as the kernel lists it."""
+    return _as_its_page_says(system) or _as_listed(running(system)).get(system)
+
+
+def _as_its_page_says(system: str) -> Identity | None:
     with contextlib.suppress(SegmentError), Segment(segment_name(system, SUPERVISOR, "control")) as segment:
         identity = segment.identity()
         if alive(identity) and segment.claimed():
             return identity
-    found = [process for process in running(system) if process.instance == SUPERVISOR]
-    return Identity(found[0].pid, 0, found[0].start, SUPERVISOR) if found else None
+    return None
+
+
+def _as_listed(processes: Iterable[RunningProcess]) -> dict[str, Identity]:
+    """The supervisors among processes, by their systems."""
+    found = [process for process in processes if process.instance == SUPERVISOR]
+    return {process.system: Identity(process.pid, 0, process.start, SUPERVISOR) for process in reversed(found)}
 
 
 def is_up(system: str) -> bool:
@@ -69,9 +77,21 @@ def is_up(system: str) -> bool:
     return supervisor_of(system) is not None
 
 
+def those_up(known: Iterable[str]) -> list[str]:
+    """Those of some systems that a living supervisor holds: a look at the page of each, one at /proc for all."""
+    names = sorted(known)
+    paged = {system for system in names if _as_its_page_says(system)}
+    listed = _as_listed(running()) if len(paged) < len(names) else {}
+    return [system for system in names if system in paged or system in listed]
+
+
 def forbidden(system: str) -> str:
     """Why we may not look at a system of somebody else, in words; empty: we may, or it is not there."""
-    ours = [segment_name(*parts) for parts in names_of(system)]
+    return _forbidden(system, [segment_name(*parts) for parts in names_of(system)])
+
+
+def _forbidden(system: str, ours: Sequence[str]) -> str:
+    """The same, when its segments of accepted owners are known."""
     if any(os.access(path_of(name), os.R_OK) for name in ours):
         return ""
     theirs = ours or [segment_name(*parts) for parts in names_of(system, foreign=True)]
@@ -93,11 +113,11 @@ def chosen_system(name: str | None = None) -> str:
     if name:
         if why := forbidden(name):
             raise Problem(why)
-        if name not in systems() and not is_up(name):
-            raise Problem(f"no system {name} is up; {_there_are([s for s in _permitted() if is_up(s)])}")
+        if (name, SUPERVISOR, "document") not in names_of(name) and not is_up(name):
+            raise Problem(f"no system {name} is up; {_there_are(those_up(_permitted()))}")
         return name
     known = _permitted()
-    up = [s for s in known if is_up(s)]
+    up = those_up(known)
     if len(up) == 1:
         return up[0]
     if up:
@@ -106,15 +126,30 @@ def chosen_system(name: str | None = None) -> str:
     raise Problem(f"no system is up{left}; trocar up starts one{_of_others()}")
 
 
+def _named(system: str | None = None, *, foreign: bool = False) -> dict[str, list[str]]:
+    """The segments of each system, from one look at all names."""
+    found: dict[str, list[str]] = {}
+    for parts in names_of(system, foreign=foreign):
+        found.setdefault(parts[0], []).append(segment_name(*parts))
+    return found
+
+
+def _documented(named: Mapping[str, Sequence[str]]) -> list[str]:
+    """Those that have, or had, a supervisor which came as far as the document."""
+    return sorted(system for system, names in named.items() if segment_name(system, SUPERVISOR, "document") in names)
+
+
 def _permitted() -> list[str]:
-    return [system for system in systems() if not forbidden(system)]
+    """Systems that we may look at, up or left over."""
+    named = _named()
+    return [system for system in _documented(named) if not _forbidden(system, named[system])]
 
 
 def _of_others() -> str:
     """What is to be said of systems of other users."""
-    listed = (*names_of(foreign=True), *names_of())
-    found = sorted({system for system, instance, what in listed if (instance, what) == (SUPERVISOR, "document")})
-    reported = [why for system in found if (why := forbidden(system))]
+    ours, theirs = _named(), _named(foreign=True)
+    found = sorted({*_documented(ours), *_documented(theirs)})
+    reported = [why for system in found if (why := _forbidden(system, ours.get(system, [])))]
     return f" ({'. '.join(reported)})" if reported else ""
 
 
@@ -124,9 +159,12 @@ def _there_are(names: list[str]) -> str:
 
 def left_over(name: str | None = None) -> list[str]:
     """Systems with segments in shared memory, or processes, and nobody who supervises them (asks the kernel)."""
-    found = {system for system, _, _ in names_of(name)} | {process.system for process in running(name)}
-    return sorted(system for system in found if not forbidden(system) and not is_up(system)
-                  and not held(segment_name(system, SUPERVISOR, "control")))
+    named = _named(name)
+    found = {*named, *(process.system for process in running(name))}
+    ours = [system for system in found if not _forbidden(system, named.get(system, []))]
+    up = those_up(ours)
+    return sorted(system for system in ours
+                  if system not in up and not held(segment_name(system, SUPERVISOR, "control")))
 
 
 def clear(system: str) -> int:

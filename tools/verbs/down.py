@@ -10,7 +10,7 @@ from shm.directory import systems
 from tools.ending import STOP_S, stop_system
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, progress
-from tools.systems import chosen_system, is_up, left_over
+from tools.systems import chosen_system, left_over, those_up
 
 
 def down(
@@ -28,7 +28,7 @@ def down(
     for name in left_over(system):
         with progress(f"clearing {name}") as say:
             cleared[name] = stop_system(name, say, timeout)
-    if not cleared or any(is_up(name) for name in systems() if system in (None, name)):
+    if not cleared or those_up(name for name in systems() if system in (None, name)):
         stopped = chosen_system(system)
         with progress(f"stopping {stopped}") as say:
             left = stop_system(stopped, say, timeout)

@@ -1,0 +1,62 @@
+"""Finding systems among what many dead ones have left in shared memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shm import segment
+from tools import systems
+from tools.errors import Problem
+
+DEAD = 30
+
+
+@pytest.fixture
+def looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often what costs time is done, beside so many dead systems."""
+    for k in range(DEAD):
+        for what in ("document", "control", "state", "events"):
+            (tmp_path / f"trocar~old{k:02}~supervisor~{what}").write_bytes(b"")
+    monkeypatch.setattr(segment, "FOLDER", tmp_path)
+    monkeypatch.setattr(systems, "running", lambda system=None: [])  # others may be up on this machine
+    counts: Counter[str] = Counter()
+
+    def counted(name: str) -> Callable[..., Any]:
+        real = getattr(systems, name)
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            counts[name] += 1
+            return real(*arguments, **named)
+
+        return call
+
+    for name in ("names_of", "running", "Segment"):
+        monkeypatch.setattr(systems, name, counted(name))
+    return counts
+
+
+def test_the_system_meant_is_found_with_one_look(looks: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(systems, "those_up", lambda known: list(known)[:1])
+    assert systems.chosen_system() == "old00"
+    assert looks == {"names_of": 1}
+
+
+def test_dead_systems_cost_one_attach_each(looks: Counter[str]) -> None:
+    with pytest.raises(Problem, match=r"old00.*died and left shared memory"):
+        systems.chosen_system()
+    assert looks == {"names_of": 3, "running": 1, "Segment": DEAD}  # two more looks for those of other users
+
+
+def test_a_named_system_asks_nobody_else(looks: Counter[str]) -> None:
+    assert systems.chosen_system("old07") == "old07"
+    assert looks == {"names_of": 2}
+
+
+def test_what_is_left_over_is_asked_together(looks: Counter[str]) -> None:
+    assert len(systems.left_over()) == DEAD
+    assert looks == {"names_of": 1, "running": 2, "Segment": DEAD}
