@@ -6,36 +6,45 @@ And in words which processes did not get it, and what grants the rights.
 from __future__ import annotations
 
 import ctypes
+import mmap
 import os
 import platform
 import pwd
+import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from procs.document.process import Process
 
 PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
-MCL_CURRENT, MCL_FUTURE = 1, 2
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+POPULATE_READ, POPULATE_WRITE = 22, 23  # of madvise
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
 SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
 SCHED_DEADLINE = 6
 SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
 
+LOCKED: Final = "locked"
 NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
-"""What was asked for and not got, as `realtime` says it."""
+"""What was asked for and not got, as `realtime` and `lock_memory` say it."""
 HIGHEST: Final = 98  # the highest priority that a system file may ask for
 LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
 SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
+SCRATCH: Final = 16 << 20  # bytes, of a region that is looked at before it is locked
+USED_TOGETHER: Final = 1 << 18  # bytes of it that are locked when one of them was used
+REGION = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) ([0-9a-f]+) \S+ \d+ *(.*)")
 
 
-def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -> str:
-    """Name, timer slack, priority, locked memory, core; returns what was obtained, in words; children get none of it.
+def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
+    """Name, timer slack, priority, core; returns what was obtained, in words; children get none of it.
 
     `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
     together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
     had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
-    the cores: no priority there, and no memory need be locked.
+    the cores: no priority there.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
@@ -49,15 +58,92 @@ def realtime(row: Process, clock: str, *, locked: bool, reserved: float = 0.0) -
             notes.append(f"FIFO {row.priority}")
         except OSError:  # no right to it
             notes.append(NO_FIFO)
-    if locked and clock == "wall":
-        notes.append("locked" if libc.mlockall(MCL_CURRENT | MCL_FUTURE) == 0 else NOT_LOCKED)
     if row.cpu is not None:
         try:
             os.sched_setaffinity(0, {row.cpu})
             notes.append(f"cpu {row.cpu}")
         except OSError:
             notes.append(f"no cpu {row.cpu}")
-    return ", ".join(notes)[:31] or "other"
+    return notes
+
+
+def in_words(notes: list[str]) -> bytes:
+    """The notes of `realtime` and `lock_memory` for the control page."""
+    return (", ".join(notes)[:31] or "other").encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A piece of a process's memory as /proc lists it, sizes in bytes."""
+
+    begin: int
+    size: int
+    rights: str  # as in "r-xp"
+    offset: int  # in its file
+    file: str
+
+
+def regions(pid: int) -> list[Region]:
+    """The memory of a process; OSError when it is gone."""
+    with Path(f"/proc/{pid}/maps").open(encoding="utf-8", errors="replace") as lines:  # by the line: takes no memory
+        return [Region(int(row[1], 16), int(row[2], 16) - int(row[1], 16), row[3], int(row[4], 16), row[5])
+                for row in map(REGION.match, lines) if row is not None]
+
+
+def lock_memory() -> str:
+    """No page is to be fetched in a loop: all of ours are there now, and locked where nobody else keeps them.
+
+    The supervisor keeps what processes share (procs/supervisor/shared_pages.py). Room for large matrices that nobody
+    has (OpenBLAS takes 32 MB in each process) is locked as far as it was used. What comes later is locked where it is
+    used, and not filled: that would cost a loop 10 ms for 32 MB. Returns what was obtained, in words.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
+        return NOT_LOCKED
+    _lock_each(libc, regions(os.getpid()))
+    return LOCKED
+
+
+def fetch_segments() -> None:
+    """The same for segments that were mapped since."""
+    _lock_each(ctypes.CDLL(None), (region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")))
+
+
+def _lock_each(libc: ctypes.CDLL, listed: Iterable[Region]) -> None:
+    pagemap = os.open("/proc/self/pagemap", os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        for region in listed:
+            _lock(libc, pagemap, region)
+    finally:
+        os.close(pagemap)
+
+
+def _lock(libc: ctypes.CDLL, pagemap: int, region: Region) -> None:
+    place = ctypes.c_void_p(region.begin), ctypes.c_size_t(region.size)
+    own, written = region.rights.endswith("p"), "w" in region.rights
+    large = own and written and not region.file and region.size >= SCRATCH
+    used = _used(pagemap, region) if large or (own and region.rights.startswith("r--")) else []
+    if large:
+        whole = sum(used) > len(used) // 2
+    else:
+        whole = own and (written or any(used))
+    if whole:
+        libc.mlock(*place)  # and there
+        return
+    libc.munlock(*place)
+    if region.file.startswith("/"):  # before Linux 5.14 what is used comes when it is used
+        libc.madvise(*place, POPULATE_WRITE if written else POPULATE_READ)
+    step = USED_TOGETHER // mmap.PAGESIZE
+    for k in range(0, len(used), step):
+        if any(part := used[k : k + step]):
+            libc.mlock(ctypes.c_void_p(region.begin + k * mmap.PAGESIZE), ctypes.c_size_t(len(part) * mmap.PAGESIZE))
+
+
+def _used(pagemap: int, region: Region) -> list[bool]:
+    """Of each page whether it is there and this process's alone: written since it was mapped, or in no file."""
+    count = region.size // mmap.PAGESIZE
+    data = os.pread(pagemap, 8 * count, 8 * (region.begin // mmap.PAGESIZE))
+    return [word >> 63 == 1 and not word >> 61 & 1 for word in struct.unpack(f"<{len(data) // 8}Q", data)]
 
 
 def is_urgent(pid: int) -> bool:

@@ -26,7 +26,7 @@ from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
 from procs.pauses import Pauses
-from procs.realtime import realtime
+from procs.realtime import fetch_segments, in_words, lock_memory, realtime
 from shm import directory, loglines
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
@@ -61,6 +61,10 @@ class Node(OwnMemory):
         self._check_at = 0
         self._stop = ""
         self._pauses = Pauses(round(self.late_s * 1e9) if proc(kind).pause_ends and not self.clock.simulated else 0)
+        self.granted: list[str] = []
+        """What the scheduler gave us, in words."""
+        self.locks, self._locked = False, ""
+        """Its memory is to be locked when it is ready: the process is its alone."""
         self.held_up_ns = 0
         """How long it was held up, when that was too long: the loop is to be made anew."""
         self.now_ns = self.clock.now_ns()
@@ -88,12 +92,21 @@ class Node(OwnMemory):
 
     def ready(self) -> None:
         """Setup has succeeded; whoever waits at the barrier goes on."""
+        self._lock()
         self.begin()
         if isinstance(self.clock, LockstepClock):
             self.clock.join(self._stopped)
         self.now_ns = self.clock.now_ns()
         self._pacing.begin(self.now_ns, self.clock.simulated)
         self._pauses.begin()
+
+    def _lock(self) -> None:
+        """Lock our memory now that everything is in it; after a pause, only what is new."""
+        if self._locked:
+            fetch_segments()
+        elif self.locks:
+            self._locked = lock_memory()
+            self.page.field("policy")[...] = in_words([*self.granted, self._locked])
 
     def begin_anew(self) -> None:
         """After a pause, before the loop is made anew: as if the process had been killed and started again."""
@@ -239,8 +252,9 @@ def process(kind: str) -> Iterator[Node]:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
     _signals(node)
-    node.page.field("policy")[...] = realtime(
-        node.row, node.document.clock, locked=proc(kind).realtime, reserved=proc(kind).reserved).encode()
+    node.granted = realtime(node.row, node.document.clock, reserved=proc(kind).reserved)
+    node.page.field("policy")[...] = in_words(node.granted)
+    node.locks = proc(kind).realtime and not node.clock.simulated
     try:
         yield node
     except Exception as error:

@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
+import mmap
 import multiprocessing
 import os
 from collections.abc import Callable
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import pytest
 
 from procs import runtime
 from procs.document.system import Process
 from procs.manifest import Proc
-from procs.realtime import realtime
+from procs.realtime import LOCKED, NOT_LOCKED, REGION, SCRATCH, USED_TOGETHER, in_words, lock_memory, realtime
 
 DEADLINE = 6
+MEGABYTE, ROOM = 1 << 20, 2 * SCRATCH
 FIFO_ASKED = Process(name="io", kind="io", period_s=1 / 1500, priority=1)
 
 
-def asked(clock: str, reserved: float, *, locked: bool = False) -> tuple[str, int]:
-    """What a process says it got, and what the kernel says."""
-    def child(send: Callable[[tuple[str, int]], None]) -> None:
-        notes = realtime(FIFO_ASKED, clock, locked=locked, reserved=reserved)
-        send((notes, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
-
+def forked(ask: Callable[[], Any]) -> Any:
+    """The answer of a process of its own."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    process = multiprocessing.get_context("fork").Process(target=child, args=(sender.send,))
+    process = multiprocessing.get_context("fork").Process(target=lambda: sender.send(ask()))
     process.start()
     assert receiver.poll(30.0)
-    answer: tuple[str, int] = receiver.recv()
+    answer = receiver.recv()
     process.join(30.0)
+    return answer
+
+
+def asked(clock: str, reserved: float) -> tuple[str, int]:
+    """What a process says it got, and what the kernel says."""
+    def child() -> tuple[str, int]:
+        notes = realtime(FIFO_ASKED, clock, reserved=reserved)
+        return in_words(notes).decode(), os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+
+    answer: tuple[str, int] = forked(child)
     return answer
 
 
@@ -51,8 +61,45 @@ def test_a_share_that_nobody_can_have_leaves_the_usual_priority() -> None:
     assert notes != "deadline" and policy != DEADLINE
 
 
-def test_in_lockstep_nobody_has_priority_or_locks_memory() -> None:
-    assert asked("lockstep", 0.8, locked=True) == ("other", os.SCHED_OTHER)
+def test_in_lockstep_nobody_has_priority() -> None:
+    assert asked("lockstep", 0.8) == ("other", os.SCHED_OTHER)
+
+
+def test_own_memory_is_locked_and_shared_memory_is_there(tmp_path: Path) -> None:
+    file = tmp_path / "shared"
+    file.write_bytes(b"x" * MEGABYTE)
+
+    def child() -> tuple[str, dict[str, tuple[int, int]]]:
+        with file.open("r+b") as opened:
+            shared = mmap.mmap(opened.fileno(), MEGABYTE)
+        own, scratch = mmap.mmap(-1, MEGABYTE, flags=mmap.MAP_PRIVATE), mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
+        own[:], scratch[ROOM // 2] = b"x" * MEGABYTE, 1
+        words = lock_memory()
+        later = mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
+        return words, {"shared": pages(shared), "own": pages(own), "later": pages(later), "scratch": pages(scratch),
+                       "used": pages(scratch, ROOM // 2)}
+
+    words, found = forked(child)
+    if words == NOT_LOCKED:
+        pytest.skip("nobody may lock memory here")
+    assert words == LOCKED
+    assert found["shared"] == (MEGABYTE, 0)
+    assert found["own"][0] == found["own"][1] >= MEGABYTE
+    assert found["scratch"] == (0, 0) and found["later"][1] < MEGABYTE  # nor does what is in one piece with it
+    assert found["used"][0] == found["used"][1] >= USED_TOGETHER
+
+
+def pages(place: mmap.mmap, offset: int = 0) -> tuple[int, int]:
+    """How many bytes of the region that a place of a map lies in are there, and how many are locked."""
+    here = ctypes.addressof(ctypes.c_char.from_buffer(place)) + offset
+    sizes: dict[str, int] = {}
+    within = False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        if found := REGION.match(line):
+            within = int(found[1], 16) <= here < int(found[2], 16)
+        elif within and line.startswith(("Rss:", "Locked:")):
+            sizes[line.split(":")[0]] = int(line.split()[1]) << 10
+    return sizes["Rss"], sizes["Locked"]
 
 
 @pytest.mark.parametrize(("priority", "collects"), [("arm", False), ("", True)])

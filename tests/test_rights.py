@@ -14,13 +14,14 @@ from tests.system.robot import ROOT
 ASK = """
 import os, resource
 from procs.document.system import Process
-from procs.realtime import realtime
+from procs.realtime import in_words, lock_memory, realtime
 for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
     resource.setrlimit(limit, (0, 0))
 os.setgroups([])
 os.setgid(65534)
 os.setuid(65534)
-print(realtime(Process(name="io", kind="io", period_s=0.001, priority=80, cpu=999), "wall", locked=True))
+row = Process(name="io", kind="io", period_s=0.001, priority=80, cpu=999)
+print(in_words([*realtime(row, "wall"), lock_memory()]).decode())
 """
 
 
@@ -39,4 +40,4 @@ def test_what_is_lacking_is_told_with_who_lacks_it_and_what_grants_it() -> None:
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody without rights")
 def test_both_refusals_of_the_kernel_are_noted() -> None:
     done = subprocess.run([sys.executable, "-c", ASK], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "no FIFO, not locked, no cpu 999", done.stderr
+    assert done.stdout.strip() == "no FIFO, no cpu 999, not locked", done.stderr

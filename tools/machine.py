@@ -33,8 +33,8 @@ NAMED: Final = 3
 ETHERNET: Final = "1"  # as /sys/class/net/*/type has it
 ASK: Final = """
 from procs.document.process import Process
-from procs.realtime import realtime
-print(realtime(Process("doctor", "io", 0.001, priority=90), "wall", locked=True))
+from procs.realtime import in_words, lock_memory, realtime
+print(in_words([*realtime(Process("doctor", "io", 0.001, priority=90), "wall"), lock_memory()]).decode())
 """
 
 

@@ -21,11 +21,12 @@ from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, Process, SystemConfig
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.paths import log_folder
-from procs.realtime import lacking, realtime
+from procs.realtime import in_words, lacking, realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
 from procs.supervisor.cores import core_time_ns
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
+from procs.supervisor.shared_pages import lock_shared
 from procs.udp_holders import holders
 from shm import directory, loglines
 from shm.audit import Audit
@@ -90,7 +91,8 @@ class Supervisor:
         self.page.field("pid")[...] = os.getpid()
         highest = max((p.priority for p in system.processes), default=0)
         row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
-        self.page.field("policy")[...] = realtime(row, system.clock, locked=False).encode()
+        self._granted = realtime(row, system.clock)
+        self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
         self.size += self.keeper.size if self.keeper is not None else 0
         self.beat()
@@ -127,8 +129,7 @@ class Supervisor:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.page.show("STARTING")
         for wave in _waves(self._rows):
-            names = {row.name for row in wave}
-            children = [c for c in self.children if c.row.name in names]
+            children = [c for c in self.children if c.row in wave]
             for child in children:
                 child.start()
                 self.beat()
@@ -140,9 +141,12 @@ class Supervisor:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
         self.page.show("RUNNING")
         self._show()
-        policies = {child.row.name: bytes(child.page.get("policy")).decode() for child in self.children}
-        if self.keeper is None and (rights := lacking(policies)):  # simulated time needs none
-            log.warning("%s", rights)
+        if self.keeper is None:  # simulated time needs no rights
+            shared = lock_shared(self.system.name, [child.pid for child in self.children])
+            self.page.field("policy")[...] = in_words([*self._granted, shared])
+            policies = {child.row.name: bytes(child.page.get("policy")).decode() for child in self.children}
+            if rights := lacking(policies):
+                log.warning("%s", rights)
 
     def _all_up(self, children: list[Child]) -> bool:
         for child in children:
@@ -254,8 +258,7 @@ class Supervisor:
         self.page.show("STOPPING")
         clean = True
         for wave in reversed(_waves(self._rows)):
-            names = {row.name for row in wave}
-            children = [c for c in self.children if c.row.name in names]
+            children = [c for c in self.children if c.row in wave]
             for child in children:
                 child.ask_to_stop()
             limit = max((proc(c.row.kind).stop_s for c in children), default=0.0)

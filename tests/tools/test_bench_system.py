@@ -19,7 +19,7 @@ from tools.verbs.bench import bench
 
 
 def mark(at_s: float, pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:
-    return Mark(round(at_s * 1e9), round(at_s * 1e9), kind, pid, cycles, missed, 0, cpu_s, "FIFO 80")
+    return Mark(round(at_s * 1e9), round(at_s * 1e9), kind, pid, cycles, missed, 0, cpu_s, "FIFO 80", 40.0)
 
 
 def test_row_tells_what_happened_in_the_window() -> None:
@@ -39,6 +39,7 @@ def test_figures_are_those_of_the_worst_io_and_of_all_processes() -> None:
     found = figures(rows)
     assert found["io_rate_hz"] == 990.0 and found["io_missed_percent"] == 1.0
     assert found["cpu_percent_total"] == pytest.approx(50.0) and found["arm_missed_percent"] == 2.0
+    assert found["locked_mb"] == 120.0
 
 
 def test_options_of_another_bench_are_refused() -> None:
@@ -69,4 +70,6 @@ def test_the_example_of_help_measures_every_process_and_whoever_follows() -> Non
     assert result["homed"] == ["ECM", "MTML", "MTMR", "PSM1", "PSM2", "PSM3", "SUJ"] and result["figures"]["arms"] == 7
     assert result["following"] == ["MTMR_PSM1", "MTML_PSM2"], result["problems"]
     assert all(rows[name]["cpu_percent"] > 0.0 for name in ("io", "PSM1", "MTMR_PSM1"))
+    rights = [each["scheduling"] for each in rows.values() if "scheduling" in each]
+    assert (result["figures"]["locked_mb"] > 100.0) == any(words.endswith(", locked") for words in rights)
     assert not names_of(f"bench-system-{done.pid}")

@@ -7,6 +7,7 @@ is `bench` among the processes and no part of the total.
 
 `io_rate_hz` and `io_missed_percent` are those of the io that does worst; missed are deadlines that passed without a
 cycle, of all deadlines. CPU time is what the kernel counted for a process in the window; 100 % is one core.
+`locked_mb` is what all processes have locked (VmLck); what they share is the supervisor's, which locks it.
 """
 
 from __future__ import annotations
@@ -101,6 +102,7 @@ class Mark:
     overruns: int
     cpu_s: float
     scheduling: str
+    locked_mb: float = 0.0
 
 
 class SystemReport:
@@ -160,7 +162,8 @@ def marks(system: str) -> dict[str, Mark]:
         page = ControlPage(system, process.name)
         beat_ns, cycles = int(page.get("heartbeat_ns")), int(page.get("cycles"))
         found[process.name] = Mark(beat_ns, monotonic_ns(), process.kind, process.pid, cycles, int(page.get("missed")),
-                                   int(page.get("overruns")), _cpu_s(process.pid), process.scheduling)
+                                   int(page.get("overruns")), _cpu_s(process.pid), process.scheduling,
+                                   _locked_mb(process.pid))
         page.close()
     return found
 
@@ -176,7 +179,7 @@ def row(name: str, before: Mark, after: Mark) -> dict[str, Any]:
         "name": name, "kind": after.kind, "rate_hz": cycles / beats_s,
         "missed_percent": missed / max(1, missed + cycles) * 100.0, "missed": missed,
         "overruns": after.overruns - before.overruns, "cpu_percent": (after.cpu_s - before.cpu_s) / passed_s * 100.0,
-        "scheduling": after.scheduling,
+        "scheduling": after.scheduling, "locked_mb": after.locked_mb,
     }
 
 
@@ -191,16 +194,18 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "io_rate_hz": min((each["rate_hz"] for each in ios), default=0.0),
         "io_missed_percent": max((each["missed_percent"] for each in ios), default=0.0),
         "cpu_percent_total": sum(each["cpu_percent"] for each in rows), **worst,
+        "locked_mb": sum(each["locked_mb"] for each in rows),
     }
 
 
 def show(result: dict[str, Any]) -> None:
     """For eyes, what is more than figures and conditions."""
     rows = [(each["name"], number(each.get("rate_hz")), number(each.get("missed_percent"), ".2f"),
-             str(each.get("overruns", "–")), number(each["cpu_percent"]), each.get("scheduling", ""))
+             str(each.get("overruns", "–")), number(each["cpu_percent"]), number(each.get("locked_mb")),
+             each.get("scheduling", ""))
             for each in result["processes"]]
-    columns = ("process", "Hz", "missed %", "overruns", "CPU %", "scheduling")
-    table("bench system: processes", columns, rows, columns[1:5])
+    columns = ("process", "Hz", "missed %", "overruns", "CPU %", "locked MB", "scheduling")
+    table("bench system: processes", columns, rows, columns[1:6])
     print(f"homed: {', '.join(result['homed'])}\nfollowing: {', '.join(result['following'])}")
     for name, texts in result["reported"].items():
         for text in texts:
@@ -243,6 +248,15 @@ def _cpu_s(pid: int) -> float:
     except psutil.NoSuchProcess:
         return 0.0
     return float(times.user + times.system)
+
+
+def _locked_mb(pid: int) -> float:
+    """Locked memory of a process as the kernel counts it against its limit; 0 when it is gone."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((int(line.split()[1]) * 1024e-6 for line in lines if line.startswith("VmLck:")), 0.0)
 
 
 def _silent(text: str, part: float | None) -> None:

@@ -1,0 +1,59 @@
+"""What the processes of a system share, locked in memory once for all of them: code of libraries, and all segments.
+
+A page that somebody has locked stays for everybody who maps it, so one is enough, and the supervisor outlives all
+others. A page that had to be fetched from a disk would stop a loop for milliseconds, just when it does what it does
+rarely: react to a fault.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import mmap
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from procs.realtime import LOCKED, NOT_LOCKED, regions
+from shm.segment import names_of, path_of, segment_name
+
+MAP_LOCKED: Final = 0x2000
+FAILED: Final = ctypes.c_void_p(-1).value
+
+
+def lock_shared(system: str, pids: Iterable[int]) -> str:
+    """Lock all segments of a system, and code as these processes have mapped it, until we end.
+
+    Returns what was obtained, in words.
+    """
+    wanted: dict[Path, int] = {}
+    for pid in pids:
+        for file, end in _code(pid).items():
+            wanted[file] = max(end, wanted.get(file, 0))
+    for path in (path_of(segment_name(*parts)) for parts in names_of(system)):
+        with contextlib.suppress(OSError):
+            wanted[path] = path.stat().st_size
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.mmap.restype = ctypes.c_void_p
+    libc.mmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long)
+    refused = [file for file, size in wanted.items() if size and not _locked(libc, file, size)]
+    return NOT_LOCKED if refused else LOCKED
+
+
+def _code(pid: int) -> dict[Path, int]:
+    """Files with code that a process has mapped, and up to where; none of one that is gone."""
+    try:
+        found = [region for region in regions(pid) if region.file.startswith("/")]
+    except OSError:
+        return {}
+    code = {region.file for region in found if "x" in region.rights}
+    return {Path(file): max(region.offset + region.size for region in found if region.file == file) for file in code}
+
+
+def _locked(libc: ctypes.CDLL, file: Path, size: int) -> bool:
+    try:
+        with file.open("rb") as opened:
+            place = libc.mmap(None, size, mmap.PROT_READ, mmap.MAP_SHARED | MAP_LOCKED, opened.fileno(), 0)
+    except OSError:  # replaced or removed since it was mapped
+        return True
+    return bool(place != FAILED)
