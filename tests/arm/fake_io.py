@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,62 +13,20 @@ from procs.arm.arm import ArmLogic, Surroundings
 from procs.arm.psm.detection import ToolReading
 from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
-from procs.codes import Code
-from procs.document.system import ArmConfig, Chain, DhLink, JawConfig, Tool
+from procs.document.system import ArmConfig
 from procs.faults import FaultReport
 from procs.wishes import WISHES
 from shm.client import Reply
-from shm.events import SEVERITIES, sentence
 from shm.layout import schema_of
 from shm.origins import Origin
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_requests import FakeReports, FakeRequest
 
 AXES = 7
 PERIOD_NS = 2_000_000
 HURRIED_NS = 20_000_000
 SECOND = 1_000_000_000
-EYE = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
-
-
-def link(name: str, kind: str, alpha: float, a: float, d: float, offset: float, lower: float, upper: float) -> DhLink:
-    return DhLink(name, kind, alpha, a, 0.0, d, offset, lower, upper, 1.0)
-
-
-CHAIN = Chain(
-    "modified",
-    (
-        link("yaw", "revolute", 1.5708, 0.0, 0.0, 1.5708, -1.588, 1.588),
-        link("pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -0.925025, 0.925025),
-        link("insertion", "prismatic", 1.5708, 0.0, 0.0, -0.4318, 0.0, 0.24),
-    ),
-    source="PSM.json",
-)
-TOOL = Tool(
-    "LARGE_NEEDLE_DRIVER_400006",
-    (
-        link("roll", "revolute", 0.0, 0.0, 0.4162, 0.0, -4.53786, 4.53786),
-        link("wrist_pitch", "revolute", -1.5708, 0.0, 0.0, -1.5708, -1.39626, 1.39626),
-        link("wrist_yaw", "revolute", -1.5708, 0.0091, 0.0, -1.5708, -1.39626, 1.39626),
-    ),
-    JawConfig(-0.698132, 1.39626, 0.16),
-    ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
-    ((-1.5632, 0.0, 0.0, 0.0), (0.0, 1.0186, 0.0, 0.0), (0.0, -0.8306, 0.6089, 0.6089), (0.0, 0.0, -1.2177, 1.2177)),
-    (-4.5378, -0.2618, -0.2618, 0.0),
-    (4.5378, 0.2618, 0.2618, 0.0),
-    names=("LARGE_NEEDLE_DRIVER",),
-    model="400006",
-)
-
-
-def bare_arm(**changes: Any) -> ArmConfig:
-    """A PSM with manual tool detection and nothing on it."""
-    values: dict[str, Any] = {"tools": (TOOL,), **changes}
-    return ArmConfig("PSM1", "PSM", "Classic", "28007", "IO1", "PSM1", "NONE", 1 / 1500, CHAIN, **values)
-
-
-def fixed_arm(**changes: Any) -> ArmConfig:
-    """A PSM with a fixed large needle driver."""
-    return bare_arm(tool_detection="FIXED", tool=TOOL, **changes)
 
 
 class View:
@@ -289,65 +246,6 @@ class FakeIo:
         self.position[...] = self.setpoint
 
     largest_step = 0.0
-
-
-@dataclass
-class FakeReports:
-    """Events as they were raised: (event, …)."""
-
-    events: list[tuple[Any, ...]] = field(default_factory=list)
-
-    def status(self, text: str, component: str = "") -> None:
-        self.events.append(("status", text))
-
-    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = 0.0,
-               limit: float = 0.0, board: int = -1) -> None:
-        self.events.append((SEVERITIES[code.severity], code.code, sentence(text, component)))
-
-    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
-        self.events.append(("operating_state", state, str(sub_state), is_homed, is_busy))
-
-    def goal_reached(self, reached: bool) -> None:
-        self.events.append(("goal_reached", reached))
-
-    def emit(self, event: str, text: str = "", *, value: float = 0.0) -> None:
-        self.events.append((event, text, value))
-
-    def of(self, *kinds: str) -> list[tuple[Any, ...]]:
-        return [e for e in self.events if e[0] in kinds]
-
-
-PERSON = Origin(1, 0, "test")
-
-
-@dataclass
-class FakeRequest:
-    """A command and what became of it."""
-
-    name: str
-    values: Any = ()
-    text: str = ""
-    replies: list[tuple[str, str]] = field(default_factory=list)
-    origin: Origin = PERSON
-
-    def __post_init__(self) -> None:
-        self.values = np.array(self.values, dtype=np.float64)
-
-    def accept(self, text: str = "") -> None:
-        self.replies.append(("accepted", text))
-
-    def refuse(self, reason: str) -> None:
-        self.replies.append(("refused", reason))
-
-    def done(self, text: str = "") -> None:
-        self.replies.append(("done", text))
-
-    def fail(self, reason: str) -> None:
-        self.replies.append(("failed", reason))
-
-    @property
-    def outcomes(self) -> list[str]:
-        return [outcome for outcome, _ in self.replies]
 
 
 class ArmHarness:

@@ -17,7 +17,8 @@ from procs.faults import FaultReport
 from procs.io.setpoint_tracker import WishFields
 from shm.client import Reply
 from shm.topics import ARM_STATE, SETPOINT
-from tests.arm.fake_io import FakeReports, FakeRequest, Record
+from tests.arm.fake_io import Record
+from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order
 from tests.io.boards_harness import BoardsHarness
 

@@ -20,7 +20,8 @@ from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
 from shm.events import Events
 from shm.mailbox import Mailbox
-from tests.arm.fake_io import FakeIo, View, fixed_arm
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import FakeIo, View
 
 pytestmark = pytest.mark.slow
 ARM = """

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from tests.arm.fake_io import TOOL
+from tests.arm.arm_configs import TOOL
 from tests.arm.fake_psm import DRIVER, OTHER, with_adapter
 
 

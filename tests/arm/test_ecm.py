@@ -10,7 +10,8 @@ import pytest
 
 from procs.arm.ecm import EcmLogic
 from procs.document.arms import ArmConfig, ArmInputs, Chain, DhLink
-from tests.arm.fake_io import ArmHarness, link
+from tests.arm.arm_configs import link
+from tests.arm.fake_io import ArmHarness
 
 CHAIN = Chain(
     "modified",

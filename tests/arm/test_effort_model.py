@@ -12,7 +12,7 @@ from procs.arm.effort_guard import EffortGuard
 from procs.arm.effort_limits import EffortLimits, motor_efforts
 from procs.arm.joints import joints
 from procs.document.arms import ArmConfig
-from tests.arm.fake_io import TOOL, bare_arm, fixed_arm
+from tests.arm.arm_configs import TOOL, bare_arm, fixed_arm
 
 MOTORS = np.array((3.3, 3.3, 9.9, 0.34, 0.34, 0.0, 0.34))
 SPRING, FREE_SHARE, MAX_ZONE = 0.3, 0.5, 0.2  # docs/configuration.md

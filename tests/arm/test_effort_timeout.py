@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import ArmHarness, fixed_arm
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_master import MasterHarness, master
 from tests.arm.test_master_efforts import bent, borne, gains, joint_effort
 from tests.lib.test_gravity import parameters

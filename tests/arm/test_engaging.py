@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import TOOL, ArmHarness, fixed_arm
+from tests.arm.arm_configs import TOOL, fixed_arm
+from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_psm import DRIVER, SwitchedPsm, with_adapter
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import TOOL
+from tests.arm.arm_configs import TOOL
 from tests.arm.fake_psm import DRIVER, SwitchedPsm, restart, with_adapter
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from procs.arm.contiguous import contiguous_view
 from procs.codes import AMPLIFIER, POWER_TIMEOUT, Code
-from tests.arm.fake_io import ArmHarness, bare_arm, fixed_arm
+from tests.arm.arm_configs import bare_arm, fixed_arm
+from tests.arm.fake_io import ArmHarness
 
 
 def sub_states(harness: ArmHarness) -> list[str]:

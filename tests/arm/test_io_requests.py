@@ -6,7 +6,8 @@ import pytest
 
 from procs.codes import BAD_READS
 from procs.wishes import NONE, OFF, ON, WISHES
-from tests.arm.fake_io import PERSON, ArmHarness, FakeRequest
+from tests.arm.fake_io import ArmHarness
+from tests.arm.fake_requests import PERSON, FakeRequest
 from tests.arm.test_kinematic_arm import KinematicPair, Order
 
 

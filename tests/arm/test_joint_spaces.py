@@ -14,7 +14,7 @@ from procs.arm.joints import JointSpace, joints, kinematic_home
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.arms import ArmConfig, Tool
 from tests import stock
-from tests.arm.fake_io import CHAIN, TOOL, bare_arm, fixed_arm
+from tests.arm.arm_configs import CHAIN, TOOL, bare_arm, fixed_arm
 from tests.traces import Trace
 
 FILES = ("demo", "demo-psm-si", "demo-ecm", "demo-ecm-si", "demo-mtm")

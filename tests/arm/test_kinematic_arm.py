@@ -19,7 +19,8 @@ from procs.io.record import IoRecord as IoRecord
 from procs.io.setpoint_tracker import WishFields
 from shm.client import Reply
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
-from tests.arm.fake_io import PERSON, FakeReports, FakeRequest, Record
+from tests.arm.fake_io import Record
+from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 
 PERIOD_NS = 2_000_000
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from procs.arm.reach import FURTHEST_TURN, QUICKEST
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
-from tests.arm.fake_io import PERIOD_NS, ArmHarness, fixed_arm
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import PERIOD_NS, ArmHarness
 
 STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 V_MAX = np.array((math.radians(90.0), math.radians(90.0), 0.2, QUICKEST, QUICKEST, QUICKEST))

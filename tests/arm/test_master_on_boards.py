@@ -12,7 +12,7 @@ from procs.document.system import SystemConfig
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import rotation_vector
 from tests import stock
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.arm.on_boards import OnBoards
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from procs.document.arms import ArmConfig
-from tests.arm.fake_io import SECOND, ArmHarness, FakeRequest, bare_arm, fixed_arm
+from tests.arm.arm_configs import bare_arm, fixed_arm
+from tests.arm.fake_io import SECOND, ArmHarness
+from tests.arm.fake_requests import FakeRequest
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 

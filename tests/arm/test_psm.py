@@ -12,7 +12,8 @@ from procs.arm.joints import joints
 from procs.document.system import ArmConfig, ArmInputs
 from procs.kinematics.poses import pose_from_matrix
 from tests import stock
-from tests.arm.fake_io import ArmHarness, fixed_arm
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import ArmHarness
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 ALL_TOOLS = sorted(path.stem for path in stock.find("dvrk-share/tool").glob("*_[0-9]*.json"))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from procs.codes import ARM_LOST
-from tests.arm.fake_io import PERIOD_NS, ArmHarness, bare_arm
+from tests.arm.arm_configs import bare_arm
+from tests.arm.fake_io import PERIOD_NS, ArmHarness
 
 ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)
 

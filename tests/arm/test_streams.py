@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import ArmHarness, fixed_arm
+from tests.arm.arm_configs import fixed_arm
+from tests.arm.fake_io import ArmHarness
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 YAW = 0.15707963  # what 90°/s make in 0.1 s

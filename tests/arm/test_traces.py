@@ -18,7 +18,7 @@ from procs.arm.impedance import COUNT, impedance_of
 from procs.arm.joints import JointSpace, joints
 from procs.arm.motion import Mode, Motion
 from procs.kinematics.poses import matrix_from_pose
-from tests.arm.fake_io import TOOL, fixed_arm
+from tests.arm.arm_configs import TOOL, fixed_arm
 from tests.traces import Trace, shown
 
 FOLDER = Path(__file__).parent / "traces"

@@ -16,7 +16,7 @@ from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from procs.console.selection import ECM, PSM, Selectable, conflicts
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import NOBODY, Origin
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.traces import Trace, shown
 
 FOLDER = Path(__file__).parent / "traces"

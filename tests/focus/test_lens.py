@@ -7,7 +7,7 @@ import pytest
 from procs.focus.lens import AGAIN_NS, COMMANDED_NS, Lens
 from procs.focus.loop import execute
 from procs.requests import carry_out
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 
 CYCLE_NS = 10_000_000
 

@@ -332,40 +332,6 @@ def test_set_up_reads_survive_losses():
             port.read_quadlet(0, registers.HARDWARE_ID)
 
 
-def test_a_simulated_clock_may_stand_still():
-    with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=None) as port:
-        port.discover()
-
-        def slow(request, replies):
-            select.poll().poll(20)
-            return replies
-
-        bus.fault = slow
-        assert port.read_all()
-        assert port.recv_ns == 1234
-        assert port.counters.timeouts == 0
-
-
-def test_an_empty_datagram_ends_the_wait_while_time_stands_still():
-    with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=20_000) as port:
-        port.discover()
-        began = time.monotonic()
-        bus.fault = lambda request, replies: [b""] if replies else []
-        assert not port.read_all()
-        assert time.monotonic() - began < 10
-        assert port.counters.timeouts == 1
-        bus.fault = lambda request, replies: replies
-        assert port.read_all()
-
-
-def test_an_empty_datagram_of_a_stranger_ends_no_wait_in_real_time():
-    with bus_of(3) as bus, port_to(bus, deadline_ms=5_000) as port:
-        port.discover()
-        bus.fault = lambda request, replies: [b"", *replies] if replies else []
-        assert port.read_all()
-        assert port.counters.timeouts == 0
-
-
 def test_a_hub_that_went_away_is_a_bad_read(protocol):
     with bus_of(2) as bus, port_to(bus, protocol) as port:
         port.discover()

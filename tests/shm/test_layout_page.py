@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
-import importlib
-import itertools
-import mmap
-import os
 import re
-import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -22,75 +14,14 @@ import pytest
 from shm import control_page as page
 from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring, wakeup
 from shm.commands import COMMANDS
-from shm.control_page import STATES, ControlPage, create_control
+from shm.control_page import STATES
 from shm.directory import create_ring
 from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
-from shm.mailbox import Mailbox
-from shm.mailbox_map import COMMAND_SCHEMA, QUEUES_AT, REPLY_SCHEMA, create_mailbox
-from shm.place import take_place
+from shm.mailbox_map import COMMAND_SCHEMA, REPLY_SCHEMA
 from shm.ring import RingWriter
-from shm.segment import NAME, Segment, SegmentError, path_of, segment_name
+from shm.segment import NAME, Segment, segment_name
 from shm.topics import TOPICS, Field, Topic
-
-ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / "docs" / "shared-memory.md").read_text(encoding="utf-8")
-Row = dict[str, str]
-
-
-@dataclass(frozen=True)
-class Table:
-    """One table of the page: the heading it stands under, and its rows by column."""
-
-    heading: str
-    columns: tuple[str, ...]
-    rows: tuple[Row, ...]
-
-
-def cells(line: str) -> tuple[str, ...]:
-    return tuple(cell.strip().strip("`") for cell in line.strip().strip("|").split("|"))
-
-
-def tables() -> Iterator[Table]:
-    heading, lines = "", [*TEXT.splitlines(), ""]
-    for i, line in enumerate(lines):
-        if line.startswith("#"):
-            heading = line.strip("# ")
-        if line.startswith("|") and not lines[i - 1].startswith("|"):
-            block = list(itertools.takewhile(lambda text: text.startswith("|"), lines[i:]))
-            assert set(block[1]) <= set("|-"), "the second line of a table"
-            rows = tuple(dict(zip(cells(block[0]), cells(row), strict=True)) for row in block[2:])
-            yield Table(heading, cells(block[0]), rows)
-
-
-def table(heading: str, *columns: str) -> tuple[Row, ...]:
-    """The rows of the one table under a heading that begins with these columns."""
-    (found,) = [t for t in tables() if t.heading == heading and t.columns[: len(columns)] == columns]
-    return found.rows
-
-
-def records(number: int) -> dict[str, Row]:
-    """The tables that lay out a record: 0 control, 1 command, 2 reply, 3 clock."""
-    found = [t for t in tables() if t.columns[:4] == ("offset", "size", "dtype", "field")]
-    assert [t.heading for t in found] == ["Control page", "Mailbox", "Mailbox", "Clock page"]
-    return {row["field"]: row for row in found[number].rows}
-
-
-def places(form: str) -> list[tuple[int, int]]:
-    """(offset, size) of every member of a struct format without gaps."""
-    sizes = [struct.calcsize(f"<{part}") for part in re.findall(r"\d*[a-zA-Z]", re.sub(
-        r"(\d+)I", lambda m: "I" * int(m[1]), form.strip("<")))]
-    return list(zip(itertools.accumulate(sizes, initial=0), sizes, strict=False))
-
-
-def code(path: str) -> int:
-    module, name = path.rsplit(".", 1)
-    return int(getattr(importlib.import_module(module), name))
-
-
-def number(text: str) -> int:
-    """57, 2^59, or 2^59 − 2."""
-    base, power, minus = re.fullmatch(r"(\d+)(?:\^(\d+))?(?: − (\d+))?", text).groups("0")  # type: ignore[union-attr]
-    return int(base) ** int(power or 1) - int(minus) if "^" in text else int(base)
+from tests.shm.layout_page import ROOT, TEXT, code, number, places, records, table, tables
 
 
 def test_the_header_lies_where_the_page_says() -> None:
@@ -296,112 +227,3 @@ def test_the_fingerprint_is_found_as_the_page_tells(level: bytes) -> None:
     digest = hashlib.blake2b(schema.text, digest_size=8).digest()
     assert f"with the fingerprint {int.from_bytes(digest, 'little'):016x}:" in TEXT
     assert digest == level[16:24]
-
-
-class ByThePage:
-    """A segment seen through nothing but the numbers of the page."""
-
-    def __init__(self, name: str) -> None:
-        self.fd = os.open(path_of(name), os.O_RDWR)
-        rows = {row["name"]: (int(row["size"]), int(row["offset"])) for row in table("Header", "offset", "size")}
-        self.first = int.from_bytes(os.pread(self.fd, *rows["first"]), "little")
-        self.map = mmap.mmap(self.fd, int.from_bytes(os.pread(self.fd, *rows["size"]), "little"))
-
-    def lock(self, at: int) -> bool:
-        (row,) = [row for t in tables() if "in the code" in t.columns for row in t.rows
-                  if row.get("constant") == "F_OFD_SETLK"]
-        try:
-            fcntl.fcntl(self.fd, int(row["value"]), struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, at, 1, 0))
-        except BlockingIOError:
-            return False
-        return True
-
-    def close(self) -> None:
-        self.map.close()
-        os.close(self.fd)
-
-
-def offset(rows: dict[str, Row], field: str) -> int:
-    return int(rows[field]["offset"])
-
-
-class MailByThePage(ByThePage):
-    """A mailbox seen so."""
-
-    def __init__(self, system: str, instance: str) -> None:
-        super().__init__(segment_name(system, instance, "mailbox"))
-        self.layout = [(int(row["offset from B"]), int(row["bytes each"])) for row in table("Mailbox", "offset from B")]
-        (self.sent, _), (self.taken, _), (self.answered, _), (self.locks, _), (self.holders, _), (self.queues, _) = [
-            (self.first + 16 + at, size) for at, size in self.layout]
-        self.commands, self.command_bytes = map(int, re.findall(r"command slot n mod (\d+), (\d+) bytes each", TEXT)[0])
-        self.replies, self.reply_bytes = map(int, re.findall(r"reply slot n mod (\d+), (\d+) bytes each", TEXT)[0])
-
-    def sign(self, place: int, pid: int, program: bytes) -> None:
-        struct.pack_into("<I60s", self.map, self.holders + place * self.layout[4][1], pid, program)
-
-    def send(self, place: int, n: int, code: int, values: tuple[float, ...], stamp_ns: int) -> None:
-        at, fields = self.queues + place * self.layout[5][1] + n % self.commands * self.command_bytes, records(1)
-        for form, field, value in (("<q", "stamp_ns", stamp_ns), ("<Q", "id", n), ("<H", "code", code),
-                                   ("<H", "count", len(values)), ("64s", "text", b"by hand"),
-                                   (f"<{len(values)}d", "values", values)):
-            struct.pack_into(form, self.map, at + offset(fields, field), *np.atleast_1d(value).tolist())
-        struct.pack_into("<Q", self.map, self.sent + 8 * place, n)
-
-    def reply(self, place: int, n: int) -> tuple[int, int, int, bytes]:
-        """Sequence, id, outcome and text of a reply."""
-        at = self.queues + place * self.layout[5][1] + self.commands * self.command_bytes
-        at, fields = at + n % self.replies * self.reply_bytes, records(2)
-        text = at + offset(fields, "text")
-        numbers = (struct.unpack_from("<Q", self.map, at + offset(fields, name))[0] for name in ("sequence", "id"))
-        return (*numbers, self.map[at + offset(fields, "outcome")],
-                self.map[text : text + int(fields["text"]["size"])].rstrip(b"\0"))
-
-
-def test_a_client_made_from_the_page_is_served(system: str) -> None:
-    create_mailbox(system, "PSM1", "arm")
-    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
-    assert [size for _, size in seen.layout[:4]] == [8, 8, 8, 1]
-    assert seen.layout[5] == (QUEUES_AT, seen.commands * seen.command_bytes + seen.replies * seen.reply_bytes)
-    ours = take_place(system, "PSM1")  # has place 0
-    assert not seen.lock(seen.locks) and seen.lock(seen.locks + 1)
-    for n in range(1, 40):
-        seen.send(1, n, ARM.index("move_jp"), (n, 0.5), 5)
-        (got,) = owner.drain()
-        assert (got.name, got.id, got.sent_ns, got.text, got.values.tolist()) == ("move_jp", n, 5, "by hand", [n, 0.5])
-        assert struct.unpack_from("<Q", seen.map, seen.taken + 8) == (n,)
-        got.refuse(f"no {n}")
-        assert struct.unpack_from("<Q", seen.map, seen.answered + 8) == (n,)
-        assert seen.reply(1, n) == (n, n, received.REFUSED, f"no {n}".encode())
-    assert ours.poll() == []
-    for end in (ours, owner, seen):
-        end.close()
-
-
-def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> None:
-    create_mailbox(system, "PSM1", "arm")
-    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
-    for place in range(mailbox_map.CLIENTS):
-        assert seen.lock(seen.locks + place)
-        seen.sign(place, os.getpid(), "größer".encode())
-    with pytest.raises(SegmentError, match=rf"taken: größer \(pid {os.getpid()}, 16 places\); close one"):
-        take_place(system, "PSM1")
-    seen.send(3, 1, ARM.index("move_jp"), (1.0,), 5)
-    stops = mailbox_map.RESERVED
-    assert seen.lock(seen.locks + stops)
-    seen.sign(stops, os.getpid(), b"by hand")
-    seen.send(stops, 1, ARM.index("hold"), (), 6)
-    assert [got.name for got in owner.drain()] == ["hold"]
-    assert seen.reply(3, 1) == (1, 1, received.REFUSED, f"stopped by by hand (pid {os.getpid()})".encode())
-    for end in (owner, seen):
-        end.close()
-
-
-def test_a_sleeper_made_from_the_page_is_woken(system: str) -> None:
-    create_control(system, "PSM1")
-    page, seen = ControlPage(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
-    word = seen.first + offset(records(0), "wakeup")
-    seen.map[word : word + 4] = struct.pack("<I", 1)
-    page.wakeup().wake()
-    assert struct.unpack_from("<I", seen.map, word) == (0,)
-    seen.close()
-    page.close()

@@ -1,4 +1,4 @@
-"""Rings: every verb against a plain list, loss counted exactly, writers that die, and real processes at full speed."""
+"""Rings: every verb against a plain list, loss counted exactly, and writers that die."""
 
 from __future__ import annotations
 
@@ -347,60 +347,6 @@ def check(step: str, reader: RingReader, model: Model, written: list[int]) -> No
         kept = written[-(DEPTH - 1):]
         assert reader.since(stamp)["value"].tolist() == [v for v in kept if 1000 + v >= stamp]
     assert reader.lost == model.lost and reader.torn == 0
-
-
-STRESS = Topic("stress", "io", 0, 0, (Field("check", "<u8", "", "sum"), Field("data", "(27,)<u8", "", "numbers")),
-               depth=3)
-STRESS_WRITER = """
-import sys, time
-import numpy as np
-from shm.ring import RingWriter
-from shm.segment import Segment
-writer = RingWriter(Segment(sys.argv[2], write=True), "io")
-check, data = writer.field("check"), writer.field("data")
-add = np.arange(27, dtype=np.uint64)
-end = time.monotonic() + float(sys.argv[3])
-while time.monotonic() < end:
-    for _ in range(100):
-        np.add(add, np.uint64(writer.sequence * 0x9E3779B9), out=data)
-        check[...] = data.sum()
-        writer.publish(time.monotonic_ns())
-writer.publish(1)  # the last one
-print(writer.sequence)
-"""
-STRESS_READER = """
-import sys, time
-from shm.ring import RingReader
-from shm.segment import Segment
-reader = RingReader(Segment(sys.argv[2]))
-verb = getattr(reader, sys.argv[3])
-check, data = reader.field("check"), reader.field("data")
-print("ready", flush=True)
-good = bad = backwards = last = 0
-end = time.monotonic() + 60
-while reader.stamp_ns != 1 and time.monotonic() < end:
-    if verb():
-        if int(data.sum()) == int(check[()]): good += 1
-        else: bad += 1
-        if reader.sequence < last or reader.sequence != int(reader.field("sequence")[()]): backwards += 1
-        last = reader.sequence
-print(good, bad, backwards)
-"""
-
-
-@pytest.mark.slow
-def test_no_record_is_torn_at_full_speed(world: Any) -> None:
-    create_ring(world.name, "io", STRESS, {}, {})
-    name = segment_name(world.name, "io", "stress")
-    readers = [world.start(STRESS_READER, name, verb) for verb in ("newest", "newest", "next")]
-    assert all(r.stdout.readline() == "ready\n" for r in readers)
-    writer = world.start(STRESS_WRITER, name, "1.0")
-    written = int(world.finish(writer))
-    counts = [tuple(map(int, world.finish(r).split())) for r in readers]
-    world.remove()
-    assert written > 1000
-    assert all(good > 1 for good, _, _ in counts), counts
-    assert all((bad, backwards) == (0, 0) for _, bad, backwards in counts), counts
 
 
 @pytest.mark.parametrize("stamp", [-(2**63), -1, 2**63 - 1])

@@ -13,7 +13,7 @@ import numpy as np
 from procs.document.cart import CLASSIC, FIXED, SI, Cart, CartArm, channel_inputs
 from procs.suj.multiplexer import PLUGS
 from shm.origins import Origin
-from tests.arm.fake_io import CHAIN, EYE
+from tests.arm.arm_configs import CHAIN, EYE
 from tests.suj.harness import FakeSetupReports
 
 MS = 1_000_000

@@ -25,7 +25,7 @@ from procs.suj.setups import Setups
 from procs.suj.si import Si
 from shm.origins import Origin
 from shm.topics import SUJ_SETPOINT, SUJ_STATE
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.suj.fake_cart import BUTTONS, MS, NAMES, FakeCartIo, FakeOwnCell, FakePotLink, LoggedReports, cart_of
 from tests.suj.harness import FakeMemory, FakeRing
 from tests.traces import Mishaps, Trace, shown

@@ -26,7 +26,7 @@ from shm.layout import schema_of
 from shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
 from shm.origins import Origin
 from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 
 PERIOD_NS = 1_000_000
 SECOND = 1_000_000_000

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, TeleopHarness
 from tests.teleop.test_problems import show
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from shm.origins import Origin
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import TeleopHarness
 
 PERSON = Origin(77, 3, "trocar send")

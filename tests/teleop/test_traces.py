@@ -14,7 +14,7 @@ import pytest
 from procs.teleop.teleop import Teleop
 from shm.operator_topics import TELEOP_STATE
 from shm.origins import Origin
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, FakeTeleopArm, TeleopHarness
 from tests.traces import Mishaps, Trace, shown
 

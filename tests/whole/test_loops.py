@@ -24,7 +24,7 @@ from procs.teleop.psm import TeleopPsm
 from procs.teleop.third_party import ThirdPartyArm
 from shm.origins import Origin
 from tests import stock
-from tests.arm.fake_io import FakeRequest
+from tests.arm.fake_requests import FakeRequest
 from tests.suj.fake_cart import cart_of
 from tests.whole.stub_node import StubNode
 

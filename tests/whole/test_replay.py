@@ -21,7 +21,8 @@ from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord as IoRecord
 from shm.layout import schema_of
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
-from tests.arm.fake_io import FakeReports, FakeRequest, Record, View
+from tests.arm.fake_io import Record, View
+from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
 
 FILE: Final = Path(__file__).with_name("replay.npz")

@@ -1,0 +1,60 @@
+"""The UDP port and its clock: a simulated one may stand still, and empty datagrams end no wait in real time."""
+
+from __future__ import annotations
+
+import select
+import time
+
+import pytest
+
+from procs.io.bus import discovery
+from procs.io.bus.port import BROADCAST_QUERY
+from tests.io.stub_bus import bus_of, udp_port_to
+
+
+def port_to(bus, protocol=BROADCAST_QUERY, **options):
+    options.setdefault("exclusive", False)
+    options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
+    ids = [board.board for board in bus.boards]
+    now_ns = options.pop("now_ns", time.monotonic_ns)
+    return udp_port_to(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)
+
+
+@pytest.fixture(autouse=True)
+def quick_scan(monkeypatch):
+    """Fourteen silent nodes at 20 ms each would be most of the time here."""
+    monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (2, 20, 100))
+
+
+def test_a_simulated_clock_may_stand_still():
+    with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=None) as port:
+        port.discover()
+
+        def slow(request, replies):
+            select.poll().poll(20)
+            return replies
+
+        bus.fault = slow
+        assert port.read_all()
+        assert port.recv_ns == 1234
+        assert port.counters.timeouts == 0
+
+
+def test_an_empty_datagram_ends_the_wait_while_time_stands_still():
+    with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=20_000) as port:
+        port.discover()
+        began = time.monotonic()
+        bus.fault = lambda request, replies: [b""] if replies else []
+        assert not port.read_all()
+        assert time.monotonic() - began < 10
+        assert port.counters.timeouts == 1
+        bus.fault = lambda request, replies: replies
+        assert port.read_all()
+
+
+def test_an_empty_datagram_of_a_stranger_ends_no_wait_in_real_time():
+    with bus_of(3) as bus, port_to(bus, deadline_ms=5_000) as port:
+        port.discover()
+        bus.fault = lambda request, replies: [b"", *replies] if replies else []
+        assert port.read_all()
+        assert port.counters.timeouts == 0
