@@ -7,8 +7,8 @@ import pytest
 from procs import codes
 from procs.wishes import OFF, ON
 from shm.origins import Origin
+from tests.io.fault_rows import braked
 from tests.io.harness import FakeCommand, IoHarness
-from tests.io.test_io_fault_matrix import braked
 from tests.io.test_io_persons import FakeCell
 
 OLD, NEW = Origin(77, 0, "trocar home"), Origin(78, 1, "trocar home")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procs.fpga import blocks
-from tests.io.test_io_fault_matrix import BUTTON, RELEASED_A, brake_a, braked, is_off, lose_packets, reported, working
+from tests.io.fault_rows import BUTTON, RELEASED_A, brake_a, braked, is_off, lose_packets, reported, working
 
 
 def test_one_bad_packet_changes_nothing_but_a_warning() -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.io.test_io_fault_matrix import (
+from tests.io.fault_rows import (
     ENGAGED_A,
     NUMBERS,
     brake_a,
