@@ -208,6 +208,25 @@ class RingReader:
         return self._target
 
     @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Where our map, and our private copy, begin in memory, and the first slot: for code that is not Python.
+
+        Good until `close`, as such code does not ask.
+        """
+        maps = np.frombuffer(self._segment.view, np.uint8).ctypes.data
+        return maps, np.frombuffer(self._target, np.uint8).ctypes.data, maps + self._segment.header.first
+
+    @property
+    def depth(self) -> int:
+        """Slots, of which one is always busy."""
+        return self._depth
+
+    @property
+    def stride(self) -> int:
+        """Bytes from one slot to the next."""
+        return self._segment.header.stride
+
+    @property
     def head(self) -> int:
         """Sequence of the newest record, 0: none; one load, for polling."""
         return int(self._words[HEAD])

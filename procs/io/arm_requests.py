@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.record import IoRecord
+from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
 from procs.wishes import NONE, OFF, ON, WISHES, Order
@@ -30,8 +30,6 @@ ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 class WishState:
     """How far io is with the wishes of one robot."""
 
-    taken: int = 0  # the newest generation
-    open: bool = False  # something of the newest generation is not yet so
     reported: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
     refusals: list[str] = field(default_factory=list)  # of this cycle
 
@@ -87,44 +85,51 @@ class ArmRequests:
         self._report = report or (lambda asked, outcome, reason: None)
         self._flags: list[NDArray[Any]] = [getattr(record, wish.shown) for wish in WISHES]
         self._states = [WishState() for _ in robots.names]
+        count = len(robots.names)
+        self.taken: NDArray[np.uint32] = np.zeros(count, dtype=np.uint32)  # the newest generation
+        self.open: Flags = np.zeros(count, dtype=bool)  # something of the newest generation is not yet so
+        self.has_news = True
+        """Some fresh record has another generation, or something of the newest is not yet so."""
         self._cut = record.wish_refused.dtype.itemsize
 
     def void(self, robot: int, reason: str = "") -> None:
         """The present generation of this robot counts for nothing from now on; `reason` where nothing else says it."""
-        record, state = self._record, self._states[robot]
+        record = self._record
         for follower in self._follow.followers:
-            if follower.robot == robot and follower.is_fresh:
+            if follower.robot == robot and self._follow.is_fresh[follower.place]:
                 self._take(robot, follower.source.wishes.generation.item())
-        state.open = False
+        self.open[robot] = False
         record.wish_void[robot] = True
         record.wish_refused[robot] = shorten(reason, self._cut)
 
     def due(self) -> Iterator[WishCommand]:
         """What is wanted and not so, as commands, to be carried out one by one."""
+        if not self.has_news:
+            return
         for follower in self._follow.followers:
-            if follower.is_fresh:
+            if self._follow.is_fresh[follower.place]:
                 self._take(follower.robot, follower.source.wishes.generation.item())
-                if self._states[follower.robot].open:
+                if self.open[follower.robot]:
                     yield from self._open(follower)
 
     def _take(self, robot: int, generation: int) -> None:
         record, state = self._record, self._states[robot]
-        if generation not in (0, state.taken):
+        if generation not in (0, self.taken[robot]):
             record.wish_generation[robot], record.wish_void[robot], record.wish_refused[robot] = generation, False, b""
-            state.taken, state.open, state.reported = generation, True, set()
+            self.taken[robot], self.open[robot], state.reported = generation, True, set()
 
     def _open(self, follower: TrackedRobot) -> Iterator[WishCommand]:
         robot, fields, record = follower.robot, follower.source.wishes, self._record
         state, origin = self._states[robot], fields.origin
         state.refusals.clear()
-        state.open = False
+        self.open[robot] = False
         for wish, cell, flag in zip(WISHES, fields.wanted, self._flags, strict=True):
             wanted = cell.item()
             order = wish.on if wanted == ON else wish.off if wanted == OFF else ("", ())
             if wanted == NONE or not order[0] or bool(flag[robot]) is (wanted == ON):
                 continue
-            yield WishCommand(self._robots.names[robot], order, state.taken, origin, state, self._report)
-            state.open |= bool(flag[robot]) is not (wanted == ON)
+            yield WishCommand(self._robots.names[robot], order, int(self.taken[robot]), origin, state, self._report)
+            self.open[robot] |= bool(flag[robot]) is not (wanted == ON)
         refused = shorten("; ".join(dict.fromkeys(state.refusals)), self._cut)
         if refused != record.wish_refused[robot]:
             record.wish_refused[robot] = refused

@@ -89,7 +89,7 @@ class RobotIo:
         self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
         self.safety = Safety(robots, samples, record, self.reports)
         self._bias = Bias(robots, port, samples, record, self.reports)
-        self._follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
+        self.follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self.digital_outputs = DigitalOutputs(robots, port, record)
         self.instruments = InstrumentReaders(robots, port, self.reports, instruments)
@@ -97,13 +97,13 @@ class RobotIo:
         self._idle_outputs = IdleOutputs(robots, record, self.digital_outputs, self.reports)
         self.buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
-        self.stages = stages(self)
         cells = cells or [NoFaults() for _ in robots.names]
-        wishes = ArmRequests(robots, record, self._follow, report)
-        self._commands = IoCommands(robots, record, self.power, self._bias, self._follow, self.pid, self.safety,
+        self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
+        self._commands = IoCommands(robots, record, self.power, self._bias, self.follow, self.pid, self.safety,
                                     self._brakes, self.digital_outputs, self.gains, self.instruments, self._axis_drive,
                                     cells, wishes)
-        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, self.power, self._bias,
+        self.stages = stages(self)
+        self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, self.power, self._bias,
                                            self._brakes, cells, wishes)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
@@ -138,7 +138,10 @@ class RobotIo:
         with np.errstate(all="ignore"):
             self.port.ask_all()
             # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
-            self._follow.receive(read_ns)
+            news = self.stages.track(read_ns)
+            self.wishes.has_news = news >= self.follow.wishes_bit
+            if news & ~self.follow.wishes_bit:
+                self.follow.receive(read_ns, news)
             self.good = good = self.port.read_all()
             now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
             if good:
@@ -324,5 +327,5 @@ class RobotIo:
         self._idle_outputs.shutdown()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
-            self._follow.enable(robot, False, now_ns)
+            self.follow.enable(robot, False, now_ns)
             self.power.off(robot)

@@ -185,7 +185,7 @@ class KinematicIo:
         record, reports = self.record, self.reports
         record.valid[...] = record.robot_valid[...] = True
         with np.errstate(all="ignore"):
-            self._follow.receive(now_ns)
+            self._follow.receive(now_ns, self._follow.everybody)
             self._commands.execute(commands, now_ns)
             if reports.trips:
                 self._fault_handler.act(now_ns)
@@ -205,7 +205,7 @@ class KinematicIo:
         np.subtract(pid.setpoint_position, record.position, out=step, where=self._driven)
         np.copyto(record.position, pid.setpoint_position, where=self._driven)
         for robot, axes in enumerate(self.robots.slices):
-            stamp_ns = self._follow.stamp_ns(robot)
+            stamp_ns = self._follow.newest_ns(robot)
             since_ns = stamp_ns - self._stamps_ns[robot]
             if not record.pid_enabled[robot] or now_ns - stamp_ns > MOVING_NS:
                 record.velocity[axes] = 0.0

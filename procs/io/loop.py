@@ -28,7 +28,7 @@ class RingSource:
     """The setpoint ring of an arm as a `SetpointSource`."""
 
     def __init__(self, ring: RingReader) -> None:
-        self._ring, self.newest = ring, ring.newest
+        self.ring, self.newest = ring, ring.newest
         self.mode, self.has_velocity, self.count = (ring.field(n) for n in ("mode", "has_velocity", "count"))
         self.in_effort = ring.field("in_effort")
         self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
@@ -39,7 +39,7 @@ class RingSource:
     @property
     def stamp_ns(self) -> int:
         """Stamp of the newest record, 0: there was none yet."""
-        return self._ring.stamp_ns
+        return self.ring.stamp_ns
 
 
 class IoLoop(runtime.Loop):

@@ -22,6 +22,7 @@ from procs.io.pid import Pid
 from procs.io.record import Field, Flags, Floats, IoRecord
 from procs.io.reports import IoReports, also
 from procs.io.robots import Robots
+from procs.io.setpoint_rings import rings_of
 from procs.wishes import WISHES
 from shm.origins import Origin
 
@@ -71,17 +72,12 @@ class SetpointSource(Protocol):
 class TrackedRobot:
     """One controlled robot and where its setpoints come from."""
 
+    place: int  # in the arrays of SetpointTracker
     robot: int
     axes: slice
     arm: str
     source: SetpointSource
-    is_fresh: bool = False  # the newest record is
-    stamp_ns: int = 0
-    fresh_ns: int = 0  # stamp of the last fresh setpoint, or when the controller was enabled
-    resting: bool = True  # nothing is asked for
-    velocity: bool = False
     in_effort: bytes = b""  # as the newest setpoint had it; empty: none of the actuators
-    own: bool = True  # the present setpoint is ours (enable, take-over): limits do not move it
     lost: bool = False
     off: bool = False
 
@@ -96,23 +92,41 @@ class SetpointTracker:
         n = robots.axes
         self._io, self._robots, self._samples, self._pid = io, robots, samples, pid
         self._record, self._reports = record, reports
-        self._timeout_ns = round(io.setpoint_timeout_s * 1e9)
+        self.timeout_ns = round(io.setpoint_timeout_s * 1e9)
         self._lost_ns = round(io.arm_lost_s * 1e9)
         self._off_ns = round(io.arm_lost_power_off_s * 1e9)
-        self._incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as they came
+        self.incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as they came
         self._finite: NDArray[np.bool_] = np.ones((4, n), dtype=bool)
-        pid.requested_effort, pid.feed_forward = self._incoming[2], self._incoming[3]
-        self._low, self._high = np.full(n, -np.inf), np.full(n, np.inf)
-        self._dirty = False
-        self.followers = []
+        pid.requested_effort, pid.feed_forward = self.incoming[2], self.incoming[3]
+        self.low, self.high = np.full(n, -np.inf), np.full(n, np.inf)
+        self.dirty: Flags = np.zeros(1, dtype=bool)
+        self.followers: list[TrackedRobot] = []
         for row, source in zip(io.pids, sources, strict=True):
             robot = robots.names.index(row.robot)
-            self.followers.append(TrackedRobot(robot, robots.slices[robot], row.arm, source))
+            self.followers.append(TrackedRobot(len(self.followers), robot, robots.slices[robot], row.arm, source))
         self._of_robot = {f.robot: f for f in self.followers}
+        self.count = count = len(self.followers)
+        self.rings = rings_of(sources)
+        self.robot, self.first, self.axes = (np.array(values, dtype=np.int64) for values in (
+            [f.robot for f in self.followers], [f.axes.start for f in self.followers],
+            [f.axes.stop - f.axes.start for f in self.followers]))
+        self.everybody = (1 << count) - 1
+        """Bits of all robots, for `receive`."""
+        self.everything = (1 << count + 2) - 1
+        """The same, with one for what must still be applied and one, `wishes_bit`, for wishes that io has not done."""
+        self.wishes_bit = 1 << count + 1
+        self.is_fresh: Flags = np.zeros(count, dtype=bool)  # the newest record is
+        self.taken_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # stamp of the newest that was taken
+        self.fresh_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # of the last fresh one, or of the enable
+        self.resting: Flags = np.ones(count, dtype=bool)  # nothing is asked for
+        self.velocity: Flags = np.zeros(count, dtype=bool)
+        self.applies_effort: Flags = np.zeros(count, dtype=bool)
+        self.own: Flags = np.ones(count, dtype=bool)
+        """The present setpoint is ours (enable, take-over): limits do not move it."""
 
-    def stamp_ns(self, robot: int) -> int:
+    def newest_ns(self, robot: int) -> int:
         """Stamp of the newest setpoint that was taken of the robot's arm; 0: none."""
-        return self._of_robot[robot].stamp_ns if robot in self._of_robot else 0
+        return int(self.taken_ns[self._of_robot[robot].place]) if robot in self._of_robot else 0
 
     def controlled(self, robot: int) -> bool:
         """Whether the robot has a joint controller."""
@@ -125,10 +139,11 @@ class SetpointTracker:
             return
         axes = follower.axes
         self._pid.enable(axes, on, self._samples.position)
-        self._incoming[:, axes] = 0.0
+        self.incoming[:, axes] = 0.0
         self._stay(follower, np.ones(axes.stop - axes.start, dtype=bool))
-        follower.resting, follower.velocity, follower.fresh_ns = True, False, now_ns
-        follower.in_effort = b""
+        place = follower.place
+        self.resting[place], self.velocity[place], self.fresh_ns[place] = True, False, now_ns
+        self._note_efforts(follower, b"")
         follower.lost = follower.off = False
         record.pid_enabled[robot] = on
         record.holding[robot] = False
@@ -143,8 +158,8 @@ class SetpointTracker:
         self._record.limits_enforced[robot] = on
         follower = self._of_robot.get(robot)
         if follower is not None:
-            self._incoming[0, axes] = self._pid.setpoint_position[axes]
-            follower.own = True
+            self.incoming[0, axes] = self._pid.setpoint_position[axes]
+            self.own[follower.place] = True
             self._limit(follower)
         return ""
 
@@ -152,28 +167,32 @@ class SetpointTracker:
         """Use the velocity feed of setpoints."""
         self._record.use_setpoint_velocity[robot] = on
 
-    def receive(self, now_ns: int) -> None:
-        """Newest setpoints of all arms, then what the joint controller is to follow."""
+    def receive(self, now_ns: int, which: int) -> None:
+        """Newest setpoints of some arms (bits of `which`), then what the joint controller is to follow."""
         record = self._record
         for follower in self.followers:
+            place = follower.place
+            if not which >> place & 1:
+                continue
             source = follower.source
-            stamp_ns = source.stamp_ns if source.newest() else 0  # what is not whole was never there
+            is_whole = source.newest() if self.rings is None else self.rings.newest(place)
+            stamp_ns = source.stamp_ns if is_whole else 0  # what is not whole was never there
             if stamp_ns < 0:
                 stamp_ns = 0  # no clock of ours says that
             age_ns = now_ns - stamp_ns
             robot = follower.robot
             record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1
-            follower.is_fresh = stamp_ns != 0 and -self._timeout_ns <= age_ns <= self._timeout_ns
+            is_fresh = self.is_fresh[place] = stamp_ns != 0 and -self.timeout_ns <= age_ns <= self.timeout_ns
             if not record.pid_enabled[robot]:
                 continue
-            if follower.is_fresh:
-                follower.fresh_ns = stamp_ns
-                if stamp_ns != follower.stamp_ns or follower.resting:
-                    follower.stamp_ns = stamp_ns
+            if is_fresh:
+                self.fresh_ns[place] = stamp_ns
+                if stamp_ns != self.taken_ns[place] or self.resting[place]:
+                    self.taken_ns[place] = stamp_ns
                     self._take(follower)
             else:
                 self._stale(follower, now_ns)
-        if self._dirty:
+        if self.dirty[0]:
             self._apply(now_ns)
 
     def _take(self, follower: TrackedRobot) -> None:
@@ -188,31 +207,32 @@ class SetpointTracker:
         if source.mode.item() != DRIVE or not meant or source.count.item() != count:
             self._rest(follower)
             return
-        follower.resting = False
-        incoming = self._incoming
+        place = follower.place
+        self.resting[place] = False
+        incoming = self.incoming
         incoming[0, axes] = source.position[:count]
         incoming[3, axes] = source.feed_forward[:count]
         velocity = bool(source.has_velocity.item() and record.use_setpoint_velocity[robot])
         if velocity:
             incoming[1, axes] = source.velocity[:count]
-        if velocity != follower.velocity:
+        if velocity != self.velocity[place]:
             self._carry_velocity(follower, velocity)
         in_effort = source.in_effort[:count].tobytes()
         if in_effort != (follower.in_effort or bytes(count)):
-            follower.in_effort = in_effort if any(in_effort) else b""
+            self._note_efforts(follower, in_effort if any(in_effort) else b"")
             self._pid.use_effort(axes, np.frombuffer(in_effort, np.uint8) != 0)
             incoming[2, axes] = 0.0
             self._limit(follower)
         if follower.in_effort:
             self._pass_efforts(source, axes, count)
-        if follower.own:
-            follower.own = False
+        if self.own[place]:
+            self.own[place] = False
             self._limit(follower)
-        self._dirty = True
+        self.dirty[0] = True
 
     def _pass_efforts(self, source: SetpointSource, axes: slice, count: int) -> None:
         """Of actuators in effort mode the effort counts; the position is the measured one."""
-        incoming, in_effort = self._incoming, self._pid.effort_mode[axes]
+        incoming, in_effort = self.incoming, self._pid.effort_mode[axes]
         np.copyto(incoming[0, axes], self._samples.position[axes], where=in_effort)
         np.copyto(incoming[1, axes], 0.0, where=in_effort)
         np.copyto(incoming[2, axes], source.effort[:count], where=in_effort)
@@ -220,8 +240,8 @@ class SetpointTracker:
     def _stale(self, follower: TrackedRobot, now_ns: int) -> None:
         """No fresh setpoint: hold; say so once, and again when the arm stays away."""
         record, robot = self._record, follower.robot
-        silent_ns = now_ns - follower.fresh_ns
-        if not record.holding[robot] and silent_ns > self._timeout_ns:
+        silent_ns = now_ns - int(self.fresh_ns[follower.place])
+        if not record.holding[robot] and silent_ns > self.timeout_ns:
             record.holding[robot] = True
             self._rest(follower)
             self._reports.status(f"no setpoint of {follower.arm}; holding", self._robots.names[robot])
@@ -235,27 +255,31 @@ class SetpointTracker:
 
     def _rest(self, follower: TrackedRobot) -> None:
         """Nothing is asked for: no velocity, and no effort without a position to hold."""
-        if follower.velocity:
+        if self.velocity[follower.place]:
             self._carry_velocity(follower, False)
-        follower.resting = True
+        self.resting[follower.place] = True
         if follower.in_effort:
-            follower.in_effort = b""
+            self._note_efforts(follower, b"")
             in_effort = self._pid.effort_mode[follower.axes].copy()
-            self._incoming[2, follower.axes] = 0.0
+            self.incoming[2, follower.axes] = 0.0
             self._pid.use_effort(follower.axes, False)
             self._stay(follower, in_effort)
 
+    def _note_efforts(self, follower: TrackedRobot, in_effort: bytes) -> None:
+        follower.in_effort = in_effort
+        self.applies_effort[follower.place] = bool(in_effort)
+
     def _carry_velocity(self, follower: TrackedRobot, on: bool) -> None:
-        follower.velocity = on
+        self.velocity[follower.place] = on
         if not on:
-            self._incoming[1, follower.axes] = 0.0
+            self.incoming[1, follower.axes] = 0.0
         self._pid.carry_velocity(follower.axes, on)
 
     def _stay(self, follower: TrackedRobot, which: Flags) -> None:
         """Hold these actuators at their measured positions, the others where they are held already."""
         axes = follower.axes
-        self._incoming[0, axes] = np.where(which, self._samples.position[axes], self._pid.setpoint_position[axes])
-        follower.own = self._dirty = True
+        self.incoming[0, axes] = np.where(which, self._samples.position[axes], self._pid.setpoint_position[axes])
+        self.own[follower.place] = self.dirty[0] = True
         self._limit(follower)
 
     def _limit(self, follower: TrackedRobot) -> None:
@@ -263,21 +287,21 @@ class SetpointTracker:
         axes, robots = follower.axes, self._robots
         free = self._pid.effort_mode[axes] | (not self._record.limits_enforced[follower.robot])
         low, high = np.where(free, -np.inf, robots.lower[axes]), np.where(free, np.inf, robots.upper[axes])
-        if follower.own:
-            low, high = np.minimum(low, self._incoming[0, axes]), np.maximum(high, self._incoming[0, axes])
-        self._low[axes], self._high[axes] = low, high
-        self._dirty = True
+        if self.own[follower.place]:
+            low, high = np.minimum(low, self.incoming[0, axes]), np.maximum(high, self.incoming[0, axes])
+        self.low[axes], self.high[axes] = low, high
+        self.dirty[0] = True
 
     def _apply(self, now_ns: int) -> None:
         """Clip all positions at once and hand everything to the joint controller."""
-        incoming, pid, record = self._incoming, self._pid, self._record
-        self._dirty = False
+        incoming, pid, record = self.incoming, self._pid, self._record
+        self.dirty[0] = False
         np.isfinite(incoming, self._finite)
         if b"\0" in self._finite.tobytes():
             self._refuse(now_ns)
         setpoint = pid.setpoint_position
-        np.maximum(incoming[0], self._low, out=setpoint)
-        np.minimum(setpoint, self._high, out=setpoint)
+        np.maximum(incoming[0], self.low, out=setpoint)
+        np.minimum(setpoint, self.high, out=setpoint)
         np.not_equal(setpoint, incoming[0], record.at_limit)
         pid.setpoint_velocity[...] = incoming[1]
 
@@ -288,5 +312,5 @@ class SetpointTracker:
             if bad.any():
                 self._reports.trip(codes.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))
                 self.enable(follower.robot, False, now_ns)
-        self._incoming[~np.isfinite(self._incoming)] = 0.0
-        self._dirty = False
+        self.incoming[~np.isfinite(self.incoming)] = 0.0
+        self.dirty[0] = False

@@ -16,14 +16,17 @@ from procs.io.pid import Pid
 from procs.io.power import Power
 from procs.io.robots import Samples
 from procs.io.safety import Safety
+from procs.io.setpoint_tracker import SetpointTracker
 from procs.kernel.fields import BoundStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
+from procs.kernel.track_fields import TRACK
 
 
 class Parts(Protocol):
     """Whose arrays the stages work on; the kernel finds them by these names (procs/kernel/io_fields.py)."""
 
+    follow: SetpointTracker
     samples: Samples
     power: Power
     safety: Safety
@@ -37,6 +40,8 @@ class Parts(Protocol):
 class Stages:
     """One call each a cycle, in this order."""
 
+    track: Callable[[int], int]
+    """Setpoints of now. Bits of robots that `SetpointTracker.receive` has to look at; see `everything` there."""
     decode: Callable[[], int]
     """Blocks to SI units and velocities. 1: status words or amplifiers have changed (`Power.step`)."""
     check: Callable[[], int]
@@ -54,13 +59,22 @@ class Stages:
 def stages(parts: Parts) -> Stages:
     """The quickest there are."""
     bound = bind(IO, parts)
-    return numpy_stages(parts, bound) if isinstance(bound, str) else kernel_stages(bound)
+    if isinstance(bound, str):
+        return numpy_stages(parts, bound)
+    tracked = bind(TRACK, parts) if parts.follow.rings is not None else "setpoints come from no ring"
+    return kernel_stages(bound, tracked, parts)
 
 
-def kernel_stages(bound: BoundStruct) -> Stages:
-    """By the kernel."""
+def kernel_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
+    """By the kernel, but for setpoints where `tracked` says why not."""
     decode, check, control, encode, show = map(bound.function, IO.functions)
-    return Stages(decode, check, control, encode, show)
+    if isinstance(tracked, str):
+        return Stages(_everybody(parts.follow), decode, check, control, encode, show, tracked)
+    return Stages(tracked.function("track"), decode, check, control, encode, show)
+
+
+def _everybody(follow: SetpointTracker) -> Callable[[int], int]:
+    return lambda now_ns: follow.everything
 
 
 def numpy_stages(parts: Parts, why: str) -> Stages:
@@ -79,4 +93,4 @@ def numpy_stages(parts: Parts, why: str) -> Stages:
         parts.digital_outputs.show()
         return parts.buttons.watch()
 
-    return Stages(decode, parts.safety.check, control, parts.outputs.encode, show, why)
+    return Stages(_everybody(parts.follow), decode, parts.safety.check, control, parts.outputs.encode, show, why)

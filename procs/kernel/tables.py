@@ -5,8 +5,9 @@ from typing import Final
 from procs.fpga import conversion, registers, velocity
 from procs.kernel.fields import CStruct
 from procs.kernel.io_fields import IO
+from procs.kernel.track_fields import TRACK
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO,)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK)
 
 CONSTANTS: Final = {
     "ACCELERATION_THRESHOLD": velocity.ACCELERATION_THRESHOLD,

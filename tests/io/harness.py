@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from procs.fpga import blocks, registers
 from procs.io.bus.port import BoardInfo, Counters
 from procs.io.cycle import RobotIo
 from procs.io.record import IoRecord, private
-from procs.io.setpoint_tracker import WishFields
+from procs.io.setpoint_tracker import SetpointSource, WishFields
 from procs.wishes import WISHES
 from shm.origins import Origin
 from shm.topics import SETPOINT
@@ -248,7 +249,9 @@ class FakeCommand:
 class IoHarness:
     """Core, boards, clock and arms; the arms are alive and ask for nothing unless told."""
 
-    def __init__(self, robot_count: int = 1, preset: bool = True, **changes) -> None:
+    def __init__(self, robot_count: int = 1, preset: bool = True, sources: Sequence[SetpointSource] = (),
+                 **changes) -> None:
+        """`sources`: where setpoints really come from, in place of `arms`."""
         self.io = document(robot_count, **changes)
         boards = sorted({d.board_id for r in self.io.robots for d in (*r.actuators, *r.brakes)}
                         | {i.board_id for i in self.io.digital_inputs})
@@ -259,7 +262,7 @@ class IoHarness:
                                        sum(len(r.brakes) for r in self.io.robots), len(self.io.digital_outputs))
         self.port.now_ns = self.clock
         self.arms_alive, self.held_up = True, False
-        self.core = RobotIo(self.io, self.port, self.clock, self.record, self.arms, np.full(axes, preset),
+        self.core = RobotIo(self.io, self.port, self.clock, self.record, sources or self.arms, np.full(axes, preset),
                             is_over=lambda: self.held_up)
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:

@@ -197,7 +197,7 @@ def test_farewell_switches_off_although_the_rest_is_broken(monkeypatch: pytest.M
     def broken(*_: object) -> None:
         raise IndexError("whatever ended the loop")
 
-    monkeypatch.setattr(harness.core._follow, "enable", broken)
+    monkeypatch.setattr(harness.core.follow, "enable", broken)
     with pytest.raises(IndexError):
         harness.core.shutdown()
     last = harness.port.sent[-1]

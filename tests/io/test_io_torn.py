@@ -28,10 +28,9 @@ class Torn:
         self.ring = directory.writer(system, "PSM1", "setpoint", "arm")
         self.reader = directory.reader(system, "PSM1", "setpoint", "arm")
         self.hand = Segment(segment_name(system, "PSM1", "setpoint"), write=True)
-        self.harness = IoHarness()
-        self.plain = self.harness.arms[0]
         self.source = RingSource(self.reader)
-        self.harness.core._follow.followers[0].source = self.source
+        self.harness = IoHarness(sources=[self.source])
+        self.plain = self.harness.arms[0]
         self.spoil: str = ""
 
     def run(self, cycles: int) -> None:

@@ -1,0 +1,50 @@
+"""Where the rings of setpoints lie in memory, for the kernel, which reads them by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shm.ring import RingReader
+from shm.segment import HEAD_AT
+
+Addresses = NDArray[np.int64]
+
+FIELDS: Final = ("stamp_ns", "mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation",
+                 "position", "velocity", "feed_forward", "wish_generation")
+"""What the kernel looks at, in the order of `SetpointRings.offsets`."""
+
+
+class SetpointRings:
+    """An array each, a place an arm; addresses are good until the rings are closed."""
+
+    def __init__(self, rings: Sequence[RingReader]) -> None:
+        self._rings, found = rings, [ring.addresses for ring in rings]
+        self.head: Addresses = np.array([begin + HEAD_AT for begin, _, _ in found], dtype=np.int64)
+        self.copy: Addresses = np.array([copy for _, copy, _ in found], dtype=np.int64)
+        self.slots: Addresses = np.array([slots for _, _, slots in found], dtype=np.int64)
+        self.depth: Addresses = np.array([ring.depth for ring in rings], dtype=np.int64)
+        self.stride: Addresses = np.array([ring.stride for ring in rings], dtype=np.int64)
+        self.seen: Addresses = np.zeros(len(rings), dtype=np.int64)
+        """Sequence of the newest record that the kernel has had."""
+        self.size = rings[0].dtype.itemsize if rings else 0
+        places = rings[0].dtype.fields if rings else None
+        self.offsets: Addresses = np.array([places[name][1] if places else 0 for name in FIELDS], dtype=np.int64)
+
+    def newest(self, place: int) -> bool:
+        """Take the newest record of an arm, as a reader that has seen what the kernel has."""
+        ring = self._rings[place]
+        ring.sequence = max(ring.sequence, int(self.seen[place]))
+        found = ring.newest()
+        self.seen[place] = ring.sequence
+        return found
+
+
+def rings_of(sources: Sequence[object]) -> SetpointRings | None:
+    """Of sources that have a ring each; None: some have none."""
+    rings = [getattr(source, "ring", None) for source in sources]
+    found = [ring for ring in rings if isinstance(ring, RingReader)]
+    return SetpointRings(found) if len(found) == len(rings) else None
