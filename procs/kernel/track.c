@@ -41,9 +41,9 @@ static int take(const Track *k, int64_t f, const uint8_t *record) {
   if (k->holding[robot] || k->applies_effort[f] || count > ROOM) return 0;
   int meant = word_at(record, o[BIAS]) == k->bias_generation[robot]
               && word_at(record, o[PID]) == k->pid_generation[robot];
-  if (record[o[MODE]] != DRIVE || !meant || record[o[COUNT]] != count) return k->resting[f] && !k->velocity_used[f];
+  if (record[o[MODE]] != DRIVE || !meant || record[o[COUNT]] != count) return k->resting[f] && !k->follows_velocity[f];
   int velocity = record[o[HAS_VELOCITY]] && k->uses_velocity[robot];
-  if (k->own[f] || velocity != k->velocity_used[f] || memcmp(record + o[IN_EFFORT], nobody, count)) return 0;
+  if (k->own[f] || velocity != k->follows_velocity[f] || memcmp(record + o[IN_EFFORT], nobody, count)) return 0;
   k->resting[f] = 0;
   memcpy(k->incoming + at, record + o[POSITION], sizeof(double) * count);
   if (velocity) memcpy(k->incoming + k->n + at, record + o[VELOCITY], sizeof(double) * count);

@@ -16,7 +16,7 @@ TRACK: Final = CStruct("Track", (
     *rows("i8", "11", offsets="follow.rings.offsets"),
     # what has come of each robot
     *rows("i8", "followers", taken_ns="follow.taken_ns", fresh_ns="follow.fresh_ns"),
-    *rows("b1", "followers", is_fresh="follow.is_fresh", resting="follow.resting", velocity_used="follow.velocity",
+    *rows("b1", "followers", is_fresh="follow.is_fresh", resting="follow.resting", follows_velocity="follow.velocity",
           applies_effort="follow.applies_effort", own="follow.own"),
     *rows("b1", "1", dirty="follow.dirty"),
     *rows("i8", "robots", age_ns="record.setpoint_age_ns"),
