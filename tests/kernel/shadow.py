@@ -60,9 +60,9 @@ def shadowed(parts: Parts) -> Stages:
     """Stages that are done both ways."""
     bound = bind(IO, parts)
     assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
-    kernel, by_numpy = kernel_stages(bound), numpy_stages(parts, "")
-    names = [row.name for row in dataclasses.fields(Stages) if row.name in IO.functions]
-    return Stages(*(partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name)) for name in names))
+    kernel, by_numpy = kernel_stages(bound, "not here", parts), numpy_stages(parts, "")
+    return dataclasses.replace(kernel, **{
+        name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name)) for name in IO.functions})
 
 
 def pytest_configure() -> None:
