@@ -1,6 +1,6 @@
-"""Every stage of io by the kernel and by numpy, from the same memory: they must leave the same, to the bit.
+"""Every stage of io and boards by the kernel and by numpy, from the same memory: they must leave the same, to the bit.
 
-As a plug-in of pytest (`-p tests.kernel.shadow`) it does so for every cycle of every io of the tests that are run.
+As a plug-in of pytest (`-p tests.kernel.shadow`) it does so for every cycle of all tests that are run.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from functools import partial
 
 import numpy as np
 
+import procs.boards.stages
 import procs.io.cycle
 from procs.io.stages import Parts, Stages, kernel_stages, numpy_stages
-from procs.kernel.fields import BoundStruct
+from procs.kernel.fields import BoundStruct, CStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
 
@@ -65,9 +66,17 @@ def shadowed(parts: Parts) -> Stages:
         name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name)) for name in IO.functions})
 
 
+def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
+    """Stages of boards that are done both ways."""
+    bound = bind(table, source)
+    assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
+    return tuple(partial(both, name, bound, bound.function(name), getattr(source, name)) for name in table.functions)
+
+
 def pytest_configure() -> None:
-    """From now on every io is compared."""
+    """From now on every io and all boards are compared."""
     procs.io.cycle.stages = shadowed
+    procs.boards.stages.chosen = chosen_both
 
 
 def pytest_sessionfinish() -> None:

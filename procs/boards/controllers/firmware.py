@@ -44,9 +44,10 @@ class Firmware:
         self.ids = tuple(model.board_id for model in models)
         self.boards = tuple(Board(model) for model in models)
         self.power = BoardPower(models, lines.on)
-        self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models))
         self.motors = Motors(models, lines, self.power)
         self.samples = BoardSamples(models, self.width)
+        self.encoders = Encoders(self.count, self.width, tuple(model.quirks for model in models), self.samples.rows,
+                                 self.samples.first_encoder)
         self._differences = Differences(models, lines, self.power, self.motors, self.samples)
         self._espms = {row: Espm(row, self.boards[row], lines, self.power, self.motors, self.samples)
                        for row, model in enumerate(models) if model.hardware.name == "dRA1"}
@@ -107,7 +108,7 @@ class Firmware:
         """Bring what real-time blocks show of all boards up to `tick`; time stamps are left alone."""
         samples, encoders, power = self.samples, self.encoders, self.power
         encoders.observe(tick)
-        encoders.words(tick, samples.encoders)
+        encoders.words(tick)
         if self._seen_changes != power.changes:
             self._seen_changes = power.changes
             samples.status[...] = power.status

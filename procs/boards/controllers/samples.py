@@ -27,19 +27,19 @@ class BoardSamples:
         """Nothing sampled yet."""
         n = len(models)
         self._models, self._width = models, width
-        self._rows: Quads = np.zeros((n, BLOCK + SCALARS + KINDS * width), dtype=np.uint32)
-        self.head, block = self._rows[:, HEAD], self._rows[:, BLOCK:]
+        self.rows: Quads = np.zeros((n, BLOCK + SCALARS + KINDS * width), dtype=np.uint32)
+        self.head, block = self.rows[:, HEAD], self.rows[:, BLOCK:]
         self._stamp = block[:, blocks.TIMESTAMP]
         self.status, self.inputs = block[:, blocks.STATUS], block[:, blocks.DIGITAL_INPUT]
         self.temperatures = block[:, blocks.TEMPERATURE]  # and state of the data collection
         self.temperatures[:] = TEMPERATURES
         self.adc, self.positions, *_, self.motor_status = (
             block[:, SCALARS + kind * width : SCALARS + (kind + 1) * width] for kind in range(KINDS))
-        self.encoders = block[:, SCALARS + width : SCALARS + 6 * width].reshape(n, 5, width)
-        assert np.shares_memory(self.encoders, self._rows)
-        self.velocities = self.encoders[:, 1:]
+        self.first_encoder = BLOCK + SCALARS + width  # column of the positions; velocity words come after them
+        self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
+        assert np.shares_memory(self.velocities, self.rows)
         self._sampled = [-1] * n  # tick of every board's last sample
-        self._places = [row * self._rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
+        self._places = [row * self.rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
         self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}
 
     def stamp(self, rows: Sequence[int], tick: int) -> None:
@@ -73,8 +73,8 @@ class BoardSamples:
 
     def take(self, selection: npt.NDArray[np.intp], out: Quads) -> None:
         """The quadlets of a selection."""
-        self._rows.take(selection, None, out, "clip")
+        self.rows.take(selection, None, out, "clip")
 
     def block(self, row: int) -> bytes:
         """The real-time block of a board as it is on the wire."""
-        return bytes(self._rows.take(self._places[row][BLOCK:]).astype(">u4"))
+        return bytes(self.rows.take(self._places[row][BLOCK:]).astype(">u4"))

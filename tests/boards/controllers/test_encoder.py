@@ -33,10 +33,9 @@ class EncoderBench:
         self.tick += STEP
 
     def words(self, tick: int) -> list[int]:
-        words = np.zeros((1, 5, 4), dtype=np.uint32)
         self.encoders.observe(tick)
-        self.encoders.words(tick, words)
-        found: list[int] = words[0, :, 0].tolist()
+        self.encoders.words(tick)
+        found: list[int] = self.encoders.shown[0, :, 0].tolist()
         return found
 
 
@@ -217,10 +216,9 @@ def test_boards_of_any_width_keep_their_axes_apart(width: int) -> None:
     encoders.place(x)
     encoders.observe(0)
     encoders.follow(0, STEP, np.array((x, 10.0 / STEP * slots, 0.0 * slots)))  # slot k moves 10 · k counts
-    words = np.zeros((3, 5, width), dtype=np.uint32)
-    position, period = words[:, 0], words[:, 1]
+    position, period = encoders.shown[:, 0], encoders.shown[:, 1]
     encoders.observe(STEP)
-    encoders.words(STEP, words)
+    encoders.words(STEP)
     assert (position & reg.ENCODER_MASK).ravel().tolist() == [
         reg.ENCODER_ZERO + (10 * slot - 2 if slot else 0) for slot in slots]
     assert (period & reg.VELOCITY_DIRECTION).ravel().astype(bool).all()

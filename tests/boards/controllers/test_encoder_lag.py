@@ -80,10 +80,9 @@ class EncoderPair:
         self.encoders.observe(self.tick)
 
     def word(self, tick: int) -> int:
-        words = np.zeros((2, 5, 4), dtype=np.uint32)
         self.encoders.observe(tick)
-        self.encoders.words(tick, words)
-        return int(words[1, 0, 1]) & (reg.ENCODER_OVERFLOW | reg.ENCODER_MASK)
+        self.encoders.words(tick)
+        return int(self.encoders.shown[1, 0, 1]) & (reg.ENCODER_OVERFLOW | reg.ENCODER_MASK)
 
     def load(self, value: int) -> None:
         self.encoders.load(np.array([5]), np.array([value]))
@@ -196,11 +195,11 @@ def test_power_up_leaves_no_trace_of_edges_and_other_boards_alone() -> None:
         pair.step((3.5, 6.5))
         pair.step((3.5, 0.5))
     pair.load(0x123456)
-    words = np.zeros((2, 5, 4), dtype=np.uint32)
-    pair.encoders.words(pair.tick, words)
+    words = pair.encoders.shown
+    pair.encoders.words(pair.tick)
     others = words[0].copy()
     pair.encoders.power_up(1)
-    pair.encoders.words(pair.tick, words)
+    pair.encoders.words(pair.tick)
     assert (words[1, 0] & 0x1FF_FFFF).tolist() == [0x800000] * 4
     assert words[1, 1:].tolist() == [[0xCBFFFFFF] * 4, [0x43FFFFFF] * 4, [0x43FFFFFF] * 4, [0x83FFFFFF] * 4]
     assert pair.encoders.preload[4:].tolist() == [0x800000] * 4

@@ -245,7 +245,6 @@ def test_smooth_motion_gives_the_words_of_the_closed_form(
     encoders, quadrature = Encoders(1, 4, (quirks,)), Quadrature(-DELAY, 0, 0, quirks=quirks)
     x: Floats = np.array((0.25, 0.5, 0.5, 0.5))
     encoders.place(x)
-    shown = np.zeros((1, 5, 4), dtype=np.uint32)
     for number, (move, bend) in enumerate(goals):
         begin = number * STEP
         v, h = np.zeros(4), np.zeros(4)
@@ -259,8 +258,8 @@ def test_smooth_motion_gives_the_words_of_the_closed_form(
                 tick, at = edges.pop(0)
                 quadrature.change(begin + tick - DELAY, *((0, 0), *UPWARDS)[at % 4])
             encoders.observe(begin + sample)
-            encoders.words(begin + sample, shown)
-            assert words(quadrature, begin + sample) == tuple(shown[0, :, 0].tolist())
+            encoders.words(begin + sample)
+            assert words(quadrature, begin + sample) == tuple(encoders.shown[0, :, 0].tolist())
         if number == 2:
             encoders.load(np.array([0]), np.array([value]))
             quadrature.load(0, value)

@@ -1,0 +1,75 @@
+/* The emulated boards' stages. Each function is the method of the same name in procs/boards, to the bit. */
+#include "fields.h"
+#include "numeric.h"
+
+/* -- encoders: procs/boards/controllers/encoder.py, edges.py ------------------------------------------------------- */
+
+enum { EDGES = 6, PINS_SHOWN = 4 };
+enum { POSITION, PERIOD, QUARTER_1, QUARTER_5, RUNNING, INPUTS, BEHIND };
+
+int64_t Encoders_set_out(const Encoders *k, int64_t shift, int64_t span) {
+  int64_t n = k->n, any = 0;
+  for (int64_t i = 0; i < EDGES * n; i++) k->queue[i] -= shift;
+  for (int64_t i = 0; i < n; i++) {
+    double x0 = k->curve[i], v = k->curve[n + i], h = k->curve[2 * n + i], length = (double)span;
+    k->turned[i] = (h * (2.0 * length) + v) * v < 0.0;
+    k->hidden[i] = 0;
+    if (!k->turned[i]) continue;
+    double half_speed = 0.5 * v, peak = floor(x0 - half_speed * (half_speed / h));
+    double begin = floor(x0), end = floor((h * length + v) * length + x0);
+    any += k->hidden[i] = peak > most_of(begin, end) || peak < least_of(begin, end);
+  }
+  return any;
+}
+
+int64_t Encoders_advance(const Encoders *k, double tau) {
+  int64_t n = k->n;
+  for (int64_t i = 0; i < n; i++) {
+    double x0 = k->curve[i], v = k->curve[n + i], h = k->curve[2 * n + i];
+    double is = floor((h * tau + v) * tau + x0), moved = is - k->was[i], half_speed = v * 0.5;
+    k->was[i] = is;
+    if (moved == 0.0) continue;
+    int64_t key = moved >= EDGES ? EDGES : moved > -EDGES ? (int64_t)moved : -EDGES, count = key < 0 ? -key : key;
+    int64_t *queue = k->queue + i, fresh[EDGES];
+    for (int64_t j = 0; j < count; j++) {
+      double distance = (key < 0 ? 1.0 + (double)j : -(double)j) + (is - x0);
+      double root = copysign(sqrt(most_of(distance * h + half_speed * half_speed, SLOWEST_SQUARE)), v + h);
+      if (k->turned[i]) {  // where the axis first ran the other way it is the other solution
+        if (v * moved < 0.0) {
+          distance = -(root + half_speed) / h;
+          root = 1.0 - half_speed;
+        }
+        if (root == -half_speed) root = 1.0;
+      }
+      fresh[j] = (int64_t)(distance / (root + half_speed));
+    }
+    for (int64_t j = EDGES - 1; j >= count; j--) queue[j * n] = queue[(j - count) * n];
+    for (int64_t j = 0; j < count; j++) queue[j * n] = fresh[j];
+    k->state[i] = k->state_table[k->state[i] + key + EDGES];
+  }
+  return 0;
+}
+
+int64_t Encoders_show(const Encoders *k, int64_t now) {
+  static const int64_t late[3] = {0, 0, 4}, early[3] = {4, 1, 5}, spent[3] = {4, 1, 1};
+  int64_t n = k->n, width = k->width;
+  for (int64_t b = 0; b < k->boards; b++) {
+    uint32_t *out = k->rows + b * k->columns + k->first, pins = 0;
+    for (int64_t axis = 0; axis < width; axis++) {
+      int64_t i = b * width + axis, count = (int64_t)k->was[i];
+      const int64_t *queue = k->queue + i, *flags = k->flag_table + k->state[i] + (count & 3);
+      int64_t value = (count + k->offset[i] - (flags[BEHIND * k->states] & k->lag[i])) & POSITION_MASK;
+      out[axis] = (uint32_t)(value | k->overflow[i] | flags[POSITION]);
+      for (int64_t row = PERIOD; row <= RUNNING; row++) {
+        int64_t r = row - PERIOD, ticks = now - queue[0];
+        if (row < RUNNING) ticks = queue[late[r] * n] - queue[early[r] * n] - spent[r];
+        else if (ticks < 0) ticks = 0;
+        if (ticks > TICKS) ticks = OVERFLOWED | TICKS;
+        out[row * width + axis] = (uint32_t)(ticks | flags[row * k->states]);
+      }
+      if (axis < PINS_SHOWN) pins += (uint32_t)flags[INPUTS * k->states] << axis;
+    }
+    k->pins[b] = pins;
+  }
+  return 0;
+}

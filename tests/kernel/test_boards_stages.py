@@ -1,0 +1,101 @@
+"""The boards' stages by the kernel and by numpy: the same bits from any state and motion, and in every scenario."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import procs.boards.stages
+from procs.boards.controllers.edges import STRIDE
+from procs.boards.controllers.encoder import Encoders, Floats
+from procs.document.system import Quirks
+from procs.fpga import registers as reg
+from procs.kernel.boards_fields import ENCODERS
+from procs.kernel.fields import BoundStruct
+from procs.kernel.library import SWITCH, bind, kernel
+from tests.kernel.shadow import chosen_both
+
+pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENARIOS = ("tests/boards/controllers", "tests/boards/test_emulation.py", "tests/boards/test_captures.py",
+             "tests/boards/test_brakes.py", "tests/boards/test_setup_joints.py", "tests/boards/test_burst.py",
+             "tests/boards/test_wrong_cables.py", "tests/boards/test_board_faults.py")
+SPANS = (1, 7, 4915, 49152, 1_000_000)  # ticks of a step
+
+
+@pytest.fixture
+def both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is made from now on does all stages by the kernel and by numpy, and compares."""
+    monkeypatch.setattr(procs.boards.stages, "chosen", chosen_both)
+
+
+def curve_from(x0: Floats, span: int, rng: np.random.Generator) -> Floats:
+    """Motion of every axis: at rest, slow, fast, many counts at once, turning round within the step or not."""
+    n = x0.size
+    x0 = np.where(rng.random(n) < 0.3, np.rint(x0) + rng.choice((0.0, 0.0, 1e-13, -1e-10), n), x0)
+    v = rng.choice((-1.0, 1.0), n) * 10.0 ** rng.uniform(-14.0, 0.5, n)
+    h = -0.5 * v / (span * rng.uniform(0.01, 2.0, n)) * rng.choice((-1.0, 0.0, 1.0), n)
+    still = rng.random(n) < 0.2
+    return np.array((x0, np.where(still, 0.0, v), np.where(still & (rng.random(n) < 0.8), 0.0, h)))
+
+
+@pytest.mark.usefixtures("both_ways")
+@given(st.integers(0, 2**32 - 1), st.sampled_from((4, 7, 10)))
+def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> None:
+    rng = np.random.default_rng(seed)
+    encoders = Encoders(3, width, (Quirks(), Quirks(direction_lag=False), Quirks(sticky_overflow=False)))
+    n, tick = 3 * width, 0
+    x = rng.uniform(-1e4, 1e4, n)
+    encoders.place(x)
+    if rng.random() < 0.5:  # from anything at all, and ends of counters not far
+        encoders.state[...] = rng.integers(0, encoders.states // STRIDE, n) * STRIDE
+        encoders.queue[...] = rng.integers(-(1 << 41), 1, encoders.queue.shape)
+        encoders.load(np.arange(n), rng.choice((0, 3, reg.ENCODER_MASK, reg.ENCODER_MASK - 4), n))
+    for _ in range(4):
+        span = int(rng.choice(SPANS))
+        curve = curve_from(x, span, rng)
+        encoders.follow(tick, span, curve)
+        for share in np.sort(rng.random(3)):
+            encoders.observe(tick + int(share * span))
+            encoders.words(tick + int(share * span))
+        tick += span + int(rng.choice((0, 0, 100)))
+        encoders.observe(tick)
+        x = (curve[2] * span + curve[1]) * span + curve[0]
+
+
+def test_arrays_of_encoders_stay_where_they_are() -> None:
+    encoders = Encoders(2)
+    bound = bind(ENCODERS, encoders)
+    assert isinstance(bound, BoundStruct)
+    encoders.place(np.full(8, 0.5))
+    encoders.follow(0, 49152, np.array((np.full(8, 0.5), np.full(8, 0.01), np.full(8, -1e-6))))
+    encoders.observe(30_000)
+    encoders.load(np.array([3]), np.array([77]))
+    encoders.jump(2, 5)
+    encoders.power_up(1)
+    encoders.words(40_000)
+    assert not bound.moved()
+
+
+@pytest.mark.slow
+def test_every_stage_of_the_scenarios_is_the_same_by_kernel_and_numpy() -> None:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.kernel.shadow", "-p", "no:cacheprovider", "-m",
+               "not slow", *SCENARIOS]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert "compared 0 stages" not in done.stdout
+
+
+def test_without_the_kernel_numpy_does_the_work() -> None:
+    code = ("from procs.boards.controllers.encoder import Encoders; encoders = Encoders(1); "
+            "print(encoders._advance == encoders.advance)")
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env={SWITCH: "0"}, capture_output=True, text=True,
+                          timeout=60, check=True)
+    assert done.stdout == "True\n"
