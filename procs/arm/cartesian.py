@@ -121,7 +121,7 @@ class Cartesian:
             self._show_setpoint(kinematics)
         kinematics.update(self._position)
         self._shown[...] = kinematics.body
-        self.spatial[...] = kinematics.joint_jacobian
+        self.spatial[...] = kinematics.spatial
         self._fill(kinematics.tip, self._local_measured, self._measured)
         self.rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
         np.matmul(kinematics.body, self._velocity, out=self._body_twist)

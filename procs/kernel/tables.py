@@ -3,12 +3,13 @@
 from typing import Final
 
 from procs.fpga import conversion, registers, velocity
+from procs.kernel.arm_fields import ARM
 from procs.kernel.boards_fields import BOARDS
 from procs.kernel.fields import CStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.track_fields import TRACK
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, *BOARDS)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, *BOARDS, *ARM)
 
 CONSTANTS: Final = {
     "ACCELERATION_THRESHOLD": velocity.ACCELERATION_THRESHOLD,

@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain, on pinocchio.
+"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain: by the kernel, else number by number.
 
 The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows:
 linear x y z, then angular x y z.
@@ -6,22 +6,55 @@ linear x y z, then angular x y z.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from procs.document.system import Chain, DhLink, Tool
+from procs.kernel.arm_fields import CHAIN
+from procs.kernel.library import bind
 from procs.kinematics.denavit import split_row
+from procs.kinematics.frames import Frame, finite, jacobians, moved, product
 from procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
 
 
+class Links:
+    """The links of a chain as arrays, upper three rows of rigid transforms.
+
+    `placements` (n, 3, 4): where each joint is, seen from the one before, the first from the base; it moves along its z
+    where it `slides` (n,), else about it. `ends` (n + 1, 3, 4): the frames after so many links, seen from the last
+    joint before them; without links that is the base, seen from where poses are told.
+    """
+
+    def __init__(self, chain: Chain, links: tuple[DhLink, ...]) -> None:
+        self.n, self.ends_count = len(links), len(links) + 1
+        self.slides = np.array([link.joint_type == "prismatic" for link in links])
+        self.placements, self.ends = np.zeros((self.n, 3, 4)), np.zeros((self.ends_count, 3, 4))
+        end = np.array(chain.base) if chain.base is not None else np.eye(4)
+        self.ends[0] = end[:3]
+        for index, link in enumerate(links):
+            before, after = split_row(chain.convention, link)
+            self.placements[index] = np.einsum("ij,jk->ik", end, before)[:3]
+            self.ends[index + 1], end = after[:3], after
+        self._placements: Sequence[Frame] = self.placements.reshape(self.n, 12).tolist()
+        self._slides: list[bool] = self.slides.tolist()
+
+    def frames(self, q: Sequence[float]) -> list[Frame]:
+        """Of joints, once each has moved."""
+        frames: list[Frame] = []
+        for placement, slides, position in zip(self._placements, self._slides, q, strict=True):
+            frames.append(moved(product(frames[-1], placement) if frames else placement, slides, position))
+        return frames
+
+
 class Kinematics:
     """A chain with an optional tool: joints in file order, poses in the chain's base frame (with its base offset).
 
-    `update(q)` computes the tip pose and body Jacobian once; `tip`, `body`, `spatial` are preallocated arrays that the
-    next call overwrites. q: (n,) float64, contiguous, rad or m.
+    `update(q)` computes the tip pose and both Jacobians once; `tip`, `body`, `spatial` are preallocated arrays that the
+    next call overwrites. q: (n,) float64, rad or m.
     """
 
     def __init__(self, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> None:
@@ -36,94 +69,84 @@ class Kinematics:
         self.lower = np.array([link.lower for link in links])
         self.upper = np.array([link.upper for link in links])
         self.effort_max = np.array([link.effort_max for link in links])
-        self.is_prismatic = np.array([link.joint_type == "prismatic" for link in links])
-        self._model, self._frames = _model(chain, links, tip)
-        self._data = self._model.createData()
-        self._end = self._frames[-1]
-        # pinocchio computes into its own memory; these are views of it, taken once
-        self._end_rotation = self._data.oMf[self._end].rotation
-        self._end_position = self._data.oMf[self._end].translation
-        self.joint_jacobian: Array = self._data.J
-        """Spatial Jacobian (6, n) of the last `update`."""
-        self.tip = np.eye(4)
-        self._tip_rotation = self.tip[:3, :3]
-        self._tip_position = self.tip[:3, 3]
-        self.body = np.zeros((6, self.n), order="F")
-        self._updated = b""  # joints that `tip`, `body` and `joint_jacobian` are for
-        self.spatial = np.zeros((6, self.n), order="F")
+        self.links = Links(chain, links)
+        self.is_prismatic = self.links.slides
+        last = np.vstack((self.links.ends[-1], (0.0, 0.0, 0.0, 1.0)))
+        self.end = np.einsum("ij,jk->ik", last, tip)[:3]
+        """The tip (3, 4), seen from the last joint."""
+        self._end: Frame = self.end.reshape(12).tolist()
+        self._ends: Sequence[Frame] = self.links.ends.reshape(-1, 12).tolist()
+        self.q = np.zeros(self.n)
+        self.tip, self.frame = np.eye(4), np.eye(4)
+        self.body_columns, self.spatial_columns = np.zeros((self.n, 6)), np.zeros((self.n, 6))
+        self.body: Array = self.body_columns.T
+        self.spatial: Array = self.spatial_columns.T
+        self._updated = b""  # joints that `tip`, `body` and `spatial` are for
+        bound = bind(CHAIN, self)
+        self.why_numpy = bound if isinstance(bound, str) else ""
+        """Why the kernel does not do it; empty: it does."""
+        self._update: Callable[[], int] = self.by_numpy_update
+        self._frame: Callable[[int], int] = self.by_numpy_frame
+        if not isinstance(bound, str):
+            self._update, self._frame = bound.function("update"), bound.function("frame")
 
     def update(self, q: Array) -> None:
-        """Tip pose and body Jacobian at q into `tip` and `body`."""
+        """Tip pose and Jacobians at q into `tip`, `body`, `spatial`."""
         raw = q.tobytes()
         if raw == self._updated:  # a kinematic robot is where it was told to be
             return
         self._updated = raw
-        pinocchio.computeJointJacobians(self._model, self._data, q)
-        self.body[...] = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
-        pinocchio.updateFramePlacement(self._model, self._data, self._end)  # the Jacobian does not do it
-        self._tip_rotation[...] = self._end_rotation
-        self._tip_position[...] = self._end_position
-
-    def miss(self, q: Array, goal: pinocchio.SE3) -> tuple[Array, Array]:
-        """Twist (6,) from the tip at q to the goal, in tip axes, and the body Jacobian (6, n) there. New arrays."""
-        self._updated = b""
-        pinocchio.computeJointJacobians(self._model, self._data, q)
-        placement = pinocchio.updateFramePlacement(self._model, self._data, self._end)
-        jacobian = pinocchio.getFrameJacobian(self._model, self._data, self._end, pinocchio.LOCAL)
-        return pinocchio.log6(placement.actInv(goal)).vector, jacobian
+        self.q[...] = q
+        self._update()
 
     def fk(self, q: Array, out: Array | None = None) -> Array:
         """Pose of the tip (4, 4); written to `out` when given, else to `tip`."""
-        self._updated = b""
-        pinocchio.framesForwardKinematics(self._model, self._data, q)
+        self.q[...] = q
+        self._frame(-1)
         if out is None:
-            self._tip_rotation[...] = self._end_rotation
-            self._tip_position[...] = self._end_position
-            return self.tip
-        out[:3, :3] = self._end_rotation
-        out[:3, 3] = self._end_position
-        out[3] = (0.0, 0.0, 0.0, 1.0)
+            self._updated = b""
+            out = self.tip
+        out[...] = self.frame
         return out
 
     def fk_to(self, q: Array, link: int) -> Array:
         """Pose (4, 4) of the frame after `link` joints, without the tip (0: the base, n: the last link). New array."""
         if not 0 <= link <= self.n:
             raise IndexError(f"link {link}: this chain has frames 0 to {self.n}")
-        self._updated = b""
-        pinocchio.framesForwardKinematics(self._model, self._data, q)
-        return np.array(self._data.oMf[self._frames[link]].homogeneous)
+        self.q[...] = q
+        self._frame(link)
+        return self.frame.copy()
 
     def body_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the tip's twist, at the tip in tip axes; the array `body`."""
-        self._updated = b""
-        self.body[...] = pinocchio.computeFrameJacobian(self._model, self._data, q, self._end, pinocchio.LOCAL)
+        self.update(q)
         return self.body
 
     def spatial_jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the spatial twist, at the base's origin in base axes; the array `spatial`."""
-        self._updated = b""
-        pinocchio.computeJointJacobians(self._model, self._data, q)
-        self.spatial[...] = self.joint_jacobian
+        self.update(q)
         return self.spatial
 
+    # the reference of the kernel
 
-def _model(chain: Chain, links: tuple[DhLink, ...], tip: Array) -> tuple[pinocchio.Model, tuple[int, ...]]:
-    """The pinocchio model and the ids of its frames: base, after each link, tip."""
-    model = pinocchio.Model()
-    before_next = np.array(chain.base) if chain.base is not None else np.eye(4)
-    frames = [_frame(model, "base", 0, before_next)]
-    joint = 0
-    for index, link in enumerate(links):
-        before, after = split_row(chain.convention, link)
-        kind = pinocchio.JointModelPZ() if link.joint_type == "prismatic" else pinocchio.JointModelRZ()
-        placement = pinocchio.SE3(before_next @ before)
-        joint = model.addJoint(joint, kind, placement, f"{index} {link.name}")  # numbered: file names may repeat
-        frames.append(_frame(model, f"link {index + 1}", joint, after))
-        before_next = after
-    frames.append(_frame(model, "tip", joint, before_next @ tip))
-    return model, tuple(frames)
+    def tip_after(self, frames: Sequence[Frame]) -> Frame:
+        """The tip, after the frames of all joints."""
+        return product(frames[-1], self._end)
 
+    def by_numpy_update(self) -> int:
+        """At `q`."""
+        frames = self.links.frames(finite(self.q.tolist()))
+        tip = self.tip_after(frames)
+        self.body_columns[...], self.spatial_columns[...] = jacobians(frames, self.is_prismatic.tolist(), tip)
+        self.tip[:3].reshape(12)[...] = tip
+        return 0
 
-def _frame(model: pinocchio.Model, name: str, joint: int, placement: Array) -> int:
-    frame = pinocchio.Frame(name, joint, 0, pinocchio.SE3(placement), pinocchio.FrameType.OP_FRAME)
-    return int(model.addFrame(frame))
+    def by_numpy_frame(self, link: int) -> int:
+        """`frame` after so many links, -1: the tip."""
+        frames = self.links.frames(finite(self.q.tolist()))
+        if link < 0:
+            frame = self.tip_after(frames)
+        else:
+            frame = product(frames[link - 1], self._ends[link]) if link else self._ends[0]
+        self.frame[:3].reshape(12)[...] = frame
+        return 0

@@ -80,7 +80,7 @@ def matrix_from_pose(pose: Array, out: Array | None = None) -> Array:
 def pose_from_matrix(matrix: Array, out: Array | None = None) -> Array:
     """The pose (7,) of a 4×4 matrix; the quaternion has length 1 and qw >= 0."""
     (a, b, c, px), (d, e, f, py), (g, h, i, pz) = matrix[:3].tolist()
-    x, y, z, w = _quaternion(a, b, c, d, e, f, g, h, i)
+    x, y, z, w = quaternion_of(a, b, c, d, e, f, g, h, i)
     pose = np.empty(POSE) if out is None else out
     pose[...] = (px, py, pz, x, y, z, w)
     return pose
@@ -152,7 +152,7 @@ def inverse(matrix: Array) -> Array:
 def rotation_vector(matrix: Array) -> Array:
     """Axis times angle (3,) of the rotation in a 3×3 or 4×4 matrix; the angle lies in [0, π]."""
     (a, b, c), (d, e, f), (g, h, i) = matrix[:3, :3].tolist()
-    x, y, z, w = _quaternion(a, b, c, d, e, f, g, h, i)
+    x, y, z, w = quaternion_of(a, b, c, d, e, f, g, h, i)
     sine = math.sqrt(x * x + y * y + z * z)
     # near zero angle/sine tends to 2, and the quotient below would be 0/0
     factor = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
@@ -168,7 +168,7 @@ def rotation_from_vector(vector: Array) -> Array:
     return matrix_from_pose(pose)[:3, :3]
 
 
-def _quaternion(
+def quaternion_of(
     a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
 ) -> tuple[float, float, float, float]:
     """x y z w of the rotation with rows (a b c), (d e f), (g h i), by the branch with the largest divisor."""

@@ -18,7 +18,7 @@ from procs.kinematics.poses import rotation_from_vector
 Array = NDArray[np.float64]
 
 MAX_TILT: Final = 0.5 * math.pi
-PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that four joints can have
+PLACE_AND_ROLL: Final = (0, 1, 2, 5)  # rows of the twist that four joints can have
 
 
 class EndoscopeShaft:

@@ -8,38 +8,25 @@ there is, and Newton only removes the last millionths, which come from files tha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
-import eigenpy
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
+from procs.kernel.arm_fields import INVERSE
+from procs.kernel.library import bind
 from procs.kinematics.forward import Kinematics
+from procs.kinematics.frames import Rows, dot, finite, jacobians, shortest, solve, times, transposed, twist_between
 from procs.kinematics.inverse.shaft import TINY
 
 Array = NDArray[np.float64]
 
-CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to gain below
-ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
-STEPS: Final = 8
 MAX_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
-SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
-LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
-MAX_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
-DAMPING: Final = 1e-12
-FURTHEST_SEEN: Final = (0.01, 0.1)  # m, rad: of a goal that is further, this much of the way is looked at
-TURN_WEIGHT: Final = 0.01  # m: where place and turn cannot both be had, a radian counts as much as this
-NEAREST_DAMPING: Final = 1e-9  # m²
 LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
 GUESS_ROOM: Final = 1e-4  # the same for what the geometry says
-MAX_TILT: Final = 0.5 * math.pi
-PLACE_AND_ROLL: Final = [0, 1, 2, 5]  # rows of the twist that an ECM's four joints can have
-ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
-BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
-BENDS[7, 4] = BENDS[6, 5] = 1.0
+FULL_TURN: Final = 2.0 * math.pi
 
 
 class Geometry(Protocol):
@@ -59,21 +46,42 @@ class InverseSolver:
     independent. `rows` are those of the twist (6,) that can be had at all.
     """
 
+    CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to gain below
+    ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
+    STEPS: Final = 8
+    SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
+    LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
+    LAST_ERROR: Final = 1e-4  # m and rad: more than that, and the step was short because it cannot be taken away
+    MAX_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
+    DAMPING: Final = 1e-12
+    FURTHEST_PLACE: Final = 0.01  # m: of a goal that is further, this much of the way is looked at
+    FURTHEST_TURN: Final = 0.1  # rad
+    TURN_WEIGHT: Final = 0.01  # m: where place and turn cannot both be had, a radian counts as much as this
+    NEAREST_DAMPING: Final = 1e-9  # m²
+
     def __init__(self, kinematics: Kinematics, geometry: Geometry, free: Array | None = None,
-                 rows: slice | list[int] = slice(None)) -> None:
+                 rows: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> None:
         self.kinematics = kinematics
         n = kinematics.n
         self.q: Array = np.zeros(n)
         self.reason, self.axis = "", -1
-        self._partial = rows != slice(None)
         self.steps = 0  # Newton steps that the last solution took
-        self._longest = 0.0  # change of a coordinate in the last one
-        self._geometry, self._free, self._rows = geometry, free, rows
-        self._lower, self._upper = kinematics.lower, kinematics.upper
-        self._lu, self._ldlt = eigenpy.PartialPivLU(np.eye(6)), eigenpy.LDLT(np.eye(6))  # a third of numpy's overhead
-        self._damping = DAMPING * np.eye(len(range(6)[rows] if isinstance(rows, slice) else rows))
-        self._turns = [i for i in range(n) if not kinematics.is_prismatic[i]
-                       and kinematics.upper[i] - kinematics.lower[i] > 2.0 * math.pi]
+        self._geometry = geometry
+        self.has_free = int(free is not None)
+        self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
+        self.m = self.free.shape[1]
+        self.rows, self.rows_count = np.array(rows), len(rows)
+        self.lower, self.upper = kinematics.lower, kinematics.upper
+        self.turns = ~kinematics.is_prismatic & (self.upper - self.lower > FULL_TURN)
+        self.goal, self.seed, self.most, self.beyond = np.eye(4), np.zeros(n), np.zeros(n), np.zeros(1)
+        bound = bind(INVERSE, self)
+        self.why_numpy = bound if isinstance(bound, str) else ""
+        """Why the kernel does not do it; empty: it does."""
+        self._newton: Callable[[float], int] = self.by_numpy_newton
+        self._fits: Callable[[float], int] = self.by_numpy_fits
+        self._approach: Callable[[], int] = self.by_numpy_approach
+        if not isinstance(bound, str):
+            self._newton, self._fits, self._approach = map(bound.function, INVERSE.functions)
 
     def solve(self, goal: Array, seed: Array) -> bool:
         """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) where there is a choice.
@@ -81,36 +89,36 @@ class InverseSolver:
         The goal is a rigid transform in the chain's base frame. False: `reason` says why, `q` is the seed.
         """
         self.reason, self.axis, self.steps = "", -1, 0
-        place = goal.reshape(16)
-        if not math.isfinite(place.dot(place) + seed.dot(seed)):
-            np.copyto(self.q, seed)
+        q = self.q
+        self.goal[...] = goal
+        self.seed[...] = seed
+        q[...] = seed
+        place = self.goal.reshape(16)
+        if not math.isfinite(place.dot(place) + self.seed.dot(self.seed)):
             self.reason = "goal or seed is not finite"
             return False
-        target = pinocchio.SE3(goal)
-        q = self.q
-        np.copyto(q, seed)
-        if self._newton(target, CLOSE) and self._fits(seed, LIMIT_ROOM) == 0.0:
+        if self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0:
             return True
         best, why, axis = math.inf, "out of reach", -1
         candidates = []
-        for start in self._geometry.solutions(goal, seed):
-            np.copyto(q, start)
-            beyond = self._fits(seed, GUESS_ROOM)
-            if beyond == 0.0:
-                candidates.append((float(np.abs(q - seed).sum()), q.copy()))
-            elif beyond < best:
-                best, why, axis = beyond, self.reason, self.axis
+        for start in self._geometry.solutions(self.goal, self.seed):
+            q[...] = start
+            worst = self._fits(GUESS_ROOM)
+            if worst < 0:
+                candidates.append((float(np.abs(q - self.seed).sum()), q.copy()))
+            elif self.beyond.item() < best:
+                best, why, axis = self.beyond.item(), self._blame(worst), worst
         for _, start in sorted(candidates, key=lambda each: each[0]):
             if self.steps >= MAX_STEPS:
                 break
-            np.copyto(q, start)
-            if not self._newton(target, math.inf):
+            q[...] = start
+            if not self._improve(math.inf):
                 continue
-            if self._fits(seed, LIMIT_ROOM) == 0.0:
-                self.reason, self.axis = "", -1
+            worst = self._fits(LIMIT_ROOM)
+            if worst < 0:
                 return True
-            why, axis = self.reason, self.axis
-        np.copyto(q, seed)
+            why, axis = self._blame(worst), worst
+        q[...] = self.seed
         self.reason, self.axis = why, axis
         return False
 
@@ -120,100 +128,151 @@ class InverseSolver:
         Within limits (but `at` may be beyond them and stay there), no joint further from `at` than `most` (n,). The
         place of the tip comes first, then how it is turned. One linear step: for a stream of goals out of reach.
         """
-        error, jacobian = self.kinematics.miss(at, pinocchio.SE3(goal))
-        for part, furthest in zip((error[:3], error[3:]), FURTHEST_SEEN, strict=True):
-            part *= min(1.0, furthest / max(math.sqrt(part.dot(part)), TINY))
-        error[3:] *= TURN_WEIGHT
-        jacobian[3:] *= TURN_WEIGHT
-        error, jacobian = error[self._rows], jacobian[self._rows]
-        free = np.eye(len(at)) if self._free is None else self._free
-        first = slice(free.shape[1])  # the independent joints stand first
-        change = _bounded(jacobian @ free, error, np.minimum(self._lower - at, 0.0)[first],
-                          np.maximum(self._upper - at, 0.0)[first])
-        change /= max(1.0, float((np.abs(change) / most[first]).max()))
-        np.copyto(self.q, at)
-        self.q += free @ change
+        self.goal[...] = goal
+        self.seed[...] = at
+        np.maximum(most, TINY, out=self.most)
+        self._approach()
 
-    def _newton(self, target: pinocchio.SE3, furthest: float) -> bool:
-        """Improve `q` until its tip is at the target; gives up further off than `furthest`, or where that is slow."""
-        kinematics, q, free = self.kinematics, self.q, self._free
-        before = 2.0 * furthest
-        for _ in range(STEPS + 1):
-            error, jacobian = kinematics.miss(q, target)
-            if self._partial:
-                error, jacobian = error[self._rows], jacobian[self._rows]
-            size = math.sqrt(error.dot(error))
-            if size < CONVERGED:
-                return True
-            if not size <= SLOW * before:
+    def _improve(self, furthest: float) -> bool:
+        """Newton's method; gives up further off than `furthest`, or where that is slow."""
+        steps = self._newton(furthest)
+        self.steps += steps if steps >= 0 else -1 - steps
+        return steps >= 0
+
+    def _blame(self, axis: int) -> str:
+        value, lower, upper = self.q[axis], self.lower[axis], self.upper[axis]
+        side, limit = ("below", lower) if value < lower else ("above", upper)
+        return f"{self.kinematics.names[axis]} would be {value:.6g}, {side} its limit {limit:.6g}"
+
+    # the reference of the kernel
+
+    def by_numpy_newton(self, furthest: float) -> int:
+        """Improve `q` until its tip is at the goal: the steps that took, or -1 less those it took in vain."""
+        q, before = self.q.tolist(), 2.0 * furthest
+        size, steps = math.inf, 0
+        for _ in range(self.STEPS + 1):
+            error, rows = self._miss(q)
+            size = math.sqrt(dot(error, error))
+            if size < self.CONVERGED:
+                break
+            if not size <= self.SLOW * before:
                 break
             before = size
-            change = self._step(jacobian if free is None else jacobian @ free, error)
-            q += change if free is None else free @ change
-            self.steps += 1
-            if self._longest < LAST_STEP:
-                return True
-        return size < ACCEPTED
+            change, longest = self._step(rows, error)
+            q = [x + dx for x, dx in zip(q, self._spread(change), strict=True)]
+            steps += 1
+            if longest < self.LAST_STEP and size < self.LAST_ERROR:
+                size = 0.0
+                break
+        self.q[...] = q
+        return steps if size < self.ACCEPTED else -1 - steps
 
-    def _step(self, jacobian: Array, error: Array) -> Array:
+    def by_numpy_fits(self, room: float) -> int:
+        """Which joint is beyond its limit by most, and by how much; -1: none is by more than `room`.
+
+        Then they are brought within. Joints that may turn further than once are brought next to the seed first.
+        """
+        q, most, axis, is_nan = self.q.tolist(), -math.inf, 0, False
+        for i, (lower, upper, seed, turns) in enumerate(zip(
+                self.lower.tolist(), self.upper.tolist(), self.seed.tolist(), self.turns.tolist(), strict=True)):
+            if turns and math.isfinite(q[i]) and not (abs(q[i] - seed) <= math.pi and lower <= q[i] <= upper):
+                q[i] += FULL_TURN * round((seed - q[i]) / FULL_TURN)
+                if q[i] > upper + room:
+                    q[i] -= FULL_TURN
+                elif q[i] < lower - room:
+                    q[i] += FULL_TURN
+            over = lower - q[i] if lower - q[i] > q[i] - upper else q[i] - upper
+            is_nan = is_nan or math.isnan(over)
+            if over > most:
+                most, axis = over, i
+        self.q[...] = q
+        if not is_nan and most <= room:
+            np.minimum(np.maximum(self.q, self.lower), self.upper, out=self.q)
+            return -1
+        self.beyond[0] = most if most > room else math.inf
+        return axis
+
+    def by_numpy_approach(self) -> int:
+        """See `approach`."""
+        at = self.seed.tolist()
+        error, rows = self._miss(at, self.TURN_WEIGHT)
+        lower, upper = (self.lower - self.seed).tolist()[: self.m], (self.upper - self.seed).tolist()[: self.m]
+        change = self._bounded(rows, error, [min(x, 0.0) for x in lower], [max(x, 0.0) for x in upper])
+        share = 1.0
+        for dx, most in zip(change, self.most.tolist(), strict=False):
+            share = max(share, abs(dx) / most)
+        q = [x + dx for x, dx in zip(at, self._spread([dx / share for dx in change]), strict=True)]
+        self.q[...] = q if math.isfinite(dot(q, q)) else at
+        return 0
+
+    def _miss(self, q: list[float], turn_weight: float = 0.0) -> tuple[list[float], Rows]:
+        """The rows of the twist from the tip at q to the goal, in tip axes, and what coordinates do to them.
+
+        With a weight of turns: not further than is looked at, and weighed.
+        """
+        kinematics = self.kinematics
+        frames = kinematics.links.frames(finite(q))
+        tip = kinematics.tip_after(frames)
+        error = twist_between(tip, self.goal.reshape(16).tolist()[:12])
+        body, _ = jacobians(frames, kinematics.is_prismatic.tolist(), tip)
+        if turn_weight:
+            for part, furthest, weight in ((0, self.FURTHEST_PLACE, 1.0), (3, self.FURTHEST_TURN, turn_weight)):
+                size = math.sqrt(dot(error[part : part + 3], error[part : part + 3]))
+                scale = (furthest / size if size > furthest else 1.0) * weight
+                for i in range(part, part + 3):
+                    error[i] *= scale
+                    for column in body:
+                        column[i] *= weight
+        chosen = self.rows.tolist()
+        rows = [[column[row] for column in body] for row in chosen]
+        if self.has_free:
+            columns = self.free.T.tolist()
+            rows = [times(columns, row) for row in rows]
+        return [error[row] for row in chosen], rows
+
+    def _spread(self, change: list[float]) -> list[float]:
+        """Of the joints, for that of independent coordinates."""
+        return times(self.free.tolist(), change) if self.has_free else change
+
+    def _step(self, rows: Rows, error: list[float]) -> tuple[list[float], float]:
         """Change of the independent coordinates that takes the error away, shortened where it is too long."""
-        square = jacobian.shape[0] == jacobian.shape[1]
-        change = self._lu.compute(jacobian).solve(error) if square else self._damped(jacobian, error)
-        self._longest = max(map(abs, change.tolist()))
-        if not self._longest <= MAX_STEP:
-            change = self._damped(jacobian, error)
-            self._longest = max(map(abs, change.tolist()))
-            if self._longest > MAX_STEP:
-                change *= MAX_STEP / self._longest
+        change, longest = list(error), math.nan
+        if len(rows) == self.m and solve([list(row) for row in rows], change):
+            longest = _largest(change)
+        if not longest <= self.MAX_STEP:
+            change = shortest(rows, error, self.DAMPING)
+            longest = _largest(change)
+            if longest > self.MAX_STEP:
+                change = [dx * (self.MAX_STEP / longest) for dx in change]
+        return change, longest
+
+    def _bounded(self, rows: Rows, error: list[float], lower: list[float], upper: list[float]) -> list[float]:
+        """The change (m,) between bounds with the least error left: what would go beyond a bound stays there."""
+        columns, left = transposed(rows), [True] * self.m
+        change = [0.0] * self.m
+        for _ in range(self.m):
+            rest = list(error)
+            for column, dx, is_left in zip(columns, change, left, strict=True):
+                if not is_left:
+                    rest = [x - y * dx for x, y in zip(rest, column, strict=True)]
+            inner = [k for k in range(self.m) if left[k]]
+            if not inner:
+                break
+            outside = False
+            for k, dx in zip(inner, shortest([[row[k] for k in inner] for row in rows], rest, self.NEAREST_DAMPING),
+                             strict=True):
+                change[k] = lower[k] if dx < lower[k] else upper[k] if dx > upper[k] else dx
+                if change[k] != dx and not math.isnan(dx):
+                    left[k], outside = False, True
+            if not outside:
+                break
         return change
 
-    def _damped(self, jacobian: Array, error: Array) -> Array:
-        """The shortest step where more than one does it, or none quite does."""
-        step: Array = jacobian.T @ self._ldlt.compute(jacobian @ jacobian.T + self._damping).solve(error)
-        return step
 
-    def _fits(self, seed: Array, room: float) -> float:
-        """How far joints are beyond their limits, 0: none is by more than `room`; then they are brought within.
-
-        Joints that may turn further than once are brought next to the seed first.
-        """
-        q, lower, upper = self.q, self._lower, self._upper
-        for i in self._turns:
-            if math.isnan(q[i]):
-                continue
-            if not (abs(q.item(i) - seed.item(i)) <= math.pi and lower.item(i) <= q.item(i) <= upper.item(i)):
-                q[i] += 2.0 * math.pi * round((seed[i] - q[i]) / (2.0 * math.pi))
-                if q[i] > upper[i] + room:
-                    q[i] -= 2.0 * math.pi
-                elif q[i] < lower[i] - room:
-                    q[i] += 2.0 * math.pi
-        if np.minimum(np.maximum(q, lower), upper).tobytes() == q.tobytes() and math.isfinite(q.dot(q)):
-            return 0.0
-        beyond = np.maximum(lower - q, q - upper)
-        most = float(beyond.max())
-        if most <= room:
-            np.minimum(np.maximum(q, lower), upper, out=q)
-            return 0.0
-        axis = int(np.nanargmax(beyond))
-        most = float(beyond[axis])
-        self.axis = axis
-        side, limit = ("below", lower[axis]) if q[axis] < lower[axis] else ("above", upper[axis])
-        self.reason = f"{self.kinematics.names[axis]} would be {q[axis]:.6g}, {side} its limit {limit:.6g}"
-        return most
-
-
-def _bounded(jacobian: Array, error: Array, lower: Array, upper: Array) -> Array:
-    """The change (m,) between bounds with the least error left: what would go beyond a bound stays there."""
-    change, left = np.zeros(len(lower)), np.ones(len(lower), dtype=np.bool_)
-    damping = NEAREST_DAMPING * np.eye(len(error))
-    while left.any():
-        part = jacobian[:, left]
-        rest = error - jacobian[:, ~left] @ change[~left]
-        change[left] = part.T @ np.linalg.solve(part @ part.T + damping, rest)
-        clipped = np.minimum(np.maximum(change, lower), upper)
-        outside = left & (clipped != change)
-        if not outside.any():
-            break
-        change[outside] = clipped[outside]
-        left &= ~outside
-    return change
+def _largest(change: list[float]) -> float:
+    """The largest magnitude; NaN where one is."""
+    longest = 0.0
+    for dx in change:
+        if not abs(dx) <= longest and longest == longest:
+            longest = abs(dx)
+    return longest
