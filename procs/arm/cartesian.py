@@ -1,19 +1,36 @@
-"""Poses, twist and Jacobian of the tip, in the arm's base and in the reference frame."""
+"""Poses, twist and Jacobian of the tip, in the arm's base and in the reference frame: by the kernel, else in Python."""
 
 from __future__ import annotations
 
-import eigenpy
+from collections.abc import Callable
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.joints import JointSpace
 from procs.arm.readings import ArmReadings, Fields
+from procs.kernel.arm_fields import CARTESIAN
+from procs.kernel.library import bind
 from procs.kinematics.forward import Kinematics
+from procs.kinematics.frames import (
+    Frame,
+    Rows,
+    finite,
+    jacobians,
+    pose_of,
+    product,
+    shortest,
+    solve,
+    squared,
+    times,
+    transposed,
+    turned_back,
+    turned_twist,
+)
 from procs.kinematics.poses import inverse, pose_from_matrix
 
 Array = NDArray[np.float64]
-
-DAMPING = 1e-12  # of wrenches and rates where the Jacobian is singular: no number but a finite one is right there
 
 
 class Cartesian:
@@ -24,14 +41,18 @@ class Cartesian:
     the base's origin. They hold while `valid`, and are this cycle's.
     """
 
+    DAMPING: Final = 1e-12  # of wrenches and rates where the Jacobian is singular: only a finite number is right there
+
     def __init__(self, field: Fields, io: ArmReadings) -> None:
         """`field` gives the arrays of the arm's own record."""
-        self._io = io
-        self._measured, self._setpoint = field("measured_cp"), field("setpoint_cp")
-        self._local_measured, self._local_setpoint = field("local_measured_cp"), field("local_setpoint_cp")
-        self.twist, self._setpoint_twist = field("measured_cv"), field("setpoint_cv")
-        self._jacobian, self._spatial = field("jacobian"), field("spatial_jacobian")
-        self._body_wrench, self._spatial_wrench = field("body_measured_cf"), field("spatial_measured_cf")
+        self.io = io
+        self.measured, self.setpoint = field("measured_cp"), field("setpoint_cp")
+        self.local_measured, self.local_setpoint = field("local_measured_cp"), field("local_setpoint_cp")
+        self.twist, self.setpoint_twist = field("measured_cv"), field("setpoint_cv")
+        self.body_twist = field("local_measured_cv")
+        self.shown_body, self.shown_spatial = field("jacobian"), field("spatial_jacobian")
+        self.columns = self.shown_body.shape[1]
+        self.body_wrench, self.spatial_wrench = field("body_measured_cf"), field("spatial_measured_cf")
         self._base_pose, self._base_valid = field("base_frame"), field("reference_valid")
         self._valid = field("cartesian_valid")
         self.valid = False
@@ -40,38 +61,42 @@ class Cartesian:
         self.base_known = True
         self._is_identity = True
         self.base, self._to_base = np.eye(4), np.eye(4)
-        self.tip, self._reference_tip = np.eye(4), np.eye(4)
-        self.rotation: Array = self.tip[:3, :3]
+        self.tip, self.reference_tip = np.eye(4), np.eye(4)
+        self.rotation: Array = self.reference_tip[:3, :3]
         self.absolute = False
         """Wrenches of the body are in the axes of the reference frame, not the tip's."""
-        self._body_twist = field("local_measured_cv")
-        self._body_rows, self.twist_rows = self._body_twist.reshape(2, 3), self.twist.reshape(2, 3)
-        self._setpoint_body, self._setpoint_rows = np.zeros(6), self._setpoint_twist.reshape(2, 3)
-        self._wrench = np.zeros(6)
-        self._ldlt = eigenpy.LDLT(np.eye(6))  # a third of numpy's overhead
-        self._wrench_rows, self._body_wrench_rows = self._wrench.reshape(2, 3), self._body_wrench.reshape(2, 3)
-        self._spatial_rows = self._spatial_wrench.reshape(2, 3)
+        self.wanted_twist = np.zeros(6)
         self._setpoint_done = b""
         self._is_done = False
         """What was measured last is in the record."""
         self._shown_absolute = False
-        self._is_squared = self._is_short = False
+        self.why_numpy = ""
+        """Why the kernel does not do it; empty: it does."""
 
     def use(self, joints: JointSpace) -> None:
         """Another joint space; `ArmReadings` must have it already."""
-        n, io, kinematics = joints.count, self._io, joints.kinematics
-        self._kinematics = kinematics
-        self._jacobian[...] = self._spatial[...] = 0.0
-        self._shown, self.spatial = self._jacobian[:, :n], self._spatial[:, :n]
-        self._position, self._velocity, self._setpoint_position = io.position[:n], io.velocity[:n], io.setpoint[:n]
+        n, io = joints.count, self.io
+        self.shown_body[...] = self.shown_spatial[...] = 0.0
         self._setpoint_motion = io.rows[3:5, :n]
-        self._setpoint_velocity, self._effort = io.setpoint_velocity[:n], io.effort[:n]
-        if kinematics is not None:
-            self.tip, self.jacobian = kinematics.tip, kinematics.body  # of the setpoint for a moment, see update
-        self._free = joints.free
-        self._is_short = n < 6
-        self._damping = DAMPING * np.eye(min(n, 6))
+        self.size = io.rows.shape[1]
+        self.has_free = int(joints.free is not None)
+        self.free = np.eye(n) if joints.free is None else np.ascontiguousarray(joints.free)
+        self.m = self.free.shape[1]
+        self.found_rates = np.zeros(n)
+        self._kinematics = joints.kinematics
+        if joints.kinematics is not None:
+            self._bind(joints.kinematics)
         self.clear()
+
+    def _bind(self, kinematics: Kinematics) -> None:
+        self.kinematics = kinematics
+        self.tip, self.jacobian, self.spatial = kinematics.tip, kinematics.body, kinematics.spatial
+        bound = bind(CARTESIAN, self)
+        self.why_numpy = bound if isinstance(bound, str) else ""
+        self._show: Callable[[int, int], int] = self.by_numpy_show
+        self._rates: Callable[[], int] = self.by_numpy_rates
+        if not isinstance(bound, str):
+            self._show, self._rates = map(bound.function, CARTESIAN.functions)
 
     def set_base(self, base: Array | None) -> None:
         """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""
@@ -104,81 +129,98 @@ class Cartesian:
     def update(self) -> None:
         """Fill the record from this cycle's readings, if they are valid and there is a tip."""
         kinematics = self._kinematics
-        if kinematics is None or not self._io.valid or not self.complete:
+        if kinematics is None or not self.io.valid or not self.complete:
             if self.valid:
                 self.clear()
             return
         wanted = self._setpoint_motion.tobytes()
         is_new = wanted != self._setpoint_done  # an arm that holds needs this once
-        if not is_new and self._is_done and not self._io.changed and self.absolute is self._shown_absolute:
+        if not is_new and self._is_done and not self.io.changed and self.absolute is self._shown_absolute:
             return  # a kinematic robot at rest
         self.valid = self._is_done = True
         self._shown_absolute = self.absolute
         self._valid[...] = True
         self._base_valid[...] = self.base_known
-        if is_new:
-            self._setpoint_done = wanted
-            self._show_setpoint(kinematics)
-        kinematics.update(self._position)
-        self._shown[...] = kinematics.body
-        self.spatial[...] = kinematics.spatial
-        self._fill(kinematics.tip, self._local_measured, self._measured)
-        self.rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
-        np.matmul(kinematics.body, self._velocity, out=self._body_twist)
-        np.matmul(self._body_rows, self.rotation.T, out=self.twist_rows)
-        self._show_wrench(kinematics)
-
-    def _show_setpoint(self, kinematics: Kinematics) -> None:
-        if not any(self._setpoint_velocity.tolist()):  # the Jacobian is not needed
-            self._fill(kinematics.fk(self._setpoint_position), self._local_setpoint, self._setpoint)
-            self._setpoint_twist[...] = 0.0
-            return
-        kinematics.update(self._setpoint_position)
-        self._fill(kinematics.tip, self._local_setpoint, self._setpoint)
-        rotation = kinematics.tip[:3, :3] if self._is_identity else self._reference_tip[:3, :3]
-        np.matmul(kinematics.body, self._setpoint_velocity, out=self._setpoint_body)
-        np.matmul(self._setpoint_body.reshape(2, 3), rotation.T, out=self._setpoint_rows)
+        self._setpoint_done = wanted
+        kinematics.forget()
+        self._show(is_new, self.absolute)
 
     def rates(self, twist: Array) -> Array:
-        """Joint velocities (count,) for a twist (6,) of the measured tip in the reference frame: pinv(J) · twist."""
-        turned = (twist.reshape(2, 3) @ self.rotation).reshape(6)  # Rᵀ · v, in rows
-        body = self.jacobian if self._free is None else self.jacobian @ self._free
-        square = self._squared(body)
-        rates: Array = square.solve(body.T @ turned) if self._is_short else body.T @ square.solve(turned)
-        return rates if self._free is None else self._free @ rates
+        """Joint velocities (count,) for a twist (6,) of the measured tip in the reference frame: pinv(J) · twist.
 
-    def _squared(self, body: Array) -> eigenpy.LDLT:
-        """The smaller one of Jᵀ·J and J·Jᵀ of this cycle, ready to solve with."""
-        if not self._is_squared:
-            self._is_squared = True
-            self._ldlt.compute((body.T @ body if self._is_short else body @ body.T) + self._damping)
-        return self._ldlt
+        The next call overwrites them.
+        """
+        self.wanted_twist[...] = twist
+        self._rates()
+        return self.found_rates
 
-    def _show_wrench(self, kinematics: Kinematics) -> None:
-        """The wrench at the tip that the efforts amount to: pinv(Jᵀ) · effort, of the body and at the base's origin."""
-        self._is_squared = False
-        if not any(self._effort.tolist()):  # a kinematic robot
-            self._body_wrench[...] = self._spatial_wrench[...] = 0.0
-            return
-        body, effort = kinematics.body, self._effort
-        if self._free is not None:  # joints that bend together are pushed together
-            body, effort = body @ self._free, effort @ self._free
-        square = self._squared(body)
-        self._wrench[...] = body @ square.solve(effort) if self._is_short else square.solve(body @ effort)
-        local = kinematics.tip[:3, :3]
-        if self.absolute:
-            np.matmul(self._wrench_rows, self.rotation.T, out=self._body_wrench_rows)
+    # the reference of the kernel
+
+    def by_numpy_show(self, is_new: int, absolute: int) -> int:
+        """All of the record, that of the setpoint where it `is_new`."""
+        kinematics, n = self.kinematics, self.kinematics.n
+        position, velocity, effort, wanted, wanted_velocity = self.io.rows[:5, :n].tolist()
+        if is_new:
+            frames = kinematics.links.frames(finite(wanted))
+            tip = kinematics.tip_after(frames)
+            reference = self._show_pose(tip, self.local_setpoint, self.setpoint)
+            self.setpoint_twist[...] = 0.0
+            if any(wanted_velocity):
+                body, _ = jacobians(frames, kinematics.is_prismatic.tolist(), tip)
+                self.setpoint_twist[...] = turned_twist(reference, times(transposed(body), wanted_velocity))
+        kinematics.q[...] = position
+        kinematics.by_numpy_update()
+        self.shown_body[:, :n], self.shown_spatial[:, :n] = kinematics.body, kinematics.spatial
+        tip = kinematics.tip[:3].reshape(12).tolist()
+        reference = self._show_pose(tip, self.local_measured, self.measured)
+        self.reference_tip[:3].reshape(12)[...] = reference
+        twist = times(kinematics.body.tolist(), velocity)
+        self.body_twist[...] = twist
+        self.twist[...] = turned_twist(reference, twist)
+        wrench = self._wrench(effort)
+        self.body_wrench[...] = turned_twist(reference, wrench) if absolute else wrench
+        a, b, c, d, e, f = turned_twist(tip, wrench)
+        x, y, z = tip[3], tip[7], tip[11]
+        self.spatial_wrench[...] = (a, b, c, d + y * c - z * b, e + z * a - x * c, f + x * b - y * a)
+        return 0
+
+    def by_numpy_rates(self) -> int:
+        """`found_rates` for `wanted_twist`."""
+        twist = turned_back(self.reference_tip[:3].reshape(12).tolist(), self.wanted_twist.tolist())
+        rows = self._rows()
+        if self.m < len(rows):
+            columns = transposed(rows)
+            found = times(columns, twist)
+            if not solve(squared(columns, self.DAMPING), found):
+                found = [0.0] * self.m
         else:
-            self._body_wrench[...] = self._wrench
-        np.matmul(self._wrench_rows, local.T, out=self._spatial_rows)
-        x, y, z = kinematics.tip[:3, 3].tolist()
-        a, b, c, d, e, f = self._spatial_wrench.tolist()
-        self._spatial_wrench[3:] = (d + y * c - z * b, e + z * a - x * c, f + x * b - y * a)
+            found = shortest(rows, twist, self.DAMPING)
+        self.found_rates[...] = times(self.free.tolist(), found) if self.has_free else found
+        return 0
 
-    def _fill(self, local: Array, local_out: Array, out: Array) -> None:
-        pose_from_matrix(local, local_out)
-        if self._is_identity:
-            out[...] = local_out
+    def _rows(self) -> Rows:
+        """The body Jacobian (6, m) of the coordinates that are independent."""
+        rows: Rows = self.kinematics.body.tolist()
+        return [times(self.free.T.tolist(), row) for row in rows] if self.has_free else rows
+
+    def _wrench(self, effort: list[float]) -> list[float]:
+        """At the tip, in its axes, that the efforts amount to: pinv(Jᵀ) · effort."""
+        if not any(effort):  # a kinematic robot
+            return [0.0] * 6
+        rows = self._rows()
+        if self.has_free:  # joints that bend together are pushed together
+            effort = times(self.free.T.tolist(), effort)
+        if self.m < len(rows):
+            is_solved = solve(squared(transposed(rows), self.DAMPING), effort)
+            wrench = times(rows, effort)
         else:
-            np.matmul(self.base, local, out=self._reference_tip)
-            pose_from_matrix(self._reference_tip, out)
+            wrench = times(rows, effort)
+            is_solved = solve(squared(rows, self.DAMPING), wrench)
+        return wrench if is_solved else [0.0] * 6
+
+    def _show_pose(self, local: Frame, local_out: Array, out: Array) -> Frame:
+        """In both frames; that of the tip in the reference frame."""
+        reference = product(self.base[:3].reshape(12).tolist(), local)
+        local_out[...] = pose_of(local)
+        out[...] = pose_of(reference)
+        return reference

@@ -40,4 +40,22 @@ INVERSE: Final = CStruct("Inverse", (
 ), {"newton": ("f8",), "fits": ("f8",), "approach": ()})
 """From `procs.kinematics.inverse.solver.InverseSolver`; m: coordinates that are independent."""
 
-ARM: Final = (CHAIN, INVERSE)
+CARTESIAN: Final = CStruct("Cartesian", (
+    *links("kinematics.links"),
+    *rows("f8", "3 4", end="kinematics.end"),
+    *rows("f8", "4 4", tip="kinematics.tip", reference_tip="reference_tip", base="base"),
+    *rows("f8", "n 6", body="kinematics.body_columns", spatial="kinematics.spatial_columns"),
+    *rows("i8", "", m="m", has_free="has_free", size="size", columns="columns"),
+    *rows("f8", "n m", free="free"),
+    *rows("f8", "6 size", readings="io.rows"),
+    *rows("f8", "7", measured="measured", setpoint="setpoint", local_measured="local_measured",
+          local_setpoint="local_setpoint"),
+    *rows("f8", "6", twist="twist", setpoint_twist="setpoint_twist", body_twist="body_twist",
+          body_wrench="body_wrench", spatial_wrench="spatial_wrench", wanted_twist="wanted_twist"),
+    *rows("f8", "6 columns", shown_body="shown_body", shown_spatial="shown_spatial"),
+    *rows("f8", "n", found_rates="found_rates"),
+    *rows("f8", "", damping="DAMPING"),
+), {"show": ("i8", "i8"), "rates": ()})
+"""From `procs.arm.cartesian.Cartesian`."""
+
+ARM: Final = (CHAIN, INVERSE, CARTESIAN)

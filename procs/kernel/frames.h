@@ -7,8 +7,16 @@
 typedef struct { int64_t n; const double *placements; const uint8_t *slides; } Links;
 #define LINKS(k) ((Links){(k)->n, (k)->placements, (k)->slides})
 
+#pragma GCC visibility push(hidden)  // else libc's times would be taken for ours
 void joint_frames(const Links *c, const double *q, double (*frames)[12]);
 void jacobians(const Links *c, double (*frames)[12], const double *tip, double *body, double *spatial);
+void twist_between(const double *f, const double *g, double *out);
+void pose_of(const double *f, double *out);
+void times(const double *rows, int64_t r, int64_t m, const double *v, double *out);
+int solve(double *a, double *x, int64_t n);
+void squared(const double *rows, int64_t r, int64_t m, double damping, double *a);
+void shortest(const double *rows, int64_t r, int64_t m, const double *wanted, double damping, double *x);
+#pragma GCC visibility pop
 
 static inline void product(const double *f, const double *g, double *out) {
   for (int r = 0; r < 12; r += 4)
@@ -34,10 +42,3 @@ static inline double dot(const double *a, const double *b, int64_t n) {
   for (int64_t i = 0; i < n; i++) total += a[i] * b[i];
   return total;
 }
-
-void twist_between(const double *f, const double *g, double *out);
-void pose_of(const double *f, double *out);
-void times(const double *rows, int64_t r, int64_t m, const double *v, double *out);
-int solve(double *a, double *x, int64_t n);
-void squared(const double *rows, int64_t r, int64_t m, double damping, double *a);
-void shortest(const double *rows, int64_t r, int64_t m, const double *wanted, double damping, double *x);

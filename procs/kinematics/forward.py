@@ -99,6 +99,10 @@ class Kinematics:
         self.q[...] = q
         self._update()
 
+    def forget(self) -> None:
+        """Somebody else writes `tip`, `body` and `spatial`."""
+        self._updated = b""
+
     def fk(self, q: Array, out: Array | None = None) -> Array:
         """Pose of the tip (4, 4); written to `out` when given, else to `tip`."""
         self.q[...] = q

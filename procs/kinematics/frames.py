@@ -99,6 +99,14 @@ def turned_twist(f: Frame, v: Sequence[float]) -> list[float]:
             a * p + b * q + c * r, d * p + e * q + h * r, i * p + j * q + k * r]
 
 
+def turned_back(f: Frame, v: Sequence[float]) -> list[float]:
+    """Both halves of (6,), into the axes of f."""
+    a, b, c, _, d, e, h, _, i, j, k, _ = f
+    x, y, z, p, q, r = v
+    return [a * x + d * y + i * z, b * x + e * y + j * z, c * x + h * y + k * z,
+            a * p + d * q + i * r, b * p + e * q + j * r, c * p + h * q + k * r]
+
+
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
     """Σ a · b, from the first on."""
     total = 0.0

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from procs.arm.cartesian import Cartesian
 from procs.document.system import Chain, Tool
 from procs.kernel.library import kernel
 from procs.kinematics import frames
@@ -34,13 +37,18 @@ ARMS = {
     "ECM": ("ECM", "ECM", ""), "ECM_Si": ("ECM", "ECM_Si", ""),
     "MTML": ("MTM", "MTML", ""), "MTMR": ("MTM", "MTMR", ""),
 }
+OUTPUTS = {"measured_cp": (7,), "setpoint_cp": (7,), "local_measured_cp": (7,), "local_setpoint_cp": (7,),
+           "measured_cv": (6,), "setpoint_cv": (6,), "local_measured_cv": (6,), "body_measured_cf": (6,),
+           "spatial_measured_cf": (6,), "jacobian": (6, 8), "spatial_jacobian": (6, 8), "base_frame": (7,),
+           "reference_valid": (), "cartesian_valid": ()}
 seeds = st.integers(0, 2**32 - 1)
 
 
 @contextmanager
 def without_kernel() -> Iterator[None]:
-    with patch("procs.kinematics.forward.bind", lambda *_: "not asked"), \
-            patch("procs.kinematics.inverse.solver.bind", lambda *_: "not asked"):
+    with ExitStack() as stack:
+        for module in ("procs.kinematics.forward", "procs.kinematics.inverse.solver", "procs.arm.cartesian"):
+            stack.enter_context(patch(f"{module}.bind", lambda *_: "not asked"))
         yield
 
 
@@ -202,3 +210,47 @@ def test_the_recording_of_a_real_arm_is_followed_the_same_both_ways() -> None:
             assert assert_same_solution(quick, python, goal, at)
             np.testing.assert_allclose(quick.q, q, atol=TRUE, rtol=0)
             at = quick.q.copy()
+
+
+def cartesian(name: str, rows: np.ndarray, base: np.ndarray) -> tuple[Cartesian, dict[str, np.ndarray]]:
+    """With a record of its own."""
+    chain = Kinematics(*parts(name)[1:])
+    record = {key: np.full(shape, 7.0 if shape else 0.0) for key, shape in OUTPUTS.items()}
+    readings: Any = SimpleNamespace(rows=rows, valid=True, changed=True)
+    made = Cartesian(record.__getitem__, readings)
+    joints: Any = SimpleNamespace(kinematics=chain, count=chain.n, free=BENDS if chain.n == len(BENDS) else None)
+    made.use(joints)
+    made.set_base(base)
+    return made, record
+
+
+@pytest.mark.parametrize("name", ARMS)
+@given(seeds, st.booleans(), st.sampled_from((0.0, 1e-9, 1.0)))
+@settings(max_examples=30, deadline=None)
+def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolute: bool, speed: float) -> None:
+    rng = np.random.default_rng(seed)
+    quick, _, truth = chains(name)
+    rows = rng.normal(0.0, 1.0, (6, quick.n + 1))
+    rows[0, : quick.n], rows[3, : quick.n] = within(quick, rng), within(quick, rng)
+    rows[1:3] *= speed
+    rows[4:] *= speed
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = rotation_from_vector(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 1.0, 3)
+    with without_kernel():
+        python, python_record = cartesian(name, rows, base)
+    made, record = cartesian(name, rows, base)
+    assert (made.why_numpy, python.why_numpy) == ("", "not asked")
+    twist = rng.normal(0.0, 1.0, 6)
+    for each in (made, python):
+        each.absolute = absolute
+        each.update()
+        np.testing.assert_allclose(each.tip, truth.frame(rows[0, : quick.n]), atol=TRUE, rtol=0)
+        np.testing.assert_allclose(each.rotation, (base @ each.tip)[:3, :3], atol=TRUE, rtol=0)
+        np.testing.assert_allclose(each.body_twist, truth.body(rows[0, : quick.n]) @ rows[1, : quick.n], atol=TRUE)
+        if not absolute and name != "NEEDLE_DRIVER_400117" and quick.n >= 6:  # pinv(Jᵀ) · effort
+            wrench = each.jacobian @ each.jacobian.T @ each.body_wrench
+            np.testing.assert_allclose(wrench, each.jacobian @ rows[2, : quick.n], atol=1e-6)
+    for key, array in record.items():
+        np.testing.assert_allclose(array, python_record[key], atol=SAME, rtol=SAME, err_msg=key)
+    np.testing.assert_allclose(made.rates(twist), python.rates(twist), atol=SAME, rtol=SAME)
+    assert not made.rates(np.zeros(6)).any()
