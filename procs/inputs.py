@@ -7,6 +7,8 @@ from typing import Any, Final, Protocol
 LATE_S: Final = 0.03
 """Who must not be silent and is for so long counts as gone."""
 LATE_NS: Final = round(LATE_S * 1e9)
+FOR_EVER_NS: Final = 1 << 62
+"""A time that no clock comes to."""
 SETUP_LATE_S: Final = 0.05
 """The same between setup joints and the arms that they carry."""
 

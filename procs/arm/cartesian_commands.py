@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import REPORT_NS, Control
-from procs.arm.efforts import FOR_EVER
 from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
+from procs.inputs import FOR_EVER_NS
 from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import given_pose
 from procs.requests import CommandRefused, Request, switch
@@ -169,7 +169,7 @@ class CartesianCommands:
 
     # wrenches
 
-    def _push_body(self, wrench: Array, *, absolute: bool, lasts_ns: int = FOR_EVER) -> str:
+    def _push_body(self, wrench: Array, *, absolute: bool, lasts_ns: int = FOR_EVER_NS) -> str:
         """`absolute`: the wrench is in axes of the reference frame."""
         control = self._control
         _check_wrench(wrench)
@@ -181,7 +181,7 @@ class CartesianCommands:
     def _body_servo_cf(self, request: Request) -> str:
         """A seventh value is how long it lasts, in s, if that is less than efforts last anyway."""
         self.enter(request.name)
-        values, lasts_ns, absolute = request.values, FOR_EVER, self._control.cartesian.absolute
+        values, lasts_ns, absolute = request.values, FOR_EVER_NS, self._control.cartesian.absolute
         if len(values) > TWIST:
             if not 0.0 < values[TWIST] <= MAX_S:
                 raise CommandRefused(f"it may last up to {MAX_S:g} s, not {values[TWIST]:g}")

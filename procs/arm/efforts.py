@@ -6,7 +6,6 @@ What is pushed with, other than nothing, ends by itself when it is not asked for
 from __future__ import annotations
 
 from enum import Enum
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from procs.arm.cartesian import Cartesian
 from procs.arm.effort_limits import EffortLimits
 from procs.arm.impedance import ImpedanceGains
+from procs.inputs import FOR_EVER_NS
 
 Array = NDArray[np.float64]
-
-FOR_EVER: Final = 1 << 62  # ns
 
 
 class Law(Enum):
@@ -35,7 +33,7 @@ class Efforts:
     def __init__(self, cartesian: Cartesian, limits: EffortLimits, size: int, timeout_s: float) -> None:
         """`cartesian` is that of this cycle; after `timeout_s` efforts end that were not asked for again, 0: never."""
         self._cartesian, self._limits = cartesian, limits
-        self._timeout_ns = round(timeout_s * 1e9) or FOR_EVER
+        self._timeout_ns = round(timeout_s * 1e9) or FOR_EVER_NS
         self._absolute = False
         self.wrench = np.zeros(6)
         self._turned = np.zeros(6)
@@ -54,7 +52,7 @@ class Efforts:
         """No efforts, of the jaw neither."""
         self.law = Law.JOINT
         self._asked[...] = 0.0
-        self._end_ns = self._timeout_at_ns = self._jaw_timeout_at_ns = FOR_EVER
+        self._end_ns = self._timeout_at_ns = self._jaw_timeout_at_ns = FOR_EVER_NS
 
     def joint(self, efforts: Array, now_ns: int) -> None:
         """Joint efforts (count,)."""
@@ -66,7 +64,7 @@ class Efforts:
         self._asked[-1] = effort
         self._jaw_timeout_at_ns = self.timeout_at(now_ns, self._asked[-1:])
 
-    def body(self, wrench: Array, now_ns: int, *, absolute: bool, lasts_ns: int = FOR_EVER) -> None:
+    def body(self, wrench: Array, now_ns: int, *, absolute: bool, lasts_ns: int = FOR_EVER_NS) -> None:
         """A force and torque (6,) at the tip, for so long at most; `absolute`: in axes of the reference frame."""
         self._ask(Law.BODY, self.timeout_at(now_ns, wrench))
         self._absolute, self.wrench[...], self._end_ns = absolute, wrench, now_ns + lasts_ns
@@ -83,10 +81,10 @@ class Efforts:
 
     def timeout_at(self, now_ns: int, numbers: Array) -> int:
         """When what is asked for now has to be asked for again; all 0, which is nothing, never."""
-        return now_ns + self._timeout_ns if numbers.any() else FOR_EVER
+        return now_ns + self._timeout_ns if numbers.any() else FOR_EVER_NS
 
     def _ask(self, law: Law, timeout_at_ns: int) -> None:
-        self.law, self._timeout_at_ns, self._end_ns = law, timeout_at_ns, FOR_EVER
+        self.law, self._timeout_at_ns, self._end_ns = law, timeout_at_ns, FOR_EVER_NS
 
     # the cycle
 
@@ -98,7 +96,7 @@ class Efforts:
         """The efforts of this cycle, from the measured tip."""
         if now_ns >= self._end_ns:
             self.wrench[...] = 0.0
-            self._end_ns = self._timeout_at_ns = FOR_EVER
+            self._end_ns = self._timeout_at_ns = FOR_EVER_NS
         effort, cartesian = self.effort, self._cartesian
         effort[...] = self._asked
         if self.law is not Law.JOINT:

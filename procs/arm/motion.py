@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.arm.joints import JointSpace
+from procs.inputs import FOR_EVER_NS
 from procs.kinematics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 STREAM_NS = 100_000_000  # a servo command older than this is no stream any more: its velocity is no longer fed
-FOR_EVER_NS = 1 << 62
 MAX_STEP_NS = 5_000_000  # after a pause of ours a drifting joint goes on from where it is, and does not catch up
 
 

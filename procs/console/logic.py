@@ -89,7 +89,7 @@ class Logic:
         if kind == PRESSED and button != CLUTCH:
             self._pick_up()
         self._desk.button(button, kind)
-        self.update(0)  # teleoperations are stopped before anything else is told
+        self.update()  # teleoperations are stopped before anything else is told
         if button == CLUTCH:
             # those at rest first: what they have a master do that others share must not undo what these want of it
             for member in sorted(self.mine, key=lambda member: self.asked[member.name] in (ENABLE, ALIGN)):
@@ -123,7 +123,7 @@ class Logic:
             self._pick_up()
         self._desk.emit("teleop_enabled", component=self.name, value=float(on))
         self._desk.status(f"{self.name}: teleoperation {'enabled' if on else 'disabled'}")
-        self.update(0)
+        self.update()
 
     def set_scale(self, scale: float) -> None:
         """One scale for all teleoperations of the console."""
@@ -150,7 +150,7 @@ class Logic:
         if teleop not in self.selected:
             self.selected.add(teleop)
             self._desk.emit("selected", teleop, teleop)
-        self.update(0)
+        self.update()
         return True
 
     def unselect(self, teleop: str) -> None:
@@ -159,7 +159,7 @@ class Logic:
         if teleop in self.selected:
             self.selected.discard(teleop)
             self._desk.emit("unselected", teleop, teleop)
-        self.update(0)
+        self.update()
 
     def knows(self, teleop: str) -> bool:
         """Whether it is one of ours."""
@@ -206,12 +206,12 @@ class Logic:
             return ENABLE if member.name not in self.lapsed else DISABLE
         return ENABLE if self.operator and member.name not in self.lapsed else ALIGN
 
-    def update(self, now_ns: int) -> None:
-        """Ask for what is not asked for yet; whoever is to stop is told first. `now_ns` 0: at once."""
+    def update(self, now_ns: int | None = None) -> None:
+        """Ask for what is not asked for yet; whoever is to stop is told first. None: what was refused, too."""
         self._yield()
         words = [(self.word(member), member.name) for member in self.mine]
         for word, name in sorted(words, key=lambda row: row[0] != DISABLE):
-            due = word != self.asked[name] and not 0 < now_ns < self._again_ns[name]
+            due = word != self.asked[name] and (now_ns is None or now_ns >= self._again_ns[name])
             if due and self._desk.ask(name, "state_command", text=word, origin=self.origin):
                 self.asked[name] = word
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.fpga import blocks, registers
+from procs.inputs import FOR_EVER_NS
 from procs.io.brakes import Brakes
 from procs.io.bus.port import Port
 from procs.io.outputs import Outputs
@@ -36,7 +37,6 @@ POWER_GRACE_NS: Final = 3_000_000_000  # some supplies come up slowly; never rai
 FAULT_GRACE_NS: Final = 200_000_000  # supply fault and an old watchdog flag take this long to clear
 AMP_GRACE_NS: Final = 50_000_000  # an amplifier that was on may be off this long: the supply's loss shows later
 RETRY_NS: Final = 100_000_000
-NEVER: Final = 1 << 62
 
 GOOD: Final = (registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK)
 WATCHED: Final = GOOD | registers.STATUS_POWER | registers.STATUS_WATCHDOG
@@ -130,7 +130,7 @@ class Power:
     def step(self, now_ns: int) -> None:
         """Judge the status words of a good sample: whenever they have changed, and at `wake_ns`."""
         self.before[...], self.amps_before[...] = self.now, self._samples.amp_on
-        self.wake_ns = NEVER
+        self.wake_ns = FOR_EVER_NS
         self.changed = True
         for robot in range(len(self._supplies)):
             self._show(robot)

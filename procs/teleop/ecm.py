@@ -40,10 +40,8 @@ class TeleopEcm(Teleop):
         self.camera = Camera(settings.scale, settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
         self._turned, self._goal = np.zeros(JOINTS), np.zeros(JOINTS)
-        self._was_refused = False
         self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
         self._wrench[6] = WRENCH_LASTS_S
-        self._let_go_ns = 0
         field = record.field
         self._goal_shown, self._sent, self._scale = field("goal_jp"), field("sent_ns"), field("scale")
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.document.consoles import TeleopPsmConfig as Settings
-from procs.inputs import LATE_S
+from procs.inputs import FOR_EVER_NS, LATE_S
 from procs.kinematics.poses import angle_between
 from procs.requests import CommandRefused, Reports, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
@@ -23,7 +23,6 @@ from shm.faults import Cell
 
 Array = NDArray[np.float64]
 
-FOR_EVER_NS: Final = 1 << 62
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
 SAME_JAW: Final = 1e-6  # rad: it is there already

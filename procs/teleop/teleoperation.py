@@ -175,7 +175,6 @@ class JawMapping:
         """Gripper angles for a jaw at 0 and fully open (rad, not the same); rates of the ghost, rad/s."""
         self._zero, self._max = gripper_zero, gripper_max
         self._rate, self._slow_rate = rate, rate_after_clutch
-        self._lower = 0.0
         self.ghost = 0.0
         self._catching_up, self._has_gripper = True, False
         self.use(0.0, gripper_max)
