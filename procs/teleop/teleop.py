@@ -301,7 +301,6 @@ class Teleop:
         if word not in self.words:
             raise CommandRefused(f"{word!r}: allowed are {', '.join(self.words)}")
         if word != "disable":
-            self.reason = ""
             self._work_for(request.origin)
         self.desire(self.words[word])
         if word == "disable":
