@@ -159,6 +159,10 @@ class CartPlay:
         self.trace.look(did + self.log, self.seen())
         self.log.clear()
 
+    def state_of(self, name: str) -> Any:
+        """A field of the record."""
+        return self.state.field(name)
+
     def seen(self) -> list[tuple[str, Any]]:
         found: list[tuple[str, Any]] = []
         for row in SUJ_STATE.fields:

@@ -1,0 +1,155 @@
+"""Where a mapping, presence and a teleoperation begin, and the very edges of what they allow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procs.kinematics.poses import angle_between, conjugate, product, turned
+from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, waiting_for
+from shm.origins import NOBODY
+from tests.teleop.harness import EcmHarness, TeleopHarness
+
+ANGLES = st.floats(-3.0, 3.0)
+PLACES = st.floats(-0.5, 0.5)
+QUATERNIONS = st.tuples(*(st.floats(-1.0, 1.0),) * 4).filter(lambda q: math.hypot(*q) > 0.1)
+
+
+def unit(quaternion: tuple[float, ...]) -> np.ndarray:
+    return np.array(quaternion) / math.hypot(*quaternion)
+
+
+def pose(place: tuple[float, ...], quaternion: tuple[float, ...]) -> np.ndarray:
+    return np.array((*place, *unit(quaternion)))
+
+
+POSES = st.builds(pose, st.tuples(PLACES, PLACES, PLACES), QUATERNIONS)
+
+
+@given(POSES, POSES, POSES, st.floats(0.1, 2.0), st.floats(0.9, 1.1), st.booleans(), st.booleans())
+def test_the_slave_goes_and_turns_as_the_master_does(begin: np.ndarray, slave: np.ndarray, now: np.ndarray,
+                                                     scale: float, length: float, turns: bool, moves: bool) -> None:
+    mapping = PoseMapping(scale, rotation_locked=not turns, translation_locked=not moves)
+    mapping.begin(begin, slave)
+    longer = np.append(now[:3], now[3:] * length)  # a master's quaternion may be rounded
+    goal = mapping.step(longer)
+    assert goal[:3] == pytest.approx(slave[:3] + scale * moves * (now[:3] - begin[:3]), abs=1e-9)
+    assert math.hypot(*goal[3:]) == pytest.approx(1.0) and goal[6] >= 0.0
+    by = product(now[3:].tolist(), conjugate(begin[3:].tolist()))
+    wanted = np.append(goal[:3], product(by, slave[3:].tolist()) if turns else slave[3:])
+    assert angle_between(goal, wanted) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(POSES, POSES, POSES, POSES)
+def test_a_slave_on_a_base_that_moves_stays_where_it_is(master: np.ndarray, slave: np.ndarray, first: np.ndarray,
+                                                        base: np.ndarray) -> None:
+    mapping = PoseMapping(0.3)
+    mapping.begin(master, slave, first)
+    goal = mapping.step(master, base).tolist()
+
+    def outside(of: np.ndarray, what: list[float]) -> np.ndarray:
+        x, y, z = turned(of[3:].tolist(), what[:3])
+        return np.array((of[0] + x, of[1] + y, of[2] + z, *product(of[3:].tolist(), what[3:])))
+
+    before, after = outside(first, slave.tolist()), outside(base, goal)
+    assert after[:3] == pytest.approx(before[:3], abs=1e-9) and angle_between(before, after) < 1e-6
+
+
+def test_a_twist_is_scaled_and_what_is_locked_does_not_move() -> None:
+    twist = np.array((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    for linear, angular, moves, turns in ((a, b, c, d) for a in (0, 1) for b in (0, 1) for c in (0, 1) for d in (0, 1)):
+        mapping = PoseMapping(0.5, rotation_locked=not turns, translation_locked=not moves)
+        found = mapping.velocity(twist, linear=bool(linear), angular=bool(angular))
+        assert list(found) == [*(0.5 * twist[:3] * linear * moves), *(twist[3:] * angular * turns)]
+
+
+@pytest.mark.parametrize(("gripper", "roll", "active"), [
+    (3.0, 0.0, True), (2.999, 0.0, False), (0.0, 2.0, True), (0.0, 1.999, False),
+    (2.5, 1.5, False), (2.5, 1.501, True), (2.501, 1.5, True), (math.nan, 2.0, True), (math.nan, math.nan, False)])
+def test_presence_is_a_gripper_or_a_roll_that_moved_or_a_bit_of_both(gripper: float, roll: float, active: bool) -> None:
+    presence = Presence(3.0, 2.0)
+    assert not presence.look(0.0, 0.0) and (presence.gripper_range, presence.roll_range) == (0.0, 0.0)
+    assert presence.look(gripper, roll) is active
+    assert presence.look(0.0, 0.0) is active, "once active it stays so"
+    presence.reset()
+    assert presence.is_active is active and (presence.gripper_range, presence.roll_range) == (0.0, 0.0)
+    presence.look(1.0, 1.0)
+    presence.look(0.5, 0.25)
+    assert (presence.gripper_range, presence.roll_range) == (0.5, 0.75)
+    presence.forget_roll()
+    assert (presence.gripper_range, presence.roll_range) == (0.5, 0.0)
+    presence.forget()
+    assert not presence.is_active and presence.gripper_range == 0.0
+
+
+def test_what_following_waits_for_is_said_all_at_once() -> None:
+    five = math.radians(5.0)
+    assert waiting_for("MTMR", Start(five, five, is_active=True, is_moving=False)) == ""
+    assert waiting_for("MTMR", Start(math.nan, five, is_active=True, is_moving=False)) != ""
+    assert waiting_for("MTMR", Start(five + 1e-6, five, is_active=False, is_moving=True)) == (
+        "waiting: MTMR 5.0° off, tolerance 5°; MTMR is still moving; pinch or twist MTMR's gripper a bit")
+
+
+def test_a_jaw_that_was_never_begun_opens_from_closed_and_no_further_than_the_rate() -> None:
+    jaw = JawMapping(0.1, 1.1, 2.0, 0.5)
+    assert jaw.ghost == 0.0 and jaw.jaw_of(0.1) == 0.0 and jaw.jaw_of(1.1) == pytest.approx(1.1)
+    assert jaw.step(0.0, 0.0) == 0.0, "no further closed than its lower limit"
+    jaw = JawMapping(0.1, 1.1, 2.0, 0.5)
+    jaw.use(-0.4, 0.5)
+    jaw.begin(0.3)
+    assert jaw.step(1.0, 0.02) == pytest.approx(0.3 + 0.5 * 0.5 * 0.02), "slowly until it has caught up"
+    assert jaw.step(jaw.ghost + 0.01, 0.02) == pytest.approx(0.305 + 0.5 * 0.01)
+    assert jaw.step(1.0, 0.02) == pytest.approx(0.31 + 0.5 * 2.0 * 0.02), "then quickly"
+    assert jaw.step(1.0, 5.0) == pytest.approx(0.33 + 0.5 * 2.0 * 0.03), "a late cycle makes no more of it"
+    assert jaw.step(0.0, -5.0) == pytest.approx(0.36)
+    still = jaw.ghost
+    assert jaw.step(math.nan, 0.02) == pytest.approx(0.36) and jaw.ghost == still, "it is not seen any more"
+    for _ in range(200):
+        lowest = jaw.step(-3.0, 0.02)
+    assert lowest == -0.4 and jaw.jaw_of(jaw.ghost) == pytest.approx(-0.4)
+    jaw.begin(0.0)
+    for _ in range(400):
+        without = jaw.step(math.nan, 0.02)
+    assert without == pytest.approx(math.radians(45.0)), "a master without a gripper"
+
+
+@pytest.mark.parametrize("made", [TeleopHarness, EcmHarness])
+def test_a_teleoperation_begins_with_nothing_asked_for(made: type[TeleopHarness]) -> None:
+    teleop = made().teleop
+    assert teleop.is_idle and not teleop.following and not teleop.clutched and teleop.reason == ""
+    assert (teleop.origin, teleop.now_ns, teleop.entered_ns, teleop.passed_s) == (NOBODY, 0, 0, 0.0)
+
+
+def test_time_passes_from_one_cycle_to_the_next() -> None:
+    teleop = TeleopHarness().teleop
+    for now_ns, passed_s in ((5_000_000_000, 0.0), (5_010_000_000, 0.01), (5_260_000_000, 0.25)):
+        teleop.step(now_ns, ())
+        assert teleop.passed_s == pytest.approx(passed_s) and teleop.now_ns == now_ns
+
+
+def test_a_gripper_that_moves_while_the_master_is_aligned_shows_presence() -> None:
+    harness = TeleopHarness(start_gripper_threshold=0.5)
+    harness.state_command("enable")
+    harness.run(0.01)
+    harness.master.ring.set(is_busy=True)
+    harness.run(0.01)
+    harness.master.ring.set(gripper_position=0.6)
+    harness.run(0.01)
+    assert not harness.following and "is still moving" in harness.text("reason")
+    harness.master.ring.set(is_busy=False)
+    harness.run(0.01)
+    assert harness.following
+
+
+@pytest.mark.parametrize("made", [TeleopHarness, EcmHarness])
+def test_asking_again_while_the_clutch_is_pressed_leaves_the_reason(made: type[TeleopHarness]) -> None:
+    harness = made().follow()
+    harness.send("clutch", 1)
+    assert harness.text("reason") == "the clutch is pressed"
+    harness.state_command("enable")
+    harness.run(0.01)
+    assert harness.text("reason") == "the clutch is pressed"
