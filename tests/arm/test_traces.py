@@ -144,3 +144,16 @@ def test_setpoints_and_efforts_of_a_long_play_are_what_they_were(name: str) -> N
     for _ in range(STEPS):
         trace.look(*play.step())
     trace.compare(FOLDER / f"{name}.txt")
+
+
+def test_a_setpoint_generator_begins_at_rest_and_moves_without_limit_of_jerk() -> None:
+    made = space()
+    motion = Motion(made)
+    assert motion.mode is Mode.NONE and not motion.moving and not motion.has_velocity
+    assert (motion.end_ns, motion.ratio) == (0, 1.0)
+    motion.hold(np.zeros(7))
+    target = np.zeros(7)
+    target[0] = 0.3
+    assert motion.move(target, np.zeros(7), 5_000 * MS) == ""
+    lasts_s = 2.0 * math.sqrt(0.3 / made.a_max[0])
+    assert motion.end_ns == pytest.approx(5_000 * MS + lasts_s * 1e9, abs=1000)

@@ -43,11 +43,18 @@ EQUIVALENT = {
     ("procs/arm/effort_limits.py", "wider = np.where(self._drives, spread, 0.0).max(axis=1)  # and back to the joints",
      "wider = np.where(self._drives, spread, -1.0).max(axis=1)  # and back to the joints"):
         "every joint has a motor, and nothing is less than 0 there",
+    ("procs/arm/effort_limits.py", "wider = np.where(self._drives, spread, 0.0).max(axis=1)  # and back to the joints",
+     "wider = np.where(self._drives, spread, 1.0).max(axis=1)  # and back to the joints"):
+        "nothing is less than 1 there",
+    ("procs/config/read/validate.py",
+     "slip = bool(difflib.get_close_matches(name.lower(), nearest, n=1, cutoff=_SLIP))",
+     "slip = bool(difflib.get_close_matches(name.lower(), nearest, n= 2, cutoff=_SLIP))"): "there is one at most",
+    ("procs/suj/interface_board.py", "break", "continue"): "after none there is none",
     ("procs/arm/motion.py", "self.effort[...] = 0.0", "pass"): "read in effort mode only, which sets it each cycle",
     ("procs/console/goovis.py", "if self._file >= 0:", "if self._file >= 1:"): "descriptor 0 is the standard input's",
     ("procs/io/pid.py", "self._dead = bool(np.any(outer > 0.0))", "self._dead = bool(np.any(outer != 0.0))"):
         "no file may have a dead-band below 0",
-    ("procs/suj/joints.py", "self._told = told", "pass"): "what is shown is written again as it is",
+    ("procs/suj/joints.py", "self._reported = reported", "pass"): "what is shown is written again as it is",
     ("procs/teleop/teleoperation.py", "self._first_offset = self.offset", "pass"): "begin sets it before it is read",
     ("procs/suj/setups.py", "self.changes += 1", "self.changes += 2"): "it is only compared with what it was",
 }

@@ -167,6 +167,19 @@ def test_a_counter_that_stands_still_for_five_seconds_makes_all_unknown(enabled:
     assert not enabled.state_of("setup_valid").any() and len(enabled.said("multiplexer-stuck")) == 1
 
 
+def test_an_io_that_was_away_for_long_is_no_counter_that_stands_still(enabled: QuietCart) -> None:
+    enabled.run(600)
+    enabled.io.alive = False
+    enabled.run(100)
+    assert not enabled.state_of("setup_valid").any() and not enabled.said("multiplexer-stuck")
+    enabled.now_ns += MAX_ROUND_NS
+    enabled.io.alive = True
+    for _ in range(300):
+        enabled.step()
+        assert not enabled.said("multiplexer-stuck")
+    assert enabled.state_of("setup_valid").all()
+
+
 @pytest.mark.parametrize(("before", "after", "reason"), [
     (b"ENABLED", SetupState.ENABLED, ""), (b"POWERING", SetupState.ENABLED, ""),
     (b"FAULT", SetupState.FAULT, "the process was restarted; there was a fault before"),
