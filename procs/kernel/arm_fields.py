@@ -58,4 +58,16 @@ CARTESIAN: Final = CStruct("Cartesian", (
 ), {"show": ("i8", "i8"), "rates": ()})
 """From `procs.arm.cartesian.Cartesian`."""
 
-ARM: Final = (CHAIN, INVERSE, CARTESIAN)
+GRAVITY: Final = CStruct("Gravity", (
+    *links("links"),
+    *rows("i8", "", moved="moved"),
+    *rows("f8", "n", masses="masses"),
+    *rows("f8", "n 3", centres="centres"),
+    *rows("f8", "n moved", follow="follow"),
+    *rows("f8", "moved n", bear="bear"),
+    *rows("f8", "3", up="up"),
+    *rows("f8", "moved", q="q", borne="borne"),
+), {"hold": ()})
+"""From `procs.kinematics.gravity.Gravity`; moved: joints of the arm that move links."""
+
+ARM: Final = (CHAIN, INVERSE, CARTESIAN, GRAVITY)

@@ -58,3 +58,24 @@ int64_t Chain_frame(const Chain *k, int64_t link) {
   else product(frames[link - 1], k->ends + 12 * link, k->frame);
   return 0;
 }
+
+/* procs/kinematics/gravity.py: from the last link on, what the mass after each joint does to it. */
+int64_t Gravity_hold(const Gravity *k) {
+  double frames[k->n][12], q[k->n], torques[k->n], mass = 0.0, moment[3] = {0.0, 0.0, 0.0}, turned[3];
+  times(k->follow, k->n, k->moved, k->q, q);
+  joint_frames(&LINKS(k), q, frames);
+  for (int64_t i = k->n - 1; i >= 0; i--) {
+    const double *f = frames[i], *c = k->centres + 3 * i, z[3] = {f[2], f[6], f[10]};
+    double away[3];
+    mass += k->masses[i];
+    for (int r = 0; r < 3; r++) {
+      const double *row = f + 4 * r;
+      moment[r] = moment[r] + k->masses[i] * (row[0] * c[0] + row[1] * c[1] + row[2] * c[2] + row[3]);
+      away[r] = moment[r] - mass * row[3];
+    }
+    cross(z, away, turned);
+    torques[i] = k->slides[i] ? mass * dot(k->up, z, 3) : dot(k->up, turned, 3);
+  }
+  times(k->bear, k->moved, k->n, torques, k->borne);
+  return 0;
+}

@@ -1,4 +1,4 @@
-"""Joint efforts that hold an arm against gravity, from the masses of its links, on pinocchio.
+"""Joint efforts that hold an arm against gravity, from the masses of its links: by the kernel, else in Python.
 
 `up` (3,) is g · (0, sin p, cos p) in the chain's base frame, p the mounting pitch: the acceleration that would feel
 like gravity, so that efforts are those which hold. An Si arm stands on a parallelogram: its few joints move a longer
@@ -8,14 +8,17 @@ chain of links (`kinematic_gc`), the efforts of which come together in the joint
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from procs.document.system import Chain
-from procs.kinematics.denavit import split_row
+from procs.kernel.arm_fields import GRAVITY
+from procs.kernel.library import bind
+from procs.kinematics.forward import Links
+from procs.kinematics.frames import dot, finite, times
 
 Array = NDArray[np.float64]
 
@@ -51,35 +54,51 @@ class Gravity:
             follow, bear = SHAPES[count]
         else:
             raise ValueError(f"{links.source or 'chain'}: {count} links do not belong to an arm of {joints} joints")
-        masses = {}
+        self.links = Links(links, links.links)
+        self.masses = np.array([link.mass for link in links.links])
         if camera_mass is not None:
             if count not in CAMERA_LINK:
                 raise ValueError(f"{links.source or 'chain'}: no link of {count} carries an endoscope")
-            masses[CAMERA_LINK[count]] = camera_mass
-        self._follow, self._bear = follow.copy(), np.ascontiguousarray(bear.T)
-        self._moved = follow.shape[1]
-        self._model = _model(links, masses)
-        self._model.gravity.linear = -np.asarray(up, dtype=np.float64)
-        self._data = self._model.createData()
-        self._links, self._effort = np.zeros(count), np.zeros(joints)
+            self.masses[CAMERA_LINK[count]] = camera_mass
+        ends = self.links.ends[1:].reshape(count, 12).tolist()
+        self.centres = np.array([_seen(end, link.com) for end, link in zip(ends, links.links, strict=True)])
+        """Of masses (n, 3), seen from the links' joints."""
+        self.follow, self.bear = follow.copy(), np.ascontiguousarray(bear.T)
+        self.moved = follow.shape[1]
+        self.up = np.array(up, dtype=np.float64)
+        self.q, self.efforts = np.zeros(self.moved), np.zeros(joints)
+        self.borne = self.efforts[: self.moved]
+        bound = bind(GRAVITY, self)
+        self.why_numpy = bound if isinstance(bound, str) else ""
+        """Why the kernel does not do it; empty: it does."""
+        self._hold: Callable[[], int] = self.by_numpy_hold if isinstance(bound, str) else bound.function("hold")
 
     def effort(self, q: Array) -> Array:
         """Holding efforts [N·m or N] at joint positions q (n,); 0 for joints that bear nothing (wrists)."""
-        np.matmul(self._follow, q[: self._moved], out=self._links)
-        torques = pinocchio.computeGeneralizedGravity(self._model, self._data, self._links)
-        np.matmul(self._bear, torques, out=self._effort[: self._moved])
-        return self._effort
+        self.q[...] = q[: self.moved]
+        self._hold()
+        return self.efforts
+
+    def by_numpy_hold(self) -> int:
+        """The reference of the kernel: from the last link on, what the mass after each joint does to it."""
+        frames = self.links.frames(finite(times(self.follow.tolist(), self.q.tolist())))
+        slides, up = self.links.slides.tolist(), self.up.tolist()
+        mass, moment, torques = 0.0, [0.0, 0.0, 0.0], [0.0] * len(frames)
+        for i in range(len(frames) - 1, -1, -1):
+            f, own = frames[i], float(self.masses[i])
+            mass += own
+            moment = [x + own * y for x, y in zip(moment, _seen(f, self.centres[i].tolist()), strict=True)]
+            z = f[2], f[6], f[10]
+            if slides[i]:
+                torques[i] = mass * dot(up, z)
+                continue
+            x, y, w = (m - mass * o for m, o in zip(moment, (f[3], f[7], f[11]), strict=True))
+            torques[i] = dot(up, (z[1] * w - z[2] * y, z[2] * x - z[0] * w, z[0] * y - z[1] * x))
+        self.borne[...] = times(self.bear.tolist(), torques)
+        return 0
 
 
-def _model(chain: Chain, masses: dict[int, float]) -> pinocchio.Model:
-    model = pinocchio.Model()
-    before_next = np.array(chain.base) if chain.base is not None else np.eye(4)
-    joint = 0
-    for index, link in enumerate(chain.links):
-        before, after = split_row(chain.convention, link)
-        kind = pinocchio.JointModelPZ() if link.joint_type == "prismatic" else pinocchio.JointModelRZ()
-        joint = model.addJoint(joint, kind, pinocchio.SE3(before_next @ before), f"{index} {link.name}")
-        inertia = pinocchio.Inertia(masses.get(index, link.mass), np.array(link.com), np.array(link.inertia))
-        model.appendBodyToJoint(joint, inertia, pinocchio.SE3(after))
-        before_next = after
-    return model
+def _seen(f: Sequence[float], point: Sequence[float]) -> list[float]:
+    """A point (3,) of the frame f, from where f is seen."""
+    x, y, z = point
+    return [f[r] * x + f[r + 1] * y + f[r + 2] * z + f[r + 3] for r in (0, 4, 8)]

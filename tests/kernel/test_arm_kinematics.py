@@ -20,6 +20,7 @@ from procs.document.system import Chain, Tool
 from procs.kernel.library import kernel
 from procs.kinematics import frames
 from procs.kinematics.forward import Kinematics
+from procs.kinematics.gravity import Gravity
 from procs.kinematics.inverse.arms import BENDS, inverse_of
 from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import rotation_from_vector
@@ -47,7 +48,8 @@ seeds = st.integers(0, 2**32 - 1)
 @contextmanager
 def without_kernel() -> Iterator[None]:
     with ExitStack() as stack:
-        for module in ("procs.kinematics.forward", "procs.kinematics.inverse.solver", "procs.arm.cartesian"):
+        for module in ("procs.kinematics.forward", "procs.kinematics.inverse.solver", "procs.arm.cartesian",
+                       "procs.kinematics.gravity"):
             stack.enter_context(patch(f"{module}.bind", lambda *_: "not asked"))
         yield
 
@@ -254,3 +256,22 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
         np.testing.assert_allclose(array, python_record[key], atol=SAME, rtol=SAME, err_msg=key)
     np.testing.assert_allclose(made.rates(twist), python.rates(twist), atol=SAME, rtol=SAME)
     assert not made.rates(np.zeros(6)).any()
+
+
+@pytest.mark.parametrize(("name", "camera", "link"), [("ECM", 1.5, 2), ("ECM_Si_physical", 1.8, 5),
+                                                      ("PSM_Si_physical", None, 0)])
+@given(seeds)
+@settings(max_examples=50, deadline=None)
+def test_holding_efforts_are_the_same_three_ways(name: str, camera: float | None, link: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chain, up = stock.chain(name), rng.normal(0.0, 9.81, 3)
+    quick = Gravity(chain, 4, up, camera)
+    with without_kernel():
+        python = Gravity(chain, 4, up, camera)
+    assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
+    q = rng.normal(0.0, 1.0, 4)
+    truth = PinocchioChain(chain, masses={} if camera is None else {link: camera})
+    torques = quick.bear @ truth.efforts(quick.follow @ q[: quick.moved], up)
+    for each in (quick, python):
+        np.testing.assert_allclose(each.effort(q)[: each.moved], torques, atol=TRUE, rtol=TRUE)
+    np.testing.assert_allclose(quick.efforts, python.efforts, atol=SAME, rtol=SAME)
