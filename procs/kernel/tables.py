@@ -2,21 +2,28 @@
 
 from typing import Final
 
-from procs.fpga import conversion, registers, velocity
+from procs.fpga import conversion, registers, velocity, wire
 from procs.kernel.arm_fields import ARM
 from procs.kernel.boards_fields import BOARDS
+from procs.kernel.bus_fields import HUB, WRITE
 from procs.kernel.fields import CStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.track_fields import TRACK
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, *BOARDS, *ARM)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, *BOARDS, *ARM)
 
 CONSTANTS: Final = {
     "ACCELERATION_THRESHOLD": velocity.ACCELERATION_THRESHOLD,
+    "CONTROL_AMP_MASK_SHIFT": registers.CONTROL_AMP_MASK_SHIFT,
+    "CONTROL_AMP_SHIFT": registers.CONTROL_AMP_SHIFT,
+    "DAC_BOARD_SHIFT": registers.DAC_BOARD_SHIFT,
+    "DAC_KEPT": registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK,
     "DIRECTION": registers.VELOCITY_DIRECTION,
+    "HOST_ID": wire.HOST_ID,
     "MIDRANGE": conversion.ENCODER_MIDRANGE,
     "OVERFLOWED": registers.VELOCITY_OVERFLOW,
     "POSITION_MASK": registers.ENCODER_MASK,
+    "QUERY": registers.QUERY,
     "RELAY": registers.STATUS_RELAY,
     "SAME_EDGE": velocity.SAME_EDGE,
     "SLOWEST_S": velocity.SLOWEST_S,

@@ -7,7 +7,6 @@ are alike, their blocks lie in a datagram as rows do in `Rows.blocks`; otherwise
 
 from __future__ import annotations
 
-import struct
 from typing import Final, Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from procs.fpga import blocks, registers, wire
 from procs.io.bus.discovery import Rescan
 from procs.io.bus.link import TIMED_OUT, Link
+from procs.io.bus.port import Quads
 from procs.io.bus.rows import (
     BIG_QUAD,
     BOARD_MASK,
@@ -27,10 +27,10 @@ from procs.io.bus.rows import (
     statuses,
     swapped,
 )
+from procs.kernel.bus_fields import WRITE
+from procs.kernel.library import bind
 
 QUERY_WAIT_NS: Final = 10_000  # for the first board, and for each further one, to reach the hub's memory
-
-_QUERY = struct.Struct(">IIII")
 
 
 class BoardReader(Protocol):
@@ -100,6 +100,7 @@ class QueryRead:
         rows = self._rows
         members = np.flatnonzero(~rows.away).tolist()
         self._blocks = HubBlocks(self._link, rows, members)
+        self._query = self._blocks.query.data
         self._least_wait_ns = QUERY_WAIT_NS * len(members)
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
 
@@ -112,12 +113,9 @@ class QueryRead:
         self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
         if (link.generation, hub_node, self._rows.away.tobytes()) != self._made_for:
             self._prepare(hub_node)
-        sequence = link.next_sequence()
-        query = _QUERY.pack(0xFFFF0000 | link.next_tl() << 10, wire.HOST_ID << 16, registers.QUERY,
-                            sequence << 16 | self._blocks.mask_of_boards)
-        self._sent = link.send(self._control + query + wire.crc_bytes(query))
+        self._blocks.ask(link.next_sequence(), link.next_tl(), link.generation)
+        self._sent = link.send(self._query)
         self._ready_ns = link.send_ns + self._wait_ns
-        self._blocks.expect(sequence)
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
@@ -135,9 +133,8 @@ class QueryRead:
         size = link.receive(tl, link.cycle_timeout_ms)
         if found.source(size) != self._hub_node:
             return found.blame_reply(size, hub)
-        if not found.are_there():
+        if not found.take():
             return found.blame()
-        found.take()
         if self._rows.query_wait_ns is None:
             self._adapt_wait()
         return True
@@ -146,7 +143,6 @@ class QueryRead:
         """Read requests with every label, for this generation, hub and boards."""
         self._take_members()
         generation = self._link.generation
-        self._control = bytes((0, generation))
         self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
                        for tl in range(wire.TL_COUNT)]
         self._made_for = generation, hub_node, self._rows.away.tobytes()
@@ -222,6 +218,7 @@ class Groups:
         # The datagram starts 2 bytes into the buffer: then its quadlets are aligned for numpy.
         buffer = memoryview(bytearray(2 + 22 + self.length + 4))
         self.datagram = buffer[2:]
+        self.datagram_array, self.datagram_bytes = np.frombuffer(self.datagram, np.uint8), len(self.datagram)
         self.data = buffer[24 : 24 + self.length]
         quads = np.frombuffer(buffer, BIG_QUAD, self.length // 4, 24)
         self._boards = np.array(rows.board_ids, np.uint32)[:, np.newaxis]
@@ -230,35 +227,34 @@ class Groups:
         if not self._rev_7:
             quads[[start // 4 for start in self.starts]] = [
                 board << 8 | layout.write_quads for board, layout in zip(rows.board_ids, rows.layouts, strict=True)]
-        self._alike = rows.alike
-        if self._alike:
-            self._payload = quads.reshape(len(rows.board_ids), -1)[:, -(width + 1) :]
-            return
         # motors of every board, then its control word, which is the last column of its row
-        self._quads, self._flat = quads, rows.out.reshape(-1)
-        self._from = np.concatenate([row * (width + 1) + np.array([*range(layout.motors), width])
-                                     for row, layout in enumerate(rows.layouts)])
-        self._to = np.concatenate([start // 4 + 1 + np.arange(layout.motors + 1)
-                                   for start, layout in zip(self.starts, rows.layouts, strict=True)])
+        self._quads, self.out, header = quads, rows.out, 0 if self._rev_7 else 1
+        self.packed_from = np.concatenate([row * (width + 1) + np.array([*range(layout.motors), width])
+                                           for row, layout in enumerate(rows.layouts)])
+        self.packed_to = np.concatenate([start // 4 + header + np.arange(layout.motors + 1)
+                                         for start, layout in zip(self.starts, rows.layouts, strict=True)])
+        self.quads_count, (self.boards_count, self.columns) = len(self.packed_to), rows.out.shape
+        self.board_ids, self.is_rev_7 = self._boards.reshape(-1), int(self._rev_7)
+        bound = bind(WRITE, self)
+        if not isinstance(bound, str):
+            self.pack = bound.function("pack")  # type: ignore[method-assign]
 
-    def encode(self) -> None:
-        """Put `rows.out` into the datagram."""
-        if self._rev_7:
-            self._encode_rev_7()
-        elif self._alike:
-            self._payload[...] = self._rows.out
-        else:
-            self._quads[self._to] = self._flat.take(self._from)
+    def pack(self) -> int:
+        """Put `rows.out` into the datagram, and the CRC of its data."""
+        out = self._as_rev_7() if self._rev_7 else self.out
+        self._quads[self.packed_to] = out.reshape(-1).take(self.packed_from)
+        self.datagram[-4:] = wire.crc_bytes(self.data)
+        return 0
 
-    def _encode_rev_7(self) -> None:
+    def _as_rev_7(self) -> Quads:
         """Rev 7 has the board id where later ones have the mode, and amplifier enables in the control word."""
-        dac, control = self._rows.out[:, :-1], self._rows.out[:, -1]
-        kept = registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK
-        self._payload[:, :-1] = dac & np.uint32(kept) | self._boards << registers.DAC_BOARD_SHIFT
+        out = self.out.copy()
+        dac, kept = self.out[:, :-1], registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK
+        out[:, :-1] = dac & np.uint32(kept) | self._boards << registers.DAC_BOARD_SHIFT
         enable = (dac >> 28 & 1) @ self._axis_bits
         mask = (dac >> 29 & 1) @ self._axis_bits
-        self._payload[:, -1] = (control | enable << registers.CONTROL_AMP_SHIFT
-                                | mask << registers.CONTROL_AMP_MASK_SHIFT)
+        out[:, -1] |= enable << registers.CONTROL_AMP_SHIFT | mask << registers.CONTROL_AMP_MASK_SHIFT
+        return out
 
     def sent(self) -> None:
         """Control words act once: a power-on repeated every cycle would clear faults as they are latched."""
@@ -278,10 +274,9 @@ class BroadcastWrite:
         link, groups = self._link, self._groups
         if link.generation != self._made_for:
             self._prepare()
-        groups.encode()
+        groups.pack()
         datagram = groups.datagram
         datagram[:22] = self._heads[link.next_tl()]
-        datagram[-4:] = wire.crc_bytes(groups.data)
         if not link.send(datagram):
             return False
         groups.sent()
@@ -304,7 +299,7 @@ class SequentialWrite:
     def write(self) -> bool:
         """Send board after board; all are tried even when one datagram cannot be sent."""
         link, rows, groups = self._link, self._rows, self._groups
-        groups.encode()
+        groups.pack()
         done = True
         for row, board in enumerate(rows.board_ids):
             if rows.away[row]:  # its node may be another's by now

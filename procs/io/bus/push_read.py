@@ -55,9 +55,8 @@ class UnaskedRead:
         if source not in self._row_of:
             return found.blame_reply(size, self._hub)
         self._hub = source
-        if not found.are_there() and not (self._find_order() and found.are_there()):
+        if not found.take() and not (self._find_order() and found.take()):
             return found.blame()
-        found.take()
         return True
 
     def _find_order(self) -> bool:

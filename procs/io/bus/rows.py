@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from procs.fpga import blocks, registers, wire
 from procs.io.bus.link import DROPPED, TIMED_OUT, Link
 from procs.io.bus.port import Quads
+from procs.kernel.bus_fields import HUB
+from procs.kernel.library import bind
 
 BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
 BIG_QUAD: Final = np.dtype(">u4")
 DATA_AT: Final = wire.RESPONSE_HEADER_BYTES // 4
 REPLY: Final = struct.Struct(">xxHIxxxxH")  # label and tcode; source; length
 TCODE_BITS: Final = 0xF0
+QUERY_BYTES: Final = 22
+_QUERY = struct.Struct(">IIII")
 
 
 @dataclass(slots=True)
@@ -60,6 +64,18 @@ def statuses(rows: Rows) -> Quads:
     return (motors << registers.STATUS_AXES_SHIFT | ids << registers.STATUS_BOARD_SHIFT).astype(np.uint32)
 
 
+Places: TypeAlias = NDArray[np.int64]
+
+
+def places(rows: Rows, starts: Sequence[int], members: Sequence[int]) -> tuple[Places, Places]:
+    """From where to where the quadlets of blocks go that begin at `starts`: those of the rows `members`."""
+    quads = [rows.layouts[row].read_quads for row in members]
+    source = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
+    target = np.concatenate([row * rows.columns.count + np.array(rows.layouts[row].columns(rows.columns.width))
+                             for row in members])
+    return source, target
+
+
 class Unpack:
     """Copies the read blocks of all boards out of a buffer, which holds them as the wire does, to `rows.blocks`."""
 
@@ -73,9 +89,7 @@ class Unpack:
             self._target = rows.blocks[:, : quads[0]]
             return
         self._raw, self._flat = raw, rows.blocks.reshape(-1)
-        self._from = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
-        self._to = np.concatenate([row * rows.columns.count + np.array(rows.layouts[row].columns(rows.columns.width))
-                                   for row in members])
+        self._from, self._to = places(rows, starts, members)
         self._quads = np.zeros(len(self._from), np.uint32)
 
     def run(self) -> None:
@@ -100,13 +114,21 @@ class HubBlocks:
         self.length = 4 * (sum(self.quads) + 1)  # bytes
         self._size = self.length + wire.BLOCK_OVERHEAD_BYTES
         # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
-        self._check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
-        self._masked, self._expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
-        self._expected[:, 1] = statuses(rows)[self._members].byteswap()
-        self._sizes = np.array([layout.header(0) for layout in layouts], np.uint32).byteswap()
-        self._sequence_bits = swapped(first.header(0xFFFF) ^ first.header(0))
-        self._header = first.header
+        self.check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
+        self.masked, self.expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
+        self.expected[:, 1] = statuses(rows)[self._members].byteswap()
+        self.sizes = np.array([layout.header(0) for layout in layouts], np.uint32).byteswap()
+        self.sequence_mask, self.sequence_shift = first.sequence_mask, first.sequence_shift
+        self.members_count, (self.boards_count, self.columns) = count, rows.blocks.shape
+        self.received, self.blocks, self.bad, self.away = link.rx_quads, rows.blocks, rows.bad, rows.away
+        self.buffer_quads, self.block_quads = len(link.rx_quads), sum(layout.read_quads for layout in layouts)
+        self.query: NDArray[np.uint8] = np.zeros(QUERY_BYTES, np.uint8)
+        self.heads: Places = np.zeros((count, 2), np.int64)
+        self.taken_from, self.taken_to = (np.zeros(self.block_quads, np.int64) for _ in range(2))
         self.order(range(count))
+        bound = bind(HUB, self)
+        if not isinstance(bound, str):  # each does what the method does
+            self.ask, self.expect, self.take = map(bound.function, HUB.functions)  # type: ignore[method-assign]
 
     def order(self, order: Sequence[int]) -> None:
         """Blocks come in this order of places among the members."""
@@ -114,14 +136,24 @@ class HubBlocks:
         for place in order:
             heads[place] = at
             at += self.quads[place]
-        self._heads = np.array([(head, head + 1 + blocks.STATUS) for head in heads], np.intp)
-        self._unpack = Unpack(self._rows, self._link.rx_quads, [head + 1 for head in heads], header=1,
-                              members=self._members)
+        self.heads[...] = [(head, head + 1 + blocks.STATUS) for head in heads]
+        starts = [head + 1 for head in heads]
+        self._unpack = Unpack(self._rows, self._link.rx_quads, starts, header=1, members=self._members)
+        self.taken_from[...], self.taken_to[...] = places(self._rows, starts, self._members)
         self.last_header_at = 4 * heads[order[-1]]
 
-    def expect(self, sequence: int) -> None:
+    def ask(self, sequence: int, tl: int, generation: int) -> int:
+        """Put the query of this number into `query`; the next blocks answer it."""
+        body = _QUERY.pack(0xFFFF0000 | tl << 10, wire.HOST_ID << 16, registers.QUERY,
+                           sequence << 16 | self.mask_of_boards)
+        self.query.data[:] = bytes((0, generation)) + body + wire.crc_bytes(body)
+        return self.expect(sequence)
+
+    def expect(self, sequence: int) -> int:
         """The next ones answer the query of this number."""
-        np.bitwise_or(self._sizes, swapped(self._header(sequence)) & self._sequence_bits, self._expected[:, 0])
+        header = swapped((sequence & self.sequence_mask) << self.sequence_shift)
+        np.bitwise_or(self.sizes, np.uint32(header), self.expected[:, 0])
+        return 0
 
     def source(self, size: int) -> int:
         """The node that sent the reply of `size` bytes, -1 where that is not a block of our length."""
@@ -132,20 +164,19 @@ class HubBlocks:
             return -1
         return int(source) >> 16 & 0x3F
 
-    def are_there(self) -> bool:
-        """Every board's header and status are where they are expected, and answer the query."""
-        self._link.rx_quads.take(self._heads, out=self._masked, mode="clip")
-        np.bitwise_and(self._masked, self._check, self._masked)
-        return self._masked.tobytes() == self._expected.tobytes()
-
-    def take(self) -> None:
-        """Copy the blocks to `rows.blocks`."""
+    def take(self) -> int:
+        """Copy the blocks to `rows.blocks`. 0: some header or status is not as expected, nothing is copied."""
+        self.received.take(self.heads, out=self.masked, mode="clip")
+        np.bitwise_and(self.masked, self.check, self.masked)
+        if self.masked.tobytes() != self.expected.tobytes():
+            return 0
         self._unpack.run()
-        self._rows.bad[...] = self._rows.away
+        self.bad[...] = self.away
+        return 1
 
     def blame(self) -> bool:
         """Note which blocks were not the wanted ones: wrong board, or the answer to another query. Always False."""
-        counters, wrong = self._link.counters, self._masked != self._expected
+        counters, wrong = self._link.counters, self.masked != self.expected
         self._rows.bad[...] = self._rows.away
         self._rows.bad[self._members] = np.any(wrong, axis=1)
         counters.board_bad_reads[self._members] += self._rows.bad[self._members]
