@@ -1,4 +1,4 @@
-"""pinocchio, by which arms compute, and MuJoCo, in which emulated ones move, put every tip at the same place."""
+"""The kinematics by which arms compute, and MuJoCo, in which emulated ones move, put every tip at the same place."""
 
 from __future__ import annotations
 
