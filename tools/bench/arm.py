@@ -2,7 +2,8 @@
 
 KINEMATIC arms with their io, both in this process, on rings and mailboxes of a system of their own and on a clock that
 is stepped. What is timed (thread CPU time) is all that an arm does in a cycle: io's record and the commands in, the
-setpoints and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it.
+setpoints and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it. All of it is measured with
+the compiled kernel and then without, arm by arm; keys that end in _numpy are without.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from procs.config import PROJECT_CONFIGS, load_system
 from procs.io.kinematic import KinematicIo
 from procs.io.loop import RingSource
 from procs.io.record import IoRecord
+from procs.kernel.library import SWITCH, kernel
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.supervisor import memory
 from shm.client import Client
@@ -34,9 +37,11 @@ Array = NDArray[np.float64]
 CYCLES = 20_000
 PERIOD_NS = 666_667
 POSES = 20_000
+SLOWER = 4  # without the kernel so many times fewer
 STEPS = 40_000  # of the clock until homed
 FILES = {"": "kinematic", "_ecm": "kinematic-ecm", "_mtm": "kinematic-mtm"}
 AMPLITUDE = 0.3  # rad, and a tenth of it in m
+SWAY = 1e-6
 NEAR = 0.002  # rad and m from one pose to the next: a master moved fast
 
 
@@ -44,17 +49,42 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     figures: dict[str, float] = {}
     for suffix, file in FILES.items():
-        with ArmBench(file) as bench:
-            bench.home()
-            figures |= {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
-            if not suffix:
-                figures |= kinematics(bench.arm, poses)
+        figures |= _figures(file, suffix, cycles, poses)
+        if kernel().library is not None:
+            with without_kernel():
+                slow = _figures(file, suffix, cycles // SLOWER, poses // SLOWER)
+            figures |= {f"{key}_numpy": value for key, value in slow.items()}
+    if kernel().library is not None:
+        figures["kernel_ratio"] = figures["cycle_following_cpu_us_p50_numpy"] / figures["cycle_following_cpu_us_p50"]
     conditions = {
+        "computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
         "cycles": cycles, "poses": poses, "arms": {suffix or "(none)": file for suffix, file in FILES.items()},
         "time": "thread CPU time", "kernel": platform.release(), "python": platform.python_version(),
         "numpy": np.__version__,
     }
     return {"bench": "arm", "figures": figures, "conditions": conditions}
+
+
+def _figures(file: str, suffix: str, cycles: int, poses: int) -> dict[str, float]:
+    with ArmBench(file) as bench:
+        bench.home()
+        figures = {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
+        return figures if suffix else figures | kinematics(bench.arm, poses)
+
+
+@contextmanager
+def without_kernel() -> Iterator[None]:
+    """What is made meanwhile has numpy do its work."""
+    before = os.environ.get(SWITCH)
+    os.environ[SWITCH] = "0"
+    kernel.cache_clear()
+    try:
+        yield
+    finally:
+        del os.environ[SWITCH]
+        if before is not None:
+            os.environ[SWITCH] = before
+        kernel.cache_clear()
 
 
 class ArmBench:
@@ -98,11 +128,17 @@ class ArmBench:
         self._client.poll()
         self._client.send(name, values, text)
 
-    def step(self) -> int:
-        """A cycle of io, then one of the arm; the CPU time of the latter, ns."""
+    def step(self, sway: float = 0.0) -> int:
+        """A cycle of io, then one of the arm; the CPU time of the latter, ns.
+
+        `sway`: what is measured is so much [rad, m, N·m or N] beside what it was, as no real robot stands still.
+        """
         self.now_ns += PERIOD_NS
         self._core.cycle(self._io_mailbox.drain(0))
         self._core.reports.events.clear()
+        if sway:
+            for name in ("position", "velocity", "effort"):
+                self._out.field(name)[...] += sway
         self._out.publish(self._core.stamp_ns)
         begin = time.thread_time_ns()
         self._loop.cycle(self.now_ns, 0)
@@ -125,6 +161,7 @@ class ArmBench:
 
 def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     holding = [bench.step() for _ in range(cycles)]
+    measuring = [bench.step(SWAY if cycle % 2 else -SWAY) for cycle in range(cycles)]
     n = bench.arm.joints.count
     wave = np.full(n, AMPLITUDE)
     centre = bench.arm.io.setpoint[:n].copy()
@@ -149,7 +186,7 @@ def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
         raise Problem("the arm does not follow poses")
     return {
         "cycle_cpu_us_p50": _us(moving, 50), "cycle_cpu_us_p99": _us(moving, 99),
-        "cycle_holding_cpu_us_p50": _us(holding, 50),
+        "cycle_holding_cpu_us_p50": _us(holding, 50), "cycle_measuring_cpu_us_p50": _us(measuring, 50),
         "cycle_following_cpu_us_p50": _us(following, 50), "cycle_following_cpu_us_p99": _us(following, 99),
     }
 
