@@ -51,11 +51,11 @@ def create_ring(
     return make(segment_name(system, instance, topic.name), RING, schema, depth, meta)
 
 
-def reader(system: str, instance: str, topic: str, kind: str | None = None) -> RingReader:
-    """Attach to a ring; with `kind`, refuse a schema that differs from our table's."""
+def reader(system: str, instance: str, topic: str, kind: str | None = None, *, often: bool = True) -> RingReader:
+    """Attach to a ring; with `kind`, refuse a schema that differs from our table's. `often`: see RingReader."""
     segment = Segment(segment_name(system, instance, topic))
     try:
-        return RingReader(segment, _expected(segment, kind, topic))
+        return RingReader(segment, _expected(segment, kind, topic), often=often)
     except BaseException:
         segment.close()
         raise

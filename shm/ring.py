@@ -97,6 +97,17 @@ def _places(segment: Segment, skip: int) -> list[tuple[int, memoryview]]:
     return places
 
 
+class _Slots:
+    """The same, made when asked for: for who looks once, and would make thousands for one."""
+
+    def __init__(self, segment: Segment) -> None:
+        self._view, self._header = segment.view, segment.header
+
+    def __getitem__(self, k: int) -> tuple[int, memoryview]:
+        start = self._header.first + k * self._header.stride
+        return start // 8, self._view[start : start + self._header.schema.dtype.itemsize]
+
+
 class RingWriter:
     """The writing end. Fill the fields, then `publish`."""
 
@@ -165,14 +176,17 @@ class RingReader:
     nobody takes it for fresh.
     """
 
-    def __init__(self, segment: Segment, expected: Schema | None = None) -> None:
-        """Read `segment` (attached read-only); `next()` begins behind the newest record present now."""
+    def __init__(self, segment: Segment, expected: Schema | None = None, *, often: bool = True) -> None:
+        """Read `segment` (attached read-only); `next()` begins behind the newest record present now.
+
+        `often` prepares for it, so that a read is quick; who reads once waits for less without.
+        """
         attach(segment, "ring", expected)
         self._words = segment.words()
         self._segment = segment
         self._dtype = segment.header.schema.dtype
         self._record = _Record(segment.header.schema)
-        self._places = _places(segment, 0)
+        self._places = _places(segment, 0) if often else _Slots(segment)
         self._target = self._record.bytes[: self._dtype.itemsize]
         self._stamp = self._record.words
         self._depth = segment.header.depth
@@ -357,4 +371,5 @@ class RingReader:
 
     def close(self) -> None:
         """Unmap."""
+        self._slot.release()
         self._segment.close()

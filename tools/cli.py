@@ -141,17 +141,13 @@ def examples_of(verb: Verb) -> list[str]:
 
 def guarded(function: Callable[..., Any]) -> Callable[..., None]:
     """The verb with its errors turned into one line and an exit code; the verb may return its exit code."""
-    from shm.client import MailboxFull
-    from shm.ring import RingError
-    from shm.segment import SegmentError
-
     @functools.wraps(function)
     def run(*arguments: Any, **named: Any) -> None:
         try:
             code = function(*arguments, **named)
         except Misuse as error:
             code = _reported(error, MISUSED)
-        except (Problem, SegmentError, RingError, MailboxFull, TimeoutError) as error:
+        except _something_wrong() as error:
             code = _reported(error, WRONG)
         except BrokenPipeError:  # the reader of our output has seen enough
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  # the interpreter flushes it at exit
@@ -159,6 +155,15 @@ def guarded(function: Callable[..., Any]) -> Callable[..., None]:
         raise typer.Exit(code or FINE)
 
     return run
+
+
+def _something_wrong() -> tuple[type[Exception], ...]:
+    """What may be wrong with a robot; not every verb loads what these come from."""
+    from shm.client import MailboxFull
+    from shm.ring import RingError
+    from shm.segment import SegmentError
+
+    return Problem, SegmentError, RingError, MailboxFull, TimeoutError
 
 
 def _reported(error: Exception, code: int) -> int:

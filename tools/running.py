@@ -55,8 +55,7 @@ def _parsed(folder: Path, trusted: frozenset[int]) -> RunningProcess | None:
         return None
     door = DOOR.fullmatch(_after(words, "-m"))
     pid, system = int(folder.name), _after(words, "--system")
-    start = start_time(pid)
-    if door is None or not system or uid not in trusted or not start:
+    if door is None or not system or uid not in trusted or not (start := start_time(pid)):
         return None
     instance = SUPERVISOR if door.group(1) == SUPERVISOR else _after(words, "--name")
     return RunningProcess(system, instance, pid, start)

@@ -133,6 +133,17 @@ def test_a_late_reader_sees_history_and_loses_nothing(ring: RingUnderTest) -> No
     assert rest(late) == [4] and late.lost == 0
 
 
+def test_who_looks_once_reads_the_same(ring: RingUnderTest) -> None:
+    put(ring.writer(), *range(1, 7))
+    prepared, once = ring.reader(), RingReader(Segment(ring.name), often=False)
+    ring.ends.append(once)
+    assert once.newest() and prepared.newest() and bytes(once.record) == bytes(prepared.record)
+    assert once.last(9)["value"].tolist() == prepared.last(9)["value"].tolist() == [4, 5, 6]
+    assert once.since(1005)["value"].tolist() == [5, 6]
+    once.close()
+    assert once._segment._map.closed
+
+
 def test_last_leaves_the_slot_out_that_comes_next(ring: RingUnderTest) -> None:
     writer, reader = ring.writer(), ring.reader()
     put(writer, *range(1, 10))

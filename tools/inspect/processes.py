@@ -95,7 +95,7 @@ def _reported(system: str, name: str) -> dict[str, Any]:
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
     """What the supervisor wrote about each instance."""
     try:
-        reader = directory.reader(system, "supervisor", "state", "supervisor")
+        reader = directory.reader(system, "supervisor", "state", "supervisor", often=False)
     except SegmentError:
         return {}
     try:

@@ -48,7 +48,7 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
         read = readers.get(process.kind)
         if read is not None:
             with contextlib.suppress(SegmentError):
-                reader = directory.reader(system, process.name, "state", process.kind)
+                reader = directory.reader(system, process.name, "state", process.kind, often=False)
                 try:
                     one = read(system, process, reader) if reader.newest() else Standing(process.name, process.kind,
                                                                                          "–")
@@ -101,7 +101,7 @@ def _console(system: str, process: ProcessStatus, reader: RingReader) -> Standin
 
 def _last_error(system: str, process: ProcessStatus) -> dict[str, Any] | None:
     """The newest error of an instance, as data."""
-    reader = directory.reader(system, process.name, "events", process.kind)
+    reader = directory.reader(system, process.name, "events", process.kind, often=False)
     try:
         rows = reader.last(1 << 16)
         errors = rows[rows["event"] == b"error"]
