@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from procs.document.system import Chain
 from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, cross, rigid_inverse
+from procs.kinematics.frames import Frame, product
+from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
 from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.poses import rotation_from_vector
+from procs.kinematics.inverse.turns import added, cross, inner, scaled, turn_of
+from procs.kinematics.poses import inverse, rotation_from_vector
 
 Array = NDArray[np.float64]
 
@@ -27,30 +29,32 @@ class EndoscopeShaft:
     def __init__(self, chain: Chain, tip: Array) -> None:
         """`chain` is yaw, pitch, insertion, roll; `tip` (4, 4) of the endoscope."""
         self._shaft = Shaft(chain, chain.links, np.eye(4))
-        self._from_tip = rigid_inverse(tip)
+        self._from_tip = frame_of(inverse(tip))
 
-    def attainable(self, goal: Array) -> tuple[Array, float]:
-        """Frame (4, 4) of the roll joint for a goal of the tip, and how far it had to be tilted to lie on the shaft."""
-        frame = goal @ self._from_tip
-        centre = self._shaft.centre
-        along = frame[:3, 3] - centre
-        depth = math.sqrt(along.dot(along))
-        if depth < TINY:
+    def attainable(self, goal: Array) -> tuple[Frame, float]:
+        """Frame of the roll joint for a goal (4, 4) of the tip, and how far it was tilted to lie on the shaft."""
+        frame = product(frame_of(goal), self._from_tip)
+        _, _, a, x, _, _, b, y, _, _, c, z = frame
+        along = added((x, y, z), self._shaft.centre, -1.0)
+        depth = math.sqrt(inner(along, along))
+        if not TINY <= depth < math.inf:
             return frame, 0.0
-        along = along / depth
-        axis = np.array(cross(tuple(frame[:3, 2].tolist()), tuple(along.tolist())))
-        sine = math.sqrt(axis.dot(axis))
-        tilt = math.atan2(sine, float(frame[:3, 2].dot(along)))
+        along = scaled(along, 1.0 / depth)
+        axis = cross((a, b, c), along)
+        sine = math.sqrt(inner(axis, axis))
+        tilt = math.atan2(sine, inner((a, b, c), along))
         if sine > TINY:
-            frame[:3, :3] = rotation_from_vector(axis * (tilt / sine)) @ frame[:3, :3]
+            rotation = rotation_from_vector(np.array(scaled(axis, tilt / sine))).ravel().tolist()
+            frame = product((*rotation[:3], 0.0, *rotation[3:6], 0.0, *rotation[6:], 0.0), frame)
+            frame = (*frame[:3], x, *frame[4:7], y, *frame[8:11], z)
         return frame, tilt
 
-    def solutions(self, goal: Array, seed: Array) -> Iterator[Array]:
+    def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """The shaft as it is inserted, then backwards; `goal` is a frame of the roll joint."""
-        end = self._shaft.last_frame(goal)
-        for along, depth in both_ways(tuple(end[:3, 3].tolist())):
+        end = self._shaft.last_frame(frame_of(goal))
+        for along, depth in both_ways((end[3], end[7], end[11])):
             q = self._shaft.joints(along, depth)
-            q[3] = self._shaft.turned(3, self._shaft.rotation(q), end[:3, :3])
+            q[3] = self._shaft.turned(3, self._shaft.rotation(q), turn_of(end))
             yield q
 
 
@@ -63,17 +67,19 @@ class EndoscopeInverse(InverseSolver):
     def __init__(self, chain: Chain, tip: Array) -> None:
         self._endoscope = EndoscopeShaft(chain, tip)
         super().__init__(Kinematics(chain), self._endoscope, rows=PLACE_AND_ROLL)
-        self.tilt = 0.0
+        self.tilt, self._frame = 0.0, np.eye(4)
 
     def solve(self, goal: Array, seed: Array) -> bool:
         """Joints whose tip is where `goal` (4, 4) says, turned about the shaft as it says."""
         frame, self.tilt = self._endoscope.attainable(goal)
+        self._frame[:3].reshape(12)[...] = frame
         if self.tilt > MAX_TILT:
             np.copyto(self.q, seed)
             self.reason, self.axis = f"the goal looks {math.degrees(self.tilt):.3g} deg away from the shaft", -1
             return False
-        return super().solve(frame, seed)
+        return super().solve(self._frame, seed)
 
     def approach(self, goal: Array, at: Array, most: Array) -> None:
         """See InverseSolver; where the goal looks to is not asked."""
-        super().approach(self._endoscope.attainable(goal)[0], at, most)
+        self._frame[:3].reshape(12)[...] = self._endoscope.attainable(goal)[0]
+        super().approach(self._frame, at, most)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.system import Chain
+from procs.kinematics import frames
 from procs.kinematics.denavit import split_row
-from procs.kinematics.inverse.shaft import about_z, rigid_inverse
+from procs.kinematics.inverse.shaft import frame_of
+from procs.kinematics.inverse.turns import Turn, back, product, turn_of, turned
+from procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
 
@@ -29,20 +32,22 @@ class Master:
     def __init__(self, chain: Chain) -> None:
         """The seven rows of a master."""
         links = chain.links
-        self._from_base = rigid_inverse(np.array(chain.base)) if chain.base is not None else np.eye(4)
-        self._rows = [split_row(chain.convention, link) for link in links]
+        self._from_base = frame_of(inverse(np.array(chain.base)) if chain.base is not None else np.eye(4))
+        rows = (split_row(chain.convention, link) for link in links)
+        self._turns = [(turn_of(frame_of(before)), turn_of(frame_of(after))) for before, after in rows]
         self._offsets = [link.theta + link.offset for link in links]
         self._upper_arm = links[1].a
         self._forearm = math.hypot(links[2].a, links[3].d)
         self._elbow = math.atan2(links[3].d, links[2].a)
         self._platform, self._yaw = (links[3].lower, links[3].upper), min(-links[5].lower, links[5].upper) - YAW_ROOM
 
-    def solutions(self, goal: Array, seed: Array) -> Iterator[Array]:
+    def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """Platform as near to the seed's as the yaw's limits allow, and where the yaw is 0."""
-        frame = self._from_base @ goal
-        for q in self._places(*frame[:3, 3].tolist()):
-            rest = self._forearm_axes(q).T @ frame[:3, :3]
-            for platform in self._platforms(rest, seed):
+        frame = frames.product(self._from_base, frame_of(goal))
+        rotation, middle = turn_of(frame), float(seed[3])
+        for q in self._places(frame[3], frame[7], frame[11]):
+            rest = product(back(self._forearm_axes(q)), rotation)
+            for platform in self._platforms(rest, middle):
                 yield self._wrist(q, rest, platform)
 
     def facing(self, rotation: Array, q: Array, seed: Array) -> Array | None:
@@ -51,24 +56,25 @@ class Master:
         The platform stays as near to the seed's as the yaw's limits allow, the other angles come within half a turn of
         the seed's; those of pitch and roll may be beyond their limits. None: no platform will do.
         """
-        rest = self._forearm_axes(q).T @ self._from_base[:3, :3] @ rotation
-        platforms = list(self._platforms(rest, seed))
+        arm: list[float] = q.tolist()
+        tip = product(turn_of(self._from_base), rotation.ravel().tolist())
+        rest = product(back(self._forearm_axes(arm)), tip)
+        platforms = list(self._platforms(rest, float(seed[3])))
         if not platforms:
             return None
-        found = self._wrist(q, rest, min(platforms, key=lambda angle: abs(angle - seed[3])))
+        found = np.array(self._wrist(arm, rest, min(platforms, key=lambda angle: abs(angle - seed[3]))))
         turn = 2.0 * math.pi
         found[4:] += turn * np.round((seed[4:] - found[4:]) / turn)
         return found
 
-    def _forearm_axes(self, q: Array) -> Array:
-        """What the platform turns in (3, 3): the frame after the first three joints."""
-        rotation: Array = np.eye(3)
-        for joint in range(3):
-            before, after = self._rows[joint]
-            rotation = rotation @ before[:3, :3] @ about_z(q[joint]) @ after[:3, :3]
-        return rotation
+    def _forearm_axes(self, q: list[float]) -> Turn:
+        """What the platform turns in: the frame after the first three joints."""
+        axes: Turn = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        for (before, after), angle in zip(self._turns[:3], q, strict=False):
+            axes = product(turned(product(axes, before), angle), after)
+        return axes
 
-    def _places(self, x: float, y: float, z: float) -> Iterator[Array]:
+    def _places(self, x: float, y: float, z: float) -> Iterator[list[float]]:
         """Outer yaw, shoulder and elbow: forward and backward, elbow down and up."""
         out = math.hypot(x, y)
         upper, fore = self._upper_arm, self._forearm
@@ -78,14 +84,17 @@ class Master:
         for way, elbow in itertools.product((1.0, -1.0), (math.acos(bend), -math.acos(bend))):
             turn = math.atan2(way * y, way * x)
             lift = math.atan2(z, way * out) - math.atan2(fore * math.sin(elbow), upper + fore * math.cos(elbow))
-            q = np.full(7, np.nan)
-            for joint, angle in enumerate((turn, lift, elbow - self._elbow)):
-                q[joint] = math.remainder(angle - self._offsets[joint], 2.0 * math.pi)
-            yield q
+            angles = (turn, lift, elbow - self._elbow)
+            yield [*self._less_offsets(angles, 0), *(math.nan,) * 4]
 
-    def _platforms(self, rest: Array, seed: Array) -> Iterator[float]:
+    def _less_offsets(self, angles: Sequence[float], first: int) -> list[float]:
+        """Positions, next to 0, of the joints from `first` on."""
+        offsets = self._offsets[first : first + len(angles)]
+        return [math.remainder(angle - offset, 2.0 * math.pi) for angle, offset in zip(angles, offsets, strict=True)]
+
+    def _platforms(self, rest: Turn, seed: float) -> Iterator[float]:
         """Platform positions: sin(yaw) = size · sin(angle − middle) must stay within the yaw's limits."""
-        x, y = float(rest[0, 2]), float(rest[1, 2])
+        x, y = rest[2], rest[5]
         size, middle = math.hypot(x, y), math.atan2(y, x)
         most = math.sin(self._yaw)
         half = math.asin(most / size) if size > most else 0.5 * math.pi
@@ -94,18 +103,13 @@ class Master:
             best = middle + turn * math.pi - self._offsets[3]
             first, last = max(low, best - half), min(high, best + half)
             if first <= last:
-                yield min(max(seed[3], first), last)
+                yield min(max(seed, first), last)
                 if first <= best <= last:
                     yield best
 
-    def _wrist(self, arm: Array, rest: Array, platform: float) -> Array:
-        q = arm.copy()
-        q[3] = platform
-        before, after = self._rows[3]
-        turn = (before[:3, :3] @ about_z(platform) @ after[:3, :3]).T @ rest
+    def _wrist(self, arm: list[float], rest: Turn, platform: float) -> list[float]:
+        before, after = self._turns[3]
+        _, _, c, _, _, f, g, h, i = product(back(product(turned(before, platform), after)), rest)
         # the wrist yaw, less its offset, lies between -π and 0: there its sine is negative
-        angles = (math.atan2(-turn[1, 2], -turn[0, 2]), -math.acos(max(-1.0, min(1.0, turn[2, 2]))),
-                  math.atan2(-turn[2, 1], turn[2, 0]))
-        for joint, angle in enumerate(angles, 4):
-            q[joint] = math.remainder(angle - self._offsets[joint], 2.0 * math.pi)
-        return q
+        angles = math.atan2(-f, -c), -math.acos(max(-1.0, min(1.0, i))), math.atan2(-h, g)
+        return [*arm[:3], platform, *self._less_offsets(angles, 4)]

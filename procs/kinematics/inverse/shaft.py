@@ -1,6 +1,6 @@
 """Arms with a remote centre of motion: the shaft passes through it; its direction gives yaw and pitch.
 
-Depth along the shaft is insertion and a constant. Poses are (4, 4) in the chain's base frame.
+Depth along the shaft is insertion and a constant. Frames are those of procs/kinematics/frames.py.
 """
 
 from __future__ import annotations
@@ -13,13 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.system import Chain, DhLink
+from procs.kinematics import frames
 from procs.kinematics.denavit import split_row
+from procs.kinematics.frames import Frame
+from procs.kinematics.inverse.turns import Triple, Turn, product, turn_of, turned
+from procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 TINY: Final = 1e-12
 ROOM: Final = 1e-3  # rad or m beyond a limit where a solution is still worked out
+
+
+def frame_of(matrix: Array) -> Frame:
+    """The frame of a matrix (4, 4)."""
+    rows: list[float] = matrix[:3].ravel().tolist()
+    return rows
 
 
 class Shaft:
@@ -28,76 +37,45 @@ class Shaft:
     def __init__(self, chain: Chain, links: tuple[DhLink, ...], tip: Array) -> None:
         """`links` are those of the arm and its tool; `tip` (4, 4) follows the last."""
         self.n = len(links)
-        self.befores = [split_row(chain.convention, link)[0] for link in links]
-        self._turns = [row[:3, :3] for row in self.befores]
-        self._from_base = rigid_inverse(np.array(chain.base)) if chain.base is not None else np.eye(4)
-        self.centre = np.array(chain.base)[:3, 3] if chain.base is not None else np.zeros(3)
-        self._from_tip = rigid_inverse(tip)
+        befores = [frame_of(split_row(chain.convention, link)[0]) for link in links]
+        self.turns = [turn_of(before) for before in befores]
+        """Of the links, before their joints move."""
+        self.places: list[Triple] = [(before[3], before[7], before[11]) for before in befores]
+        base = np.array(chain.base) if chain.base is not None else np.eye(4)
+        self._from_base, self._from_tip = frame_of(inverse(base)), frame_of(inverse(tip))
+        self.centre: Triple = (float(base[0, 3]), float(base[1, 3]), float(base[2, 3]))
         self._depth = links[2].d + links[2].offset + links[3].d  # of the roll frame, less insertion
         self._ranges = [(link.lower - ROOM, link.upper + ROOM) for link in links[:3]]
 
-    def last_frame(self, goal: Array) -> Array:
-        """Frame (4, 4) of the last link, seen from the remote centre, for a goal of the tip."""
-        result: Array = self._from_base @ goal @ self._from_tip
-        return result
+    def last_frame(self, goal: Frame) -> Frame:
+        """Of the last link, seen from the remote centre, for a goal of the tip."""
+        return frames.product(frames.product(self._from_base, goal), self._from_tip)
 
-    def joints(self, along: Triple, depth: float) -> Array:
+    def joints(self, along: Triple, depth: float) -> list[float]:
         """(n,) with yaw, pitch and insertion of a shaft in direction `along`; the others are NaN."""
-        q = np.full(self.n, np.nan)
-        q[0], q[1] = math.atan2(along[0], -along[2]), math.asin(max(-1.0, min(1.0, -along[1])))
-        q[2] = depth - self._depth
-        return q
+        return [math.atan2(along[0], -along[2]), math.asin(max(-1.0, min(1.0, -along[1]))), depth - self._depth,
+                *(math.nan,) * (self.n - 3)]
 
-    def within(self, q: Array) -> bool:
+    def within(self, q: list[float]) -> bool:
         """Yaw, pitch and insertion are within their limits, or nearly."""
-        return all(low <= value <= high for value, (low, high) in zip(q[:3].tolist(), self._ranges, strict=True))
+        return all(low <= value <= high for value, (low, high) in zip(q, self._ranges, strict=False))
 
-    def rotation(self, q: Array) -> Array:
-        """Rotation (3, 3) of the insertion frame."""
-        turns = self._turns
-        result: Array = turns[0] @ about_z(q[0]) @ turns[1] @ about_z(q[1]) @ turns[2]
-        return result
+    def rotation(self, q: list[float]) -> Turn:
+        """Of the insertion frame."""
+        turns = self.turns
+        return product(turned(product(turned(turns[0], q[0]), turns[1]), q[1]), turns[2])
 
-    def turned(self, joint: int, before: Array, after: Array) -> float:
-        """Position of a revolute joint between the frame of the link before and that of its own, (3, 3) each."""
-        turn = self._turns[joint].T @ before.T @ after
-        return math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+    def turned(self, joint: int, before: Turn, after: Turn) -> float:
+        """Position of a revolute joint between the frame of the link before and that of its own."""
+        a, b, _, d, e, _, g, h, _ = product(before, self.turns[joint])
+        p, q, _, s, t, _, v, w, _ = after
+        return math.atan2(b * p + e * s + h * v - (a * q + d * t + g * w),
+                          a * p + d * s + g * v + b * q + e * t + h * w)
 
 
 def both_ways(wrist: Triple) -> Iterator[tuple[Triple, float]]:
     """Direction and depth of a shaft through the remote centre to `wrist`: as it is inserted, then backwards."""
-    depth = math.sqrt(sum(each * each for each in wrist))
+    depth = math.sqrt(wrist[0] * wrist[0] + wrist[1] * wrist[1] + wrist[2] * wrist[2])
     if depth > TINY:
         for towards in (depth, -depth):
             yield (wrist[0] / towards, wrist[1] / towards, wrist[2] / towards), towards
-
-
-def rigid_inverse(pose: Array) -> Array:
-    """The inverse (4, 4) of a rigid transform."""
-    result = np.eye(4)
-    result[:3, :3] = pose[:3, :3].T
-    result[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return result
-
-
-def cross(a: Triple, b: Triple) -> Triple:
-    """a × b: for three numbers a tenth of numpy's time."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def about_x(angle: float) -> Array:
-    """Rotation (3, 3) about x."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)))
-
-
-def about_y(angle: float) -> Array:
-    """Rotation (3, 3) about y."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
-
-
-def about_z(angle: float) -> Array:
-    """Rotation (3, 3) about z."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))

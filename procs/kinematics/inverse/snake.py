@@ -10,7 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.system import Chain, Tool
-from procs.kinematics.inverse.shaft import ROOM, TINY, Shaft, about_x, about_y, about_z
+from procs.kinematics.frames import Frame
+from procs.kinematics.inverse.shaft import ROOM, TINY, Shaft, frame_of
+from procs.kinematics.inverse.turns import (
+    Triple,
+    Turn,
+    about_x,
+    about_y,
+    added,
+    back,
+    cross,
+    inner,
+    moved,
+    product,
+    scaled,
+    turn_of,
+    turned,
+)
 from procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
@@ -20,6 +36,7 @@ SETTLED: Final = 1.0 - 1e-9
 ASIDE: Final = 1e-5  # m
 NUDGE: Final = 1e-6  # rad
 WIDEST: Final = 0.5  # rad
+FAR: Final = 4.0  # lengths of the wrist from the remote centre: there the way to the goal says the shaft's direction
 
 
 class Snake:
@@ -35,99 +52,104 @@ class Snake:
         """`chain` is yaw, pitch, insertion; `tool` roll and the four bends."""
         links = chain.links + tool.links
         self._shaft = Shaft(chain, links, renormalised(np.array(tool.tip)))
-        pitch, yaw, again, back = (before[:3, :3] for before in self._shaft.befores[4:])
-        self._straight: Array = pitch @ yaw @ again @ back
+        pitch, yaw, again, last = self._shaft.turns[4:]
+        self._unbent = back(product(product(pitch, yaw), product(again, last)))
         self._length = sum(link.a for link in links[4:])
         self._bends = min(link.upper for link in links[4:]) + ROOM
-        self._pitches, self._yaws = float(pitch[1, 2]), float((pitch @ yaw)[0, 2])
+        self._pitches, self._yaws = pitch[5], product(pitch, yaw)[2]
         """1 or -1: bends are about +y and +x of the shaft, or the other way."""
 
-    def solutions(self, goal: Array, seed: Array) -> Iterator[Array]:
+    def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """From three directions: as inserted to the goal, backwards, and along the tip, for next to the centre."""
-        end = self._shaft.last_frame(goal)
-        tip = (end[:3, :3] @ self._straight.T)[:, 2]
-        away = end[:3, 3] - 0.5 * self._length * tip
-        size = math.sqrt(away.dot(away))
-        for along in (away / max(size, TINY), away / -max(size, TINY), tip):
+        end = self._shaft.last_frame(frame_of(goal))
+        _, _, x, _, _, y, _, _, z = product(turn_of(end), self._unbent)
+        tip = (x, y, z)
+        away = added((end[3], end[7], end[11]), tip, -0.5 * self._length)
+        size = max(math.sqrt(inner(away, away)), TINY)
+        starts = (scaled(away, 1.0 / size), scaled(away, -1.0 / size), tip)
+        for along in starts if size < FAR * self._length else starts[:2]:
             settled = self._settle(end, along)
             q = self._joints(end, settled)
             yield q
             aside = self._wrist(end, settled)
-            aside = aside - aside.dot(settled) * settled
-            if aside.dot(aside) < ASIDE * ASIDE and self._shaft.within(q) and max(abs(q[4:6])) <= self._bends:
+            aside = added(aside, settled, -inner(aside, settled))
+            if (inner(aside, aside) < ASIDE * ASIDE and self._shaft.within(q)
+                    and max(abs(q[4]), abs(q[5])) <= self._bends):
                 return
 
-    def _settle(self, end: Array, along: Array) -> Array:
+    def _settle(self, end: Frame, along: Triple) -> Triple:
         """Direction of the shaft: that of the place where it ends, which depends on it."""
         first = along
         for _ in range(ROUNDS):
             wrist = self._wrist(end, along)
-            depth = math.copysign(math.sqrt(wrist.dot(wrist)), wrist.dot(along))
+            depth = math.copysign(math.sqrt(inner(wrist, wrist)), inner(wrist, along))
             if abs(depth) < TINY:
                 break
-            before, along = along, wrist / depth
-            if along.dot(before) > SETTLED:
+            before, along = along, scaled(wrist, 1.0 / depth)
+            if inner(along, before) > SETTLED:
                 return along
         along = first
         # Next to the remote centre going round leads away: there the direction is sought whose end lies beside it.
         for _ in range(ROUNDS):
             one, other = across(along)
-            aside = np.array([(w.dot(one), w.dot(other)) for w in (
-                self._wrist(end, a) for a in (along, along + NUDGE * one, along + NUDGE * other))])
-            slope = (aside[1:] - aside[0]).T / NUDGE
-            depth = float(self._wrist(end, along).dot(along))
-            slope -= depth * np.eye(2)  # the basis turns with the direction
-            if abs(np.linalg.det(slope)) < TINY:
+            wrist = self._wrist(end, along)
+            (x, y), (xa, ya), (xb, yb) = ((inner(w, one), inner(w, other)) for w in (
+                wrist, self._wrist(end, added(along, one, NUDGE)), self._wrist(end, added(along, other, NUDGE))))
+            depth = inner(wrist, along)  # the basis turns with the direction
+            a, b = (xa - x) / NUDGE - depth, (xb - x) / NUDGE
+            c, d = (ya - y) / NUDGE, (yb - y) / NUDGE - depth
+            determinant = a * d - b * c
+            if not abs(determinant) >= TINY:
                 break
-            step = np.linalg.solve(slope, -aside[0])
-            size = math.sqrt(step.dot(step))
-            step *= min(1.0, WIDEST / max(size, TINY))
-            along = along + step[0] * one + step[1] * other
-            along /= math.sqrt(along.dot(along))
+            u, v = (b * y - d * x) / determinant, (c * x - a * y) / determinant
+            size = math.sqrt(u * u + v * v)
+            share = min(1.0, WIDEST / max(size, TINY))
+            along = added(added(along, one, u * share), other, v * share)
+            along = scaled(along, 1.0 / math.sqrt(inner(along, along)))
             if size < NUDGE:
                 break
         return along
 
-    def _bend(self, end: Array, along: Array) -> tuple[Array, Array, float, float]:
+    def _bend(self, end: Frame, along: Triple) -> tuple[list[float], Turn, float, float]:
         """Joints with the shaft's first three, the turn after them, pitch and twice the yaw."""
         shaft = self._shaft
-        x, y, z = along.tolist()
-        q = shaft.joints((x, y, z), 0.0)
-        bend = shaft.rotation(q).T @ end[:3, :3] @ self._straight.T  # Rz(roll) times the two bends
-        row = bend[2].tolist()
-        pitch = math.atan2(-row[0], 1.0 + row[2])
+        q = shaft.joints(along, 0.0)
+        bend = product(product(back(shaft.rotation(q)), turn_of(end)), self._unbent)  # Rz(roll) times the two bends
+        x, y, z = bend[6:]
+        pitch = math.atan2(-x, 1.0 + z)
         sine, cosine = math.sin(pitch), math.cos(pitch)
-        twice = math.atan2(row[1] / cosine, (row[2] + sine * sine) / (cosine * cosine))
+        twice = math.atan2(y / cosine, (z + sine * sine) / (cosine * cosine))
         return q, bend, pitch, twice
 
-    def _wrist(self, end: Array, along: Array) -> Array:
+    def _wrist(self, end: Frame, along: Triple) -> Triple:
         """Where a shaft along `along` must end."""
         _, _, pitch, twice = self._bend(end, along)
         return self._end_of_shaft(end, self._pitches * pitch, self._yaws * 0.5 * twice)
 
-    def _end_of_shaft(self, end: Array, pitch: float, yaw: float) -> Array:
-        rotation, place = end[:3, :3], end[:3, 3]
-        for before, angle in zip(reversed(self._shaft.befores[4:]), (pitch, yaw, yaw, pitch), strict=True):
-            rotation = rotation @ about_z(angle).T @ before[:3, :3].T
-            place = place - rotation @ before[:3, 3]
+    def _end_of_shaft(self, end: Frame, pitch: float, yaw: float) -> Triple:
+        rotation, place = turn_of(end), (end[3], end[7], end[11])
+        for joint, angle in ((7, pitch), (6, yaw), (5, yaw), (4, pitch)):
+            rotation = product(turned(rotation, -angle), back(self._shaft.turns[joint]))
+            place = added(place, moved(rotation, self._shaft.places[joint]), -1.0)
         return place
 
-    def _joints(self, end: Array, along: Array) -> Array:
+    def _joints(self, end: Frame, along: Triple) -> list[float]:
         """All joints for a shaft along `along`."""
         q, bend, pitch, twice = self._bend(end, along)
         q[4] = q[7] = self._pitches * pitch
         q[5] = q[6] = self._yaws * 0.5 * twice
-        depth = float(self._end_of_shaft(end, q[4], q[5]).dot(along))
+        depth = inner(self._end_of_shaft(end, q[4], q[5]), along)
         q[2] = self._shaft.joints((0.0, 0.0, -1.0), depth)[2]
-        rolled = bend @ (about_y(pitch) @ about_x(twice) @ about_y(pitch)).T
-        q[3] = math.atan2(rolled[1, 0] - rolled[0, 1], rolled[0, 0] + rolled[1, 1])
+        half = about_y(pitch)
+        a, b, _, d, e, *_ = product(bend, back(product(product(half, about_x(twice)), half)))
+        q[3] = math.atan2(d - b, a + e)
         return q
 
 
-def across(along: Array) -> tuple[Array, Array]:
+def across(along: Triple) -> tuple[Triple, Triple]:
     """Two unit vectors at right angles to `along` and to each other."""
-    least = np.zeros(3)
-    least[int(np.argmin(np.abs(along)))] = 1.0
-    one = np.cross(along, least)
-    one /= math.sqrt(one.dot(one))
-    return one, np.cross(along, one)
+    x, y, z = (abs(part) for part in along)
+    least = (1.0, 0.0, 0.0) if x <= y and x <= z else (0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0)
+    one = cross(along, least)
+    one = scaled(one, 1.0 / math.sqrt(inner(one, one)))
+    return one, cross(along, one)

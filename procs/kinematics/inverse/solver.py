@@ -32,8 +32,8 @@ FULL_TURN: Final = 2.0 * math.pi
 class Geometry(Protocol):
     """What the shape of an arm says about its solutions."""
 
-    def solutions(self, goal: Array, seed: Array) -> Iterable[Array]:
-        """Joints (n,) that bring the tip next to `goal` (4, 4), for every way there is to reach it.
+    def solutions(self, goal: Array, seed: Array) -> Iterable[list[float]]:
+        """Joints (n) that bring the tip next to `goal` (4, 4), for every way there is to reach it.
 
         Where the first joints are beyond their limits the others may be NaN.
         """
@@ -108,10 +108,10 @@ class InverseSolver:
                 candidates.append((float(np.abs(q - self.seed).sum()), q.copy()))
             elif self.beyond.item() < best:
                 best, why, axis = self.beyond.item(), self._blame(worst), worst
-        for _, start in sorted(candidates, key=lambda each: each[0]):
+        for _, candidate in sorted(candidates, key=lambda each: each[0]):
             if self.steps >= MAX_STEPS:
                 break
-            q[...] = start
+            q[...] = candidate
             if not self._improve(math.inf):
                 continue
             worst = self._fits(LIMIT_ROOM)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.system import Chain, Tool
-from procs.kinematics.inverse.shaft import TINY, Shaft, Triple, both_ways, cross
+from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
+from procs.kinematics.inverse.turns import Triple, Turn, columns, cross, turn_of
 from procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
@@ -29,28 +30,29 @@ class Wrist:
         self._shaft = Shaft(chain, links, renormalised(np.array(tool.tip)))
         self._length = links[5].a
 
-    def solutions(self, goal: Array, seed: Array) -> Iterator[Array]:
+    def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
         """All four; the last three joints are NaN where the shaft could not be so."""
-        end = self._shaft.last_frame(goal)
-        px, py, pz = end[:3, 3].tolist()
-        x, y, z = end[:3, 2].tolist()
+        end = self._shaft.last_frame(frame_of(goal))
+        turn, length = turn_of(end), self._length
+        _, _, x, px, _, _, y, py, _, _, z, pz = end
         reach = x * px + y * py + z * pz
         ax, ay, az = px - reach * x, py - reach * y, pz - reach * z
         apart = math.sqrt(ax * ax + ay * ay + az * az)
         if apart < TINY:
             return
         for k in (1.0 / apart, -1.0 / apart):
-            link, length = (ax * k, ay * k, az * k), self._length
+            link = (ax * k, ay * k, az * k)
             for along, depth in both_ways((px - length * link[0], py - length * link[1], pz - length * link[2])):
                 q = self._shaft.joints(along, depth)
                 if self._shaft.within(q):
-                    self._turn(q, along, link, end[:3, :3])
+                    self._turn(q, along, link, turn)
                 yield q
 
-    def _turn(self, q: Array, along: Triple, link: Triple, end: Array) -> None:
+    def _turn(self, q: list[float], along: Triple, link: Triple, end: Turn) -> None:
         """Roll and wrist for a shaft along `along` and the link from pitch to yaw axis along `link`."""
-        pitch_axis = cross(link, (end[0, 2], end[1, 2], end[2, 2]))
-        roll = np.array((cross(pitch_axis, along), pitch_axis, along)).T
-        wrist = np.array((link, end[:, 2], pitch_axis)).T
+        yaw_axis = (end[2], end[5], end[8])
+        pitch_axis = cross(link, yaw_axis)
+        roll = columns(cross(pitch_axis, along), pitch_axis, along)
+        wrist = columns(link, yaw_axis, pitch_axis)
         for joint, before, after in ((3, self._shaft.rotation(q), roll), (4, roll, wrist), (5, wrist, end)):
             q[joint] = self._shaft.turned(joint, before, after)
