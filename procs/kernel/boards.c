@@ -1,6 +1,7 @@
 /* The emulated boards' stages. Each function is the method of the same name in procs/boards, to the bit. */
 #include "fields.h"
 #include "numeric.h"
+#include <arpa/inet.h>
 
 /* -- encoders: procs/boards/controllers/encoder.py, edges.py ------------------------------------------------------- */
 
@@ -70,6 +71,47 @@ int64_t Encoders_show(const Encoders *k, int64_t now) {
       if (axis < PINS_SHOWN) pins += (uint32_t)flags[INPUTS * k->states] << axis;
     }
     k->pins[b] = pins;
+  }
+  return 0;
+}
+
+/* -- samples: procs/boards/controllers/firmware.py, hub.py --------------------------------------------------------- */
+
+enum { HEAD, BLOCK, FIRST = 1, LAST = 2 };
+
+int64_t Sample_fill(const Sample *k, int64_t which) {
+  int64_t width = k->width;
+  for (int64_t b = 0; b < k->boards; b++) {
+    uint32_t *block = k->rows + b * k->columns + BLOCK, *adc = block + SCALARS, *position = adc + width;
+    uint32_t *motor_status = adc + (KINDS - 1) * width;
+    if (which & FIRST) {
+      block[STATUS_AT] = k->status[b];
+      block[INPUTS_AT] = k->pins[b] | k->inputs[b];
+    }
+    if (which & LAST) {
+      block[INPUTS_AT] |= k->outputs[b];
+      for (int64_t axis = 0, i = b * width; axis < width; axis++, i++) {
+        position[axis] &= k->pins_shown[i];
+        adc[axis] = k->adc[i];
+        motor_status[axis] = k->motor_flags[i] | k->command[i];
+      }
+    }
+  }
+  return 0;
+}
+
+int64_t HubMemory_collect(const HubMemory *k, int64_t sequence, int64_t tick, int64_t boards, int64_t quads) {
+  for (int64_t j = 0; j < boards; j++) {
+    int64_t b = k->reporting[j], passed = tick - 1 - k->sampled[b];
+    k->rows[b * k->columns + BLOCK + STAMP_AT] = passed > 0 ? (uint32_t)passed : 0;
+    k->sampled[b] = tick;
+  }
+  for (int64_t b = 0; b < k->boards; b++)
+    k->rows[b * k->columns + HEAD] = k->headers[(sequence & 0xFF) * k->boards + b]
+                                     | ((uint32_t)(sequence >> 8 << 24) & k->long_numbers[b]);
+  for (int64_t j = 0; j < quads; j++) {
+    k->native[j] = k->rows[k->selection[j]];
+    k->memory[j] = htonl(k->native[j]);
   }
   return 0;
 }

@@ -19,4 +19,23 @@ ENCODERS: Final = CStruct("Encoders", (  # procs.boards.controllers.encoder.Enco
     *rows("u4", "boards columns", rows="rows"),
 ), {"set_out": ("i8", "i8"), "advance": ("f8",), "show": ("i8",)})
 
-BOARDS: Final = (ENCODERS,)
+SAMPLE: Final = CStruct("Sample", (  # procs.boards.controllers.firmware.Firmware
+    *rows("i8", "", boards="count", width="width", columns="encoders.columns"),
+    *rows("u4", "boards columns", rows="samples.rows"),
+    *rows("u4", "boards", status="power.status", pins="encoders.pins", inputs="lines.inputs", outputs="outputs"),
+    *rows("u4", "boards width", pins_shown="pins_shown", adc="lines.adc", motor_flags="power.motor_flags",
+          command="motors.command"),
+), {"fill": ("i8",)})
+
+HUB_MEMORY: Final = CStruct("HubMemory", (  # procs.boards.controllers.hub.HubMemory
+    *rows("i8", "", boards="boards", columns="columns", most="most", room="room"),
+    *rows("u4", "boards columns", rows="samples.rows"),
+    *rows("i8", "boards", sampled="samples.sampled", reporting="reporting"),
+    *rows("u4", "256 boards", headers="headers"),
+    *rows("u4", "boards", long_numbers="long"),
+    *rows("i8", "most", selection="selection"),
+    *rows("u4", "most", native="native"),
+    *rows("u4", "room", memory="memory"),
+), {"collect": ("i8", "i8", "i8", "i8")})
+
+BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY)

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from procs.fpga import conversion, registers, velocity, wire
+from procs.fpga import blocks, conversion, registers, velocity, wire
 from procs.kernel.arm_fields import ARM
 from procs.kernel.boards_fields import BOARDS
 from procs.kernel.bus_fields import HUB, WRITE
@@ -20,13 +20,18 @@ CONSTANTS: Final = {
     "DAC_KEPT": registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK,
     "DIRECTION": registers.VELOCITY_DIRECTION,
     "HOST_ID": wire.HOST_ID,
+    "INPUTS_AT": blocks.DIGITAL_INPUT,
+    "KINDS": blocks.KINDS,
     "MIDRANGE": conversion.ENCODER_MIDRANGE,
     "OVERFLOWED": registers.VELOCITY_OVERFLOW,
     "POSITION_MASK": registers.ENCODER_MASK,
     "QUERY": registers.QUERY,
     "RELAY": registers.STATUS_RELAY,
     "SAME_EDGE": velocity.SAME_EDGE,
+    "SCALARS": blocks.SCALARS,
     "SLOWEST_S": velocity.SLOWEST_S,
     "SLOWEST_SQUARE": 1e-30,
+    "STAMP_AT": blocks.TIMESTAMP,
+    "STATUS_AT": blocks.STATUS,
     "TICKS": registers.VELOCITY_TICKS_MASK,
 }

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards import stages
 from procs.boards.controllers.differences import Differences
 from procs.boards.controllers.encoder import Encoders
 from procs.boards.controllers.espm import ARM, BOARD, CONTROL, NOTHING, Espm
@@ -27,10 +28,12 @@ from procs.boards.controllers.testboard import Loopback
 from procs.boards.devices.board import Board
 from procs.document.emulated import EmulatedSetupJoints
 from procs.fpga import registers as reg
+from procs.kernel.boards_fields import SAMPLE
 
 _MISSING = {  # registers and regions that read 0
     "DQLA": (reg.DATA_BUFFER,),
     "dRA1": (reg.DIGITAL_OUTPUT, reg.DALLAS, reg.IO_EXPANDER, reg.DALLAS_MEMORY, reg.WAVEFORM)}
+FIRST, LAST = 1, 2  # halves of a sample
 NO_PINS = np.uint32(~(reg.ENCODER_PIN_A | reg.ENCODER_PIN_B | reg.ENCODER_PIN_INDEX) & 0xFFFF_FFFF)
 
 
@@ -59,15 +62,14 @@ class Firmware:
                        for row, board in enumerate(self.boards) if testboard and board.model.hardware.outputs}
         self._interfaces: dict[int, EmulatedInterfaceBoard] = {}
         self._every = tuple(range(self.count))
-        self._seen_changes = -1
         self._motor_words = np.zeros(lines.dac.shape, dtype=np.uint32)
-        self._outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
+        self.outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
         self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection go on by themselves
         self.collecting = False  # some board collects data
         self._no_control = np.zeros(self.count, dtype=np.uint32)
-        self._hides_pins = any(model.firmware == 7 for model in models)
-        self._pins = np.array([[0xFFFF_FFFF if model.firmware > 7 else NO_PINS] * self.width for model in models],
-                              dtype=np.uint32)
+        self.pins_shown = np.array([[0xFFFF_FFFF if model.firmware > 7 else NO_PINS] * self.width for model in models],
+                                   dtype=np.uint32)
+        (self._fill,) = stages.chosen(SAMPLE, self)
         for row in self._every:
             self._show_quiet(row, 0)
 
@@ -106,28 +108,41 @@ class Firmware:
 
     def sample(self, tick: int) -> None:
         """Bring what real-time blocks show of all boards up to `tick`; time stamps are left alone."""
-        samples, encoders, power = self.samples, self.encoders, self.power
-        encoders.observe(tick)
-        encoders.words(tick)
-        if self._seen_changes != power.changes:
-            self._seen_changes = power.changes
+        self.encoders.observe(tick)
+        self.encoders.words(tick)
+        if self._loops or self._interfaces or self._lively:
+            self._fill(FIRST)
+            self._let_others_in(tick)
+            self._fill(LAST)
+        else:
+            self._fill(FIRST | LAST)
+        if self._differences.there:
+            self._differences.show(self.outputs)
+
+    def fill(self, which: int) -> int:
+        """What sampling does for all boards at once, in two halves: what comes in, then what else there is."""
+        samples, power = self.samples, self.power
+        if which & FIRST:
             samples.status[...] = power.status
-        np.bitwise_or(encoders.pins, self.lines.inputs, samples.inputs)
+            np.bitwise_or(self.encoders.pins, self.lines.inputs, samples.inputs)
+        if which & LAST:
+            np.bitwise_and(samples.positions, self.pins_shown, samples.positions)
+            np.bitwise_or(samples.inputs, self.outputs, samples.inputs)
+            samples.adc[...] = self.lines.adc
+            np.bitwise_or(power.motor_flags, self.motors.command, self._motor_words)  # a scattered result costs twice
+            samples.motor_status[...] = self._motor_words
+        return 0
+
+    def _let_others_in(self, tick: int) -> None:
+        """What only some boards have, between the halves of a sample."""
+        samples = self.samples
         for row in self._loops:
             self._loop_back(row, tick)
         for row, interface in self._interfaces.items():
             samples.inputs[row] = interface.fill(tick, int(samples.inputs[row]), samples.positions[row],
                                                  samples.velocities[row])
-        if self._hides_pins:
-            np.bitwise_and(samples.positions, self._pins, samples.positions)
         if self._lively:
             self._follow(tick)
-        np.bitwise_or(samples.inputs, self._outputs, samples.inputs)
-        samples.adc[...] = self.lines.adc
-        np.bitwise_or(power.motor_flags, self.motors.command, self._motor_words)  # a scattered result costs twice
-        samples.motor_status[...] = self._motor_words
-        if self._differences.there:
-            self._differences.show(self._outputs)
 
     def _loop_back(self, row: int, tick: int) -> None:
         """What a board's own outputs and currents bring it back through its loop-back boards."""
@@ -155,12 +170,12 @@ class Firmware:
         board, samples, name = self.boards[row], self.samples, self.models[row].hardware.name
         if name != "dRA1":
             levels, playing = board.digital.levels(tick), board.digital.playing(tick)
-            self._outputs[row] = (levels & 0xF) << reg.INPUT_DOUT_SHIFT
+            self.outputs[row] = (levels & 0xF) << reg.INPUT_DOUT_SHIFT
             if name == "DQLA":  # temperatures of its second QLA where the others have the state of the collection
-                self._outputs[row] |= (levels >> reg.AXES & 0xF) << reg.INPUT_DOUT_FAR_SHIFT
+                self.outputs[row] |= (levels >> reg.AXES & 0xF) << reg.INPUT_DOUT_FAR_SHIFT
                 self._differences.playing[row] = playing
                 return
-            self._outputs[row] |= playing * reg.INPUT_WAVEFORM_ACTIVE
+            self.outputs[row] |= playing * reg.INPUT_WAVEFORM_ACTIVE
         low = int(samples.temperatures[row]) & 0xFFFF
         samples.temperatures[row] = board.collection.status(tick) << 16 | low
 
@@ -333,7 +348,7 @@ class Firmware:
         if address == reg.REAL_TIME:
             self.sample(tick)
             self.samples.stamp((row,), tick)
-            self._sampled((row,), tick)
+            self.sampled((row,), tick)
             return self.samples.block(row)[:size].ljust(size, b"\0")
         of_arm = row in self._espms and address >> 12 in (CONTROL, ARM, BOARD)
         if of_arm or address < reg.HUB:  # registers in a row: one sample for all of them
@@ -345,12 +360,8 @@ class Firmware:
             return bytes(size)
         return self.boards[row].read_block(address, size, tick)
 
-    def stamp(self, rows: tuple[int, ...], tick: int) -> None:
-        """Boards `rows` take the sample just made for the hub."""
-        self.samples.stamp(rows, tick)
-        self._sampled(rows, tick)
-
-    def _sampled(self, rows: Sequence[int], tick: int) -> None:
+    def sampled(self, rows: Sequence[int], tick: int) -> None:
+        """Boards `rows` have taken the sample just made: data collection counts from there."""
         for row in self._lively:
             if row in rows:
                 self.boards[row].collection.sampled(tick)

@@ -14,9 +14,11 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards import stages
 from procs.boards.controllers.firmware import Firmware
 from procs.fpga import blocks
 from procs.fpga import registers as reg
+from procs.kernel.boards_fields import HUB_MEMORY
 
 BUS_BOARDS = 16
 FIRST_UPDATE, NEXT_UPDATE = 150, 500  # FireWire: ticks after a query until the first board, and each next one, reported
@@ -33,13 +35,15 @@ class HubMemory:
 
     def __init__(self, firmware: Firmware, over_ethernet: bool) -> None:
         """Empty."""
-        self._firmware, self._over_ethernet = firmware, over_ethernet
+        self._firmware, self._over_ethernet, self.samples = firmware, over_ethernet, firmware.samples
+        self.boards, self.columns = self.samples.rows.shape
         models = firmware.models
-        most = sum(model.read_quads + 1 for model in models)
-        room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
+        self.most = most = sum(model.read_quads + 1 for model in models)
+        self.room = room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
         self.reply = bytearray(HUB_AT + 4 * room + _END.size)
-        self._memory = np.frombuffer(self.reply, dtype=">u4", offset=HUB_AT)
-        self._native = np.zeros(most, dtype=np.uint32)
+        self._memory = np.frombuffer(self.reply, dtype=">u4", count=room, offset=HUB_AT)
+        self.memory = self._memory.view(np.uint32)  # as it lies there
+        self.native = np.zeros(most, dtype=np.uint32)
         self.quads = 0  # of the blocks of the last query
         self._complete = False
         self._queried = self.sequence = self.mask = 0
@@ -52,12 +56,15 @@ class HubMemory:
         self._timing_mask: int = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
         self._sizes = np.array([(model.read_quads + 1) << 24 if model.firmware > 7 else 0 for model in models],
                                dtype=np.uint32)
-        self._has_long = any(model.firmware == 7 for model in models)
-        self._long = np.array([0xFFFF_0000 if model.firmware == 7 else 0x00FF_0000 for model in models],
-                              dtype=np.uint32)
+        self.long = np.array([0xFF00_0000 if model.firmware == 7 else 0 for model in models],
+                             dtype=np.uint32)
         self._has_places = all(model.firmware == 7 for model in models)
         self._places = np.zeros((BUS_BOARDS, blocks.layout_of(7).hub_quads), dtype=np.uint32)
+        self.headers = np.zeros((256, self.boards), dtype=np.uint32)  # by the lower half of the sequence number
+        self.selection = np.zeros(most, dtype=np.int64)  # where what is sent lies in the samples
+        self.reporting = np.zeros(self.boards, dtype=np.int64)  # rows of the boards that do, in their order
         self._plan_for(self._whole, 0)
+        (self._collect,) = stages.chosen(HUB_MEMORY, self)
 
     def _plan_for(self, mask: int, first: int) -> None:
         """Prepare queries with this mask; `first` is the row that is asked over Ethernet."""
@@ -79,15 +86,14 @@ class HubMemory:
             times[row] |= start + step * place & self._time_mask
         # Short sequence numbers are looked up; the long ones of Rev 7 need their upper half added.
         sequence = np.arange(256, dtype=np.uint32)[:, None] << 16
-        self._headers = times + sequence
-        self._selection = self._firmware.samples.selection(self._rows) if rows else None
-        self._length = 0 if self._selection is None else len(self._selection)
-        self._out = self._native[: self._length]
-        self._reporting = [self._firmware.ids[row] for row in rows]
+        self.headers[...] = times + sequence
+        selection = self.samples.selection(self._rows) if rows else ()
+        self._sent = self._length = len(selection)
+        self.selection[: self._sent], self.reporting[: len(rows)] = selection, rows
+        self._reporting_ids = [self._firmware.ids[row] for row in rows]
         self._asked = [board for board in range(BUS_BOARDS) if mask >> board & 1]
         if self._has_places:
             self._length = len(self._asked) * self._places.shape[1]
-        self._target = self._memory[: self._length]
 
     def query(self, value: int, first: int, tick: int) -> bool:
         """Register 0x1800 is written: sample all boards of the mask. True when every one of them reported."""
@@ -98,28 +104,37 @@ class HubMemory:
             return self._query_with_gaps(value, first, tick)
         self.sequence, self.mask, self._queried = sequence, mask, tick
         self.quads, self._complete = self._length, self._can_complete
-        if self._selection is None:
+        if not self._sent:
             self._show_places()
             return self._complete
         firmware.sample(tick)
-        firmware.stamp(self._rows, tick)
-        head = firmware.samples.head
-        head[...] = self._headers[sequence & 0xFF]
-        if self._has_long:
-            np.bitwise_or(head, np.uint32(sequence >> 8 << 24) & self._long & np.uint32(0xFF00_0000), head)
+        self._collect(sequence, tick, len(self._rows), self._sent)
+        firmware.sampled(self._rows, tick)
         if any(self.spoiled):
-            self._spoil(head)
-        firmware.samples.take(self._selection, self._out)
+            self._spoil(self.samples.head)
+            self._take(self._sent)
         if self._has_places:
-            self._places[self._reporting] = self._out.reshape(-1, self._places.shape[1])
+            self._places[self._reporting_ids] = self.native[: self._sent].reshape(-1, self._places.shape[1])
             self._show_places()
-        else:
-            self._target[...] = self._out
         return self._complete
+
+    def collect(self, sequence: int, tick: int, boards: int, quads: int) -> int:
+        """The blocks of the first so many boards that report, `quads` in all, from the sample just made."""
+        samples = self.samples
+        samples.stamp(self._rows[:boards], tick)
+        samples.head[...] = self.headers[sequence & 0xFF]
+        if sequence > 0xFF:
+            np.bitwise_or(samples.head, np.uint32(sequence >> 8 << 24) & self.long, samples.head)
+        self._take(quads)
+        return 0
+
+    def _take(self, quads: int) -> None:
+        self.samples.take(self.selection[:quads], self.native[:quads])
+        self._memory[:quads] = self.native[:quads]
 
     def _show_places(self) -> None:
         if self._has_places:
-            self._target[...] = self._places[self._asked].ravel()
+            self._memory[: self._length] = self._places[self._asked].ravel()
 
     def _query_with_gaps(self, value: int, first: int, tick: int) -> bool:
         """Some board keeps its block to itself this time: it is as if it were not there."""

@@ -29,7 +29,7 @@ class BoardSamples:
         self._models, self._width = models, width
         self.rows: Quads = np.zeros((n, BLOCK + SCALARS + KINDS * width), dtype=np.uint32)
         self.head, block = self.rows[:, HEAD], self.rows[:, BLOCK:]
-        self._stamp = block[:, blocks.TIMESTAMP]
+        self.stamps = block[:, blocks.TIMESTAMP]
         self.status, self.inputs = block[:, blocks.STATUS], block[:, blocks.DIGITAL_INPUT]
         self.temperatures = block[:, blocks.TEMPERATURE]  # and state of the data collection
         self.temperatures[:] = TEMPERATURES
@@ -38,28 +38,29 @@ class BoardSamples:
         self.first_encoder = BLOCK + SCALARS + width  # column of the positions; velocity words come after them
         self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
         assert np.shares_memory(self.velocities, self.rows)
-        self._sampled = [-1] * n  # tick of every board's last sample
+        self._passed = np.zeros(n, dtype=np.int64)
+        self.sampled = np.full(n, -1, dtype=np.int64)  # tick of every board's last sample
         self._places = [row * self.rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
         self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}
 
     def stamp(self, rows: Sequence[int], tick: int) -> None:
         """Boards `rows` take a sample at `tick`: time since their last one, which restarts."""
-        sampled = self._sampled
-        if len(rows) == len(sampled) == sampled.count(sampled[0]):
-            self._stamp.fill(max(tick - 1 - sampled[0], 0) & 0xFFFF_FFFF)  # the counter wraps
-            sampled[:] = [tick] * len(sampled)
+        if len(rows) < len(self.sampled):
+            for row in rows:
+                self.stamps[row] = max(tick - 1 - int(self.sampled[row]), 0) & 0xFFFF_FFFF  # the counter wraps
+                self.sampled[row] = tick
             return
-        for row in rows:
-            self._stamp[row] = max(tick - 1 - sampled[row], 0) & 0xFFFF_FFFF
-            sampled[row] = tick
+        passed = np.subtract(tick - 1, self.sampled, self._passed)
+        self.stamps[...] = np.maximum(passed, 0, out=passed)
+        self.sampled.fill(tick)
 
     def power_up(self, row: int, tick: int) -> None:
         """The FPGA of a board is configured anew: its time counts from here."""
-        self._sampled[row] = tick - 1
+        self.sampled[row] = tick - 1
 
     def sampled_at(self, row: int) -> int:
         """Tick of a board's last sample; without one, that before it got power."""
-        return self._sampled[row]
+        return int(self.sampled[row])
 
     def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:
         """Where the hub blocks of boards `rows` lie, one after the other; for `take`."""
