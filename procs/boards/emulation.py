@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards import stages
 from procs.boards.controllers.bus import GROUP, EmulatedBus
-from procs.boards.controllers.currents import CURRENT_EXCESS
 from procs.boards.controllers.lines import Lines
 from procs.boards.packet_faults import PacketFaults
 from procs.boards.setup_joints import fit
@@ -22,10 +22,13 @@ from procs.boards.wiring import Wiring
 from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
+from procs.kernel.boards_fields import WORLD
 
 Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
 MIDDLE = (0x7FFF, 0x8000)  # commands on either side of no current
+FIRST, LAST, ERRORS, COMPARE = 1, 2, 4, 8  # what `sense` does: its two halves, and with what
+TOO_MUCH, BRAKES = 1, 2  # what it has found
 MAX_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
 
 
@@ -71,7 +74,7 @@ def ns_of(tick: int) -> int:
 def _too_much(measured: Floats, commanded: Floats | npt.NDArray[np.uint32]) -> Floats:
     """Bits by which measured currents (offset binary) exceed what the boards allow."""
     middle = 0.5 * reg.DAC_VALUE_MASK
-    excess: Floats = np.abs(measured - middle) - np.abs(commanded - middle) - CURRENT_EXCESS
+    excess: Floats = np.abs(measured - middle) - np.abs(commanded - middle) - reg.CURRENT_EXCESS
     return excess
 
 
@@ -113,9 +116,11 @@ class Emulation:
         self._has_tables = wiring.table_slots.size > 0
         self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
         self.current = np.zeros(axes)
-        self._dac, self._on = self.lines.dac.reshape(-1), self.lines.on.reshape(-1)
-        self._adc = self.lines.adc.reshape(-1).view(np.uint16).reshape(-1, 2).T  # measured currents, potentiometers
-        self._at_slots(len(self._dac))
+        self.dac, self.on = self.lines.dac.reshape(-1), self.lines.on.reshape(-1)
+        self.converted = self.lines.adc.reshape(-1).view(np.uint16).reshape(-1, 2)
+        self._adc = self.converted.T  # measured currents, potentiometers
+        self.axes, self.slots = axes, len(self.dac)
+        self._at_slots(self.slots)
         self._cut = tuple(self._cuts())
         for robot, own in wiring.brakes.robots:
             engaged = np.zeros(wiring.count_of(robot), dtype=np.bool_)
@@ -123,7 +128,8 @@ class Emulation:
             world.brake(robot, engaged, True)
         if self._has_robots:
             for bus, cut in self._cut:
-                bus.encoders.place(self._now[0, cut])
+                bus.encoders.place(self.now[0, cut])
+            self._sense, self._move = stages.chosen(WORLD, self)
         self._step()
 
     def _at_slots(self, count: int) -> None:
@@ -132,8 +138,8 @@ class Emulation:
         Slots without an actuator look at the first one's values, and all their scales are 0.
         """
         wiring = self.wiring
-        self._axis_of = np.zeros(count, dtype=np.intp)
-        self._axis_of[wiring.slots] = np.arange(len(wiring.slots))
+        self.axis_of = np.zeros(count, dtype=np.int64)
+        self.axis_of[wiring.slots] = np.arange(len(wiring.slots))
 
         def spread(values: Floats, elsewhere: float = 0.0, brakes: Floats | None = None) -> Floats:
             spread = np.full(count, float(elsewhere))
@@ -142,42 +148,43 @@ class Emulation:
                 spread[wiring.brakes.slots] = brakes
             return spread
 
-        self._motor_of = wiring.slots.copy()  # the slot whose current every motor gets
+        self.motor_of = wiring.slots.astype(np.int64)  # the slot whose current every motor gets
         of_brakes = wiring.brakes
-        self._let_go = np.zeros(len(of_brakes.slots), dtype=np.bool_)
-        self._amps = np.array((spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
+        self.brakes = len(of_brakes.slots)
+        self.let_go = np.zeros(self.brakes, dtype=np.bool_)
+        self.amps = np.array((spread(wiring.amps.scale, 0.0, of_brakes.amps.scale),
                                spread(wiring.amps.offset, 0.0, of_brakes.amps.offset)))
         self._on_bytes = b""
         counts = spread(wiring.counts.scale)
-        self._counts = (np.array((counts, counts / reg.CLOCK_HZ)),
-                        np.array((spread(wiring.counts.offset), np.zeros(count))))
+        self.counts_scale = np.array((counts, counts / reg.CLOCK_HZ))
+        self.counts_offset = np.array((spread(wiring.counts.offset), np.zeros(count)))
         measured = (spread(wiring.measured.scale, 0.0, of_brakes.measured.scale),
                     spread(wiring.measured.offset, reg.CURRENT_ZERO, of_brakes.measured.offset))
         # Rows: motor currents, A, and potentiometers, V; scales and offsets that make them of commands and positions.
-        self._scales, self._offsets = (np.array((np.zeros(count), spread(k)))
+        self.scales, self.offsets = (np.array((np.zeros(count), spread(k)))
                                        for k in (wiring.pot_volts.scale, wiring.pot_volts.offset))
-        self._to_bits = (np.array((measured[0], spread(wiring.pot_bits.scale))),
-                         np.array((measured[1], spread(wiring.pot_bits.offset))))
-        self._truth, self._bits, self._seen = (np.zeros((2, count)) for _ in range(3))
-        self._flowing, self._volts = self._truth
+        self.to_bits = np.array(((measured[0], spread(wiring.pot_bits.scale)),
+                                 (measured[1], spread(wiring.pot_bits.offset))))
+        self.truth, self.bits, self.seen = (np.zeros((2, count)) for _ in range(3))
+        self._flowing, self._volts = self.truth
         self._most, self._least = np.full((2, count), 65535.0), np.zeros((2, count))
         self._is_over, self._may_be_over = False, self._may_exceed()
-        self._now, self._end, self._change = (np.zeros((2, count)) for _ in range(3))
-        self._curve = np.zeros((3, count))
+        self.now, self._end, self._change = (np.zeros((2, count)) for _ in range(3))
+        self.curve = np.zeros((3, count))
+        self.per_tick = 1.0 / self._span
         # Rows as arrays of their own: indexing makes a new one every time, which costs as much as using it.
-        self._start, self._rates = self._curve[0], self._curve[1:]
-        span = float(self._span)  # mean velocity less half its change, and half that change over the time
-        self._to_rates = np.array(((1.0 / span, -0.5), (0.0, 0.5 / span)))
-        self._now_rows, self._end_rows = tuple(self._now), tuple(self._end)
+        self._end_rows, self._curve_rows, self._changes = tuple(self._end), tuple(self.curve), tuple(self._change)
         if self._has_robots:
-            self._where(self._now, self._now_rows)
+            self._where()
+            self.now[...] = self._end
 
-    def _where(self, now: Floats, rows: tuple[Floats, ...]) -> None:
+    def _where(self) -> None:
         """Position, counts, and velocity, counts/tick, of every slot as the world has them now."""
-        self._world.position.take(self._axis_of, None, rows[0], "clip")
-        self._world.velocity.take(self._axis_of, None, rows[1], "clip")
-        np.multiply(now, self._counts[0], now)
-        np.add(now, self._counts[1], now)
+        end = self._end
+        self._world.position.take(self.axis_of, None, self._end_rows[0], "clip")
+        self._world.velocity.take(self.axis_of, None, self._end_rows[1], "clip")
+        np.multiply(end, self.counts_scale, end)
+        np.add(end, self.counts_offset, end)
 
     def _cuts(self) -> list[tuple[EmulatedBus, slice]]:
         width = self.wiring.width
@@ -189,13 +196,14 @@ class Emulation:
     def scale_encoder(self, axis: int, factor: float) -> None:
         """Let the encoder of an actuator count `factor` times what its file says, from where it is; 1 puts it right."""
         slot, scale = self.wiring.slots[axis], self.wiring.counts.scale[axis] * factor
-        self._counts[0][:, slot] = scale, scale / reg.CLOCK_HZ
-        self._counts[1][0, slot] = self._now[0, slot] - scale * self._world.position[axis]
-        self._where(self._now, self._now_rows)
+        self.counts_scale[:, slot] = scale, scale / reg.CLOCK_HZ
+        self.counts_offset[0, slot] = self.now[0, slot] - scale * self._world.position[axis]
+        self._where()
+        self.now[...] = self._end
 
     def swap_motors(self, one: int, other: int) -> None:
         """Exchange the plugs of two motors: each gets the current that is meant for the other."""
-        self._motor_of[[one, other]] = self._motor_of[[other, one]]
+        self.motor_of[[one, other]] = self.motor_of[[other, one]]
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -240,62 +248,87 @@ class Emulation:
         for bus in self.buses:
             bus.step(tick)
         if self._has_robots:
-            self._sense()
-            self._check_currents(tick)
-            if self._let_go.size:
+            news = self._feel()
+            self._check_currents(tick, bool(news & TOO_MUCH))
+            if news & BRAKES:
                 self._brake()
-            self.position[...], self.velocity[...] = self._world.position, self._world.velocity
             self._world.step_current(self.current)
             self._move()
+            for bus, cut in self._cut:
+                bus.encoders.follow(tick, self._span, self.curve[:, cut])
         self.on_step()
 
     def _brake(self) -> None:
         """Brakes let go and hold as their currents say."""
-        brakes, before = self.wiring.brakes, self._let_go
-        current = np.abs(self._flowing[brakes.slots])
-        let_go = current >= np.where(before, brakes.holds_off, brakes.lets_go)
-        if (let_go == before).all():
-            return
-        self._let_go = let_go
+        brakes, let_go = self.wiring.brakes, self.let_go
+        let_go[...] = self._lets_go_now()
         for robot, own in brakes.robots:
             for engaged in (False, True):
                 actuators = np.zeros(self.wiring.count_of(robot), dtype=np.bool_)
                 actuators[: own.size] = let_go[own] != engaged
                 self._world.brake(robot, actuators, engaged)
 
-    def _sense(self) -> None:
-        """The currents that flow, and what the converters make of them and of the potentiometers."""
-        truth, flowing, volts, bits = self._truth, self._flowing, self._volts, self._bits
-        on = self._on.tobytes()
-        if on != self._on_bytes:
-            self._on_bytes = on
-            self._scales[0], self._offsets[0] = self._amps * self._on
-        flowing[...] = self._dac
-        self._world.pot_position.take(self._axis_of, None, volts, "clip")
-        np.multiply(truth, self._scales, truth)
-        np.add(truth, self._offsets, truth)
-        flowing.take(self._motor_of, None, self.current, "clip")
-        for joints in self.setup_joints.values():
-            volts[joints.slots] = joints.step(flowing, self._on)
-        if self._noise_v > 0.0:
-            volts += self._random.normal(0.0, self._noise_v, self.current.size)[self._axis_of]
-        if self.sensor_errors is not None:
-            truth = self._with_errors(self.sensor_errors)
-        np.multiply(truth, self._to_bits[0], bits)
-        np.add(bits, self._to_bits[1], bits)
-        np.rint(bits, bits)
-        if self._has_tables:
-            bits[1, self.wiring.table_slots] = self.wiring.tables.readings(truth[1, self.wiring.table_slots])
-        np.maximum(bits, self._least, out=bits)
-        np.minimum(bits, self._most, out=bits)
-        self._adc[...] = bits
+    def _lets_go_now(self) -> npt.NDArray[np.bool_]:
+        brakes = self.wiring.brakes
+        lets_go: npt.NDArray[np.bool_] = (np.abs(self._flowing[brakes.slots])
+                                          >= np.where(self.let_go, brakes.holds_off, brakes.lets_go))
+        return lets_go
 
-    def _with_errors(self, errors: SensorErrors) -> Floats:
+    def _feel(self) -> int:
+        """`sense`, and what only some systems have between its halves or after them."""
+        compare = COMPARE if self._may_be_over or self.sensor_errors is not None else 0
+        if self.setup_joints or self._noise_v > 0.0 or self.sensor_errors is not None:
+            self._sense(FIRST)
+            for joints in self.setup_joints.values():
+                self._volts[joints.slots] = joints.step(self._flowing, self.on)
+            if self._noise_v > 0.0:
+                self._volts += self._random.normal(0.0, self._noise_v, self.axes)[self.axis_of]
+            if self.sensor_errors is not None:
+                self._with_errors(self.sensor_errors)
+            news = self._sense(LAST | compare | (ERRORS if self.sensor_errors is not None else 0))
+        else:
+            news = self._sense(FIRST | LAST | compare)
+        if self._has_tables:
+            volts = self._volts if self.sensor_errors is None else self.seen[1]
+            slots = self.wiring.table_slots
+            self._adc[1, slots] = np.clip(self.wiring.tables.readings(volts[slots]), 0.0, 65535.0)
+        return news
+
+    def sense(self, which: int) -> int:
+        """The currents that flow; then what the converters make of them and of the potentiometers.
+
+        With ERRORS it is of `seen`. TOO_MUCH: with COMPARE, a current may be too much; BRAKES: some let go or hold.
+        """
+        truth, flowing, volts, bits, news = self.truth, self._flowing, self._volts, self.bits, 0
+        if which & FIRST:
+            self.position[...], self.velocity[...] = self._world.position, self._world.velocity
+            on = self.on.tobytes()
+            if on != self._on_bytes:
+                self._on_bytes = on
+                self.scales[0], self.offsets[0] = self.amps * self.on
+            flowing[...] = self.dac
+            self._world.pot_position.take(self.axis_of, None, volts, "clip")
+            np.multiply(truth, self.scales, truth)
+            np.add(truth, self.offsets, truth)
+            flowing.take(self.motor_of, None, self.current, "clip")
+        if which & LAST:
+            np.multiply(self.seen if which & ERRORS else truth, self.to_bits[0], bits)
+            np.add(bits, self.to_bits[1], bits)
+            np.rint(bits, bits)
+            np.maximum(bits, self._least, out=bits)
+            np.minimum(bits, self._most, out=bits)
+            self._adc[...] = bits
+            if which & COMPARE and (_too_much(bits[0], self.dac) > 0.0).any():
+                news |= TOO_MUCH
+            if self.brakes and (self._lets_go_now() != self.let_go).any():
+                news |= BRAKES
+        return news
+
+    def _with_errors(self, errors: SensorErrors) -> None:
         """What the sensors say instead of the truth."""
         np.add(errors.pot, errors.pot_drift, errors.pot)
-        np.add(self._truth, (errors.current, errors.pot), self._seen)
-        np.multiply(self._seen[1], errors.pot_alive, self._seen[1])
-        return self._seen
+        np.add(self.truth, (errors.current, errors.pot), self.seen)
+        np.multiply(self.seen[1], errors.pot_alive, self.seen[1])
 
     def _may_exceed(self) -> bool:
         """Whether a measured current can be too much, by the files, while amplifiers do as told and sensors are right.
@@ -304,32 +337,31 @@ class Emulation:
         """
         for on in (0.0, 1.0):
             for command in (0.0, *MIDDLE, reg.DAC_VALUE_MASK):
-                flowing = (command * self._amps[0] + self._amps[1]) * on
-                measured = flowing * self._to_bits[0][0] + self._to_bits[1][0]
+                flowing = (command * self.amps[0] + self.amps[1]) * on
+                measured = flowing * self.to_bits[0, 0] + self.to_bits[1, 0]
                 if (_too_much(measured, np.full_like(measured, command)) > -1.0).any():  # less than that is rounded
                     return True
         return False
 
-    def _check_currents(self, tick: int) -> None:
+    def _check_currents(self, tick: int, is_over: bool) -> None:
         """The boards' current check, left out while no current is near being too much and none was.
 
         A voltage has no commanded current to compare with, and digital amplifiers are stricter.
         """
-        is_over = False
-        if self._may_be_over or self.sensor_errors is not None:
-            is_over = bool((_too_much(self._bits[0], self._dac) > 0.0).any())
         for bus in self.buses:
             if is_over or self._is_over or bus.firmware.motors.checks_always:
                 bus.check_currents(tick)
         self._is_over = is_over
 
-    def _move(self) -> None:
+    def move(self) -> int:
         """Motion of every encoder during the step: through both positions, with the change of speed between them."""
-        now, end, rows = self._now, self._end, self._now_rows
-        self._where(end, self._end_rows)
+        now, end, (start, v, h), (way, faster) = self.now, self._end, self._curve_rows, self._changes
+        self._where()
         np.subtract(end, now, self._change)
-        self._start[...] = rows[0]
-        self._to_rates.dot(self._change, self._rates)
-        self._now, self._end, self._now_rows, self._end_rows = end, now, self._end_rows, rows
-        for bus, cut in self._cut:
-            bus.encoders.follow(self.begin, self._span, self._curve[:, cut])
+        start[...] = now[0]
+        np.multiply(way, self.per_tick, way)  # the mean velocity
+        np.multiply(faster, 0.5, faster)
+        np.subtract(way, faster, v)
+        np.multiply(faster, self.per_tick, h)
+        now[...] = end
+        return 0

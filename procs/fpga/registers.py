@@ -21,6 +21,7 @@ WATCHDOG_UNIT_S: Final = WATCHDOG_TICKS / CLOCK_HZ
 WATCHDOG_POWER_UP: Final = 0x1680  # 30 ms
 CURRENT_BITS_PER_A: Final = 65536 / 12.5  # commanded and measured alike
 CURRENT_ZERO: Final = 0x8000
+CURRENT_EXCESS: Final = 0x0900  # by which a measured current may exceed the commanded one
 POT_V_PER_BIT: Final = 4.5 / 65536
 DIGITAL_POT_MASK: Final = 0xFFF  # of a dRA1: 12 bits
 TEMPERATURE_C_PER_BIT: Final = 0.5

@@ -2,6 +2,7 @@
 #include "fields.h"
 #include "numeric.h"
 #include <arpa/inet.h>
+#include <string.h>
 
 /* -- encoders: procs/boards/controllers/encoder.py, edges.py ------------------------------------------------------- */
 
@@ -112,6 +113,56 @@ int64_t HubMemory_collect(const HubMemory *k, int64_t sequence, int64_t tick, in
   for (int64_t j = 0; j < quads; j++) {
     k->native[j] = k->rows[k->selection[j]];
     k->memory[j] = htonl(k->native[j]);
+  }
+  return 0;
+}
+
+/* -- currents, potentiometers, motion: procs/boards/emulation.py --------------------------------------------------- */
+
+enum { ERRORS = 4, COMPARE = 8, TOO_MUCH = 1, BRAKES = 2 };
+
+int64_t World_sense(const World *k, int64_t which) {
+  int64_t n = k->slots, news = 0;
+  double *flowing = k->truth, *volts = k->truth + n;
+  if (which & FIRST) {
+    memcpy(k->position, k->world_position, sizeof(double) * k->axes);
+    memcpy(k->velocity, k->world_velocity, sizeof(double) * k->axes);
+    for (int64_t i = 0; i < n; i++) {
+      k->scales[i] = k->amps[i] * k->on[i];
+      k->offsets[i] = k->amps[n + i] * k->on[i];
+      flowing[i] = k->dac[i] * k->scales[i] + k->offsets[i];
+      volts[i] = k->pot_position[k->axis_of[i]] * k->scales[n + i] + k->offsets[n + i];
+    }
+    for (int64_t i = 0; i < k->axes; i++) k->current[i] = flowing[k->motor_of[i]];
+  }
+  if (which & LAST) {
+    const double *from = which & ERRORS ? k->seen : k->truth;
+    for (int64_t i = 0; i < 2 * n; i++)
+      k->bits[i] = least_of(most_of(rint(from[i] * k->to_bits[i] + k->to_bits[2 * n + i]), 0.0), 65535.0);
+    for (int64_t i = 0; i < n; i++) {
+      k->adc[2 * i] = (uint16_t)k->bits[i];
+      k->adc[2 * i + 1] = (uint16_t)k->bits[n + i];
+      double excess = fabs(k->bits[i] - MIDDLE) - fabs(k->dac[i] - MIDDLE) - CURRENT_EXCESS;
+      if (which & COMPARE && excess > 0.0) news |= TOO_MUCH;
+    }
+    for (int64_t b = 0; b < k->brakes; b++)
+      if ((fabs(flowing[k->brake_slots[b]]) >= (k->let_go[b] ? k->holds_off[b] : k->lets_go[b])) != k->let_go[b])
+        news |= BRAKES;
+  }
+  return news;
+}
+
+int64_t World_move(const World *k) {
+  int64_t n = k->slots;
+  for (int64_t i = 0; i < n; i++) {
+    double at = k->world_position[k->axis_of[i]] * k->counts_scale[i] + k->counts_offset[i];
+    double speed = k->world_velocity[k->axis_of[i]] * k->counts_scale[n + i] + k->counts_offset[n + i];
+    double faster = (speed - k->now[n + i]) * 0.5;
+    k->curve[i] = k->now[i];
+    k->curve[n + i] = (at - k->now[i]) * k->per_tick - faster;
+    k->curve[2 * n + i] = faster * k->per_tick;
+    k->now[i] = at;
+    k->now[n + i] = speed;
   }
   return 0;
 }

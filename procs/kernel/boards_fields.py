@@ -38,4 +38,23 @@ HUB_MEMORY: Final = CStruct("HubMemory", (  # procs.boards.controllers.hub.HubMe
     *rows("u4", "room", memory="memory"),
 ), {"collect": ("i8", "i8", "i8", "i8")})
 
-BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY)
+WORLD: Final = CStruct("World", (  # procs.boards.emulation.Emulation; slots: axes of all boards, axes: actuators
+    *rows("i8", "", slots="slots", axes="axes", brakes="brakes"),
+    *rows("f8", "", per_tick="per_tick"),
+    *rows("f8", "axes", world_position="_world.position", world_velocity="_world.velocity",
+          pot_position="_world.pot_position", position="position", velocity="velocity", current="current"),
+    *rows("i8", "axes", motor_of="motor_of"),
+    *rows("i8", "slots", axis_of="axis_of"),
+    *rows("u4", "slots", dac="dac"),
+    *rows("b1", "slots", on="on"),
+    *rows("u2", "slots 2", adc="converted"),
+    *rows("f8", "2 slots", amps="amps", scales="scales", offsets="offsets", truth="truth", seen="seen", bits="bits",
+          counts_scale="counts_scale", counts_offset="counts_offset", now="now"),
+    *rows("f8", "2 2 slots", to_bits="to_bits"),
+    *rows("f8", "3 slots", curve="curve"),
+    *rows("i8", "brakes", brake_slots="wiring.brakes.slots"),
+    *rows("f8", "brakes", lets_go="wiring.brakes.lets_go", holds_off="wiring.brakes.holds_off"),
+    *rows("b1", "brakes", let_go="let_go"),
+), {"sense": ("i8",), "move": ()})
+
+BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY, WORLD)

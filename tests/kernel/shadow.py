@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +27,7 @@ class Compared:
     """Counts what was compared, so that nobody takes nothing for success."""
 
     calls = 0
+    names: ClassVar[set[str]] = set()
 
 
 def bits(array: np.ndarray) -> np.ndarray:
@@ -35,8 +37,12 @@ def bits(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Callable[..., int], *given: float) -> int:
-    """Call both with the same memory; AssertionError names the first array in which they differ."""
+def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Callable[..., int], *given: float,
+         exact: bool = False) -> int:
+    """Call both with the same memory; AssertionError names the first array in which they differ.
+
+    `exact`: they return the same number, else the same truth.
+    """
     arrays = [(key, array) for key, array in bound.arrays.items() if array.flags.writeable and array.size < LARGE]
     before = [array.copy() for _, array in arrays]
     found = kernel(*given)
@@ -45,13 +51,15 @@ def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Ca
         array[...] = was
     with np.errstate(all="ignore"):
         wanted = by_numpy(*given)
-    assert bool(found) == bool(wanted), f"{name}: {found} by the kernel, {wanted} by numpy"
+    agreed = found == wanted if exact else bool(found) == bool(wanted)
+    assert agreed, f"{name}: {found} by the kernel, {wanted} by numpy"
     for (key, array), made in zip(arrays, after, strict=True):
         if made.tobytes() != array.tobytes() and not np.array_equal(bits(made), bits(array)):
             where = np.flatnonzero(bits(made) != bits(array))[0] // array.itemsize
             raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by the kernel, "
                                  f"{array.flat[where]!r} by numpy")
     Compared.calls += 1
+    Compared.names.add(name)
     if Compared.calls % SELDOM == 1:
         assert not bound.moved(), f"{name}: elsewhere now: {bound.moved()}"
     return wanted
@@ -70,7 +78,8 @@ def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...
     """Stages of boards that are done both ways."""
     bound = bind(table, source)
     assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
-    return tuple(partial(both, name, bound, bound.function(name), getattr(source, name)) for name in table.functions)
+    return tuple(partial(both, name, bound, bound.function(name), getattr(source, name), exact=True)
+                 for name in table.functions)
 
 
 def pytest_configure() -> None:
@@ -81,4 +90,4 @@ def pytest_configure() -> None:
 
 def pytest_sessionfinish() -> None:
     """So that the caller knows that something was."""
-    print(f"\ncompared {Compared.calls} stages")
+    print(f"\ncompared {Compared.calls} stages: {' '.join(sorted(Compared.names))}")

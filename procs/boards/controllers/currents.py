@@ -19,7 +19,6 @@ Ints = npt.NDArray[np.int64]
 NEVER = 1 << 62
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current
 CURRENT_SMALL = 0x300  # below this from zero nothing is compared
-CURRENT_EXCESS = 0x0900
 CURRENT_NEAR_FULL = 0xF6FF
 COUNTER = 1 << 24  # the counter goes on and restarts
 
@@ -38,7 +37,7 @@ class Currents:
         Whether anything is or was too much.
         """
         mirrored = np.maximum(asked, 0xFFFF - asked)
-        over = np.maximum(measured, 0xFFFF - measured) > mirrored + CURRENT_EXCESS
+        over = np.maximum(measured, 0xFFFF - measured) > mirrored + reg.CURRENT_EXCESS
         if limits is None and not over.any():
             if self._over_since[0, 0] == NEVER and (self._over_since == NEVER).all():
                 return False
