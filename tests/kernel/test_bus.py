@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.fpga import blocks, wire
+from procs.fpga import blocks, registers, wire
 from procs.io.bus.link import Link
 from procs.io.bus.protocols import Groups
 from procs.io.bus.rows import HubBlocks, Rows
@@ -65,8 +65,8 @@ def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...
         rows.blocks.fill(7)
         assert not take() and (rows.blocks == 7).all(), "nothing is taken where one answers something else"
     assert results[0] == results[1] and results[0][2]
-    request = wire.decode_request(results[0][0])
-    assert request.crc_ok and request.tl == tl and request.value == sequence << 16 | found.mask_of_boards
+    value = sequence << 16 | found.mask_of_boards
+    assert results[0][0] == wire.quadlet_write(wire.BROADCAST, registers.QUERY, value, tl, generation)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
