@@ -117,6 +117,7 @@ class RobotIo:
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
+        self._nobody, self._is_whole = self._away.tobytes(), False  # the record says that all robots were sampled
         self._lacking: Flags = np.zeros(len(robots.names), dtype=bool)  # robots with a board that is away
         self._whole_ns = self._good_ns
         """When every board was last sampled."""
@@ -133,45 +134,44 @@ class RobotIo:
             self.outputs.close_relays()
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards."""
+        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number."""
         read_ns = self._now_ns()
-        with np.errstate(all="ignore"):
-            self.port.ask_all()
-            # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
-            news = self.stages.track(read_ns)
-            self.wishes.has_news = news >= self.follow.wishes_bit
-            if news & ~self.follow.wishes_bit:
-                self.follow.receive(read_ns, news)
-            self.good = good = self.port.read_all()
-            now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
-            if good:
-                self._look(now_ns)
-            else:
-                self._missed(now_ns)
-            self._show_validity(good, now_ns)
-            self._commands.execute(commands, now_ns)
-            if self.reports.trips:
-                self._fault_handler.act(now_ns)
-            self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
-            if good:
-                self._control(now_ns)
-            self._setup_brakes.step()
-            self._idle_outputs.step()
-            # what is worked out now will stand about as long as what was before: the longer, the less of it
-            share = min(1.0, self._stable_ns / self._gap_ns)
-            if not good:
-                share *= share_of(now_ns - self._good_ns)
-            if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
-                share = 0.0
-                self.outputs.all_off()
-            finite = self.stages.encode(share, self.outputs.acts_once)
-            self.port.write_all()
-            self.outputs.written()
-            if not finite:
-                self._not_finite(now_ns)
-            self._show(good, read_ns, now_ns)
-            if self.instruments.running:
-                self.instruments.step(good, now_ns)
+        self.port.ask_all()
+        # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
+        news = self.stages.track(read_ns)
+        self.wishes.has_news = news >= self.follow.wishes_bit
+        if news & ~self.follow.wishes_bit:
+            self.follow.receive(read_ns, news)
+        self.good = good = self.port.read_all()
+        now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
+        if good:
+            self._look(now_ns)
+        else:
+            self._missed(now_ns)
+        self._show_validity(good, now_ns)
+        self._commands.execute(commands, now_ns)
+        if self.reports.trips:
+            self._fault_handler.act(now_ns)
+        self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
+        if good:
+            self._control(now_ns)
+        self._setup_brakes.step()
+        self._idle_outputs.step()
+        # what is worked out now will stand about as long as what was before: the longer, the less of it
+        share = min(1.0, self._stable_ns / self._gap_ns)
+        if not good:
+            share *= share_of(now_ns - self._good_ns)
+        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
+            share = 0.0
+            self.outputs.all_off()
+        finite = self.stages.encode(share, self.outputs.acts_once)
+        self.port.write_all()
+        self.outputs.written()
+        if not finite:
+            self._not_finite(now_ns)
+        self._show(good, read_ns, now_ns)
+        if self.instruments.running:
+            self.instruments.step(good, now_ns)
 
     def _look(self, now_ns: int) -> None:
         """Decode a good sample and check it."""
@@ -198,11 +198,17 @@ class RobotIo:
     def _show_validity(self, good: bool, now_ns: int) -> None:
         """Which robots were sampled in this cycle; those with a board that is away are reported, and switched off."""
         record, away = self.record, self.port.away
+        if good and away.tobytes() == self._nobody == self._away.tobytes():
+            if not self._is_whole:
+                self._is_whole = True
+                record.valid[...] = record.robot_valid[...] = True
+            self._whole_ns = now_ns
+            return
+        if self._is_whole:
+            self._is_whole = False
+            self._sampled_ns[...] = self._whole_ns
         if not good:
             record.valid[...] = record.robot_valid[...] = False
-        elif not (away.any() or self._away.any()):
-            record.valid[...] = record.robot_valid[...] = True
-            self._sampled_ns[...] = self._whole_ns = now_ns
         else:
             if (away != self._away).any():
                 self._who_is_away_changed(away)
@@ -302,7 +308,10 @@ class RobotIo:
         record.write_ns[...] = self.port.send_ns
         end_ns = self._now_ns()
         record.age_ns[...] = end_ns - self._whole_ns
-        np.subtract(end_ns, self._sampled_ns, record.sample_age_ns)
+        if self._is_whole:
+            record.sample_age_ns[...] = end_ns - now_ns
+        else:
+            np.subtract(end_ns, self._sampled_ns, record.sample_age_ns)
         self._timing.step(read_ns, end_ns, counters.waited_ns)
 
     def _report_stranger(self, now_ns: int) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 
+import numpy as np
+
 from procs import runtime
 from procs.document.system import IoConfig
 from procs.io.bus import owner
@@ -47,6 +49,7 @@ class IoLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
+        np.seterr(all="ignore")  # what is not a number is looked for, and reported, where it matters
         io = node.document.io(node.name)
         robots = Robots(io)
         self._held = contextlib.ExitStack()

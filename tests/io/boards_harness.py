@@ -9,6 +9,8 @@ import random
 from collections import deque
 from collections.abc import Iterable
 
+import numpy as np
+
 from procs.boards.controllers.bus import GROUP
 from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
@@ -119,7 +121,8 @@ class BoardsHarness:
                 arm.bias_generation[...] = self.record.bias_generation[place]
                 arm.pid_generation[...] = self.record.pid_generation[place]
             self.world.advance(self.clock.ns)
-            self.core.cycle(commands)
+            with np.errstate(all="ignore"):
+                self.core.cycle(commands)
             commands = ()
             self.events += self.core.reports.events
             self.core.reports.events.clear()

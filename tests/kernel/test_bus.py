@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.fpga import blocks, registers, wire
@@ -42,6 +42,7 @@ def answered(found: HubBlocks, link: Link, rng: np.random.Generator) -> None:
             link.rx_quads[at] = link.rx_quads[at] & ~mask | value
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES), st.integers(1, 0xFFFF), st.booleans())
 def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...]], sequence: int, away: bool) -> None:
     rng, rows = np.random.default_rng(seed), rows_of(*mix)
@@ -69,6 +70,7 @@ def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...
     assert results[0][0] == wire.quadlet_write(wire.BROADCAST, registers.QUERY, value, tl, generation)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
 def test_commands_of_all_boards(seed: int, mix: tuple[int, tuple[str, ...]]) -> None:
     rng, rows = np.random.default_rng(seed), rows_of(*mix)
