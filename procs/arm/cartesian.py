@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -16,13 +17,12 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.frames import (
     Frame,
     Rows,
+    dot,
     finite,
     jacobians,
     pose_of,
     product,
     shortest,
-    solve,
-    squared,
     times,
     transposed,
     turned_back,
@@ -187,14 +187,7 @@ class Cartesian:
     def by_numpy_rates(self) -> int:
         """`found_rates` for `wanted_twist`."""
         twist = turned_back(self.reference_tip[:3].reshape(12).tolist(), self.wanted_twist.tolist())
-        rows = self._rows()
-        if self.m < len(rows):
-            columns = transposed(rows)
-            found = times(columns, twist)
-            if not solve(squared(columns, self.DAMPING), found):
-                found = [0.0] * self.m
-        else:
-            found = shortest(rows, twist, self.DAMPING)
+        found = self._any_shortest(self._rows(), twist)
         self.found_rates[...] = times(self.free.tolist(), found) if self.has_free else found
         return 0
 
@@ -207,16 +200,14 @@ class Cartesian:
         """At the tip, in its axes, that the efforts amount to: pinv(Jᵀ) · effort."""
         if not any(effort):  # a kinematic robot
             return [0.0] * 6
-        rows = self._rows()
         if self.has_free:  # joints that bend together are pushed together
             effort = times(self.free.T.tolist(), effort)
-        if self.m < len(rows):
-            is_solved = solve(squared(transposed(rows), self.DAMPING), effort)
-            wrench = times(rows, effort)
-        else:
-            wrench = times(rows, effort)
-            is_solved = solve(squared(rows, self.DAMPING), wrench)
-        return wrench if is_solved else [0.0] * 6
+        return self._any_shortest(transposed(self._rows()), effort)
+
+    def _any_shortest(self, rows: Rows, wanted: list[float]) -> list[float]:
+        """The shortest x, zeros where there is none."""
+        x = shortest(rows, wanted, self.DAMPING)
+        return x if math.isfinite(dot(x, x)) else [0.0] * len(x)
 
     def _show_pose(self, local: Frame, local_out: Array, out: Array) -> Frame:
         """In both frames; that of the tip in the reference frame."""

@@ -27,7 +27,7 @@ CHAIN: Final = CStruct("Chain", (
 INVERSE: Final = CStruct("Inverse", (
     *links("kinematics.links"),
     *rows("f8", "3 4", end="kinematics.end"),
-    *rows("i8", "", m="m", has_free="has_free", rows_count="rows_count", max_steps="STEPS"),
+    *rows("i8", "", m="m", rows_count="rows_count", max_steps="STEPS"),
     *rows("i8", "rows_count", rows="rows"),
     *rows("f8", "n m", free="free"),
     *rows("f8", "n", q="q", seed="seed", lower="lower", upper="upper", most="most"),
@@ -45,7 +45,7 @@ CARTESIAN: Final = CStruct("Cartesian", (
     *rows("f8", "3 4", end="kinematics.end"),
     *rows("f8", "4 4", tip="kinematics.tip", reference_tip="reference_tip", base="base"),
     *rows("f8", "n 6", body="kinematics.body_columns", spatial="kinematics.spatial_columns"),
-    *rows("i8", "", m="m", has_free="has_free", size="size", columns="columns"),
+    *rows("i8", "", m="m", size="size", columns="columns"),
     *rows("f8", "n m", free="free"),
     *rows("f8", "6 size", readings="io.rows"),
     *rows("f8", "7", measured="measured", setpoint="setpoint", local_measured="local_measured",

@@ -19,23 +19,13 @@ static void miss(const Inverse *k, const double *q, int is_weighed, double *erro
       for (int64_t j = 0; j < k->n; j++) body[6 * j + i] *= weight;
     }
   }
-  for (int64_t r = 0; r < k->rows_count; r++) {
-    error[r] = twist[k->rows[r]];
-    for (int64_t c = 0; c < k->m; c++) {
-      if (!k->has_free) rows[k->m * r + c] = body[6 * c + k->rows[r]];
-      else {
-        double total = 0.0;
-        for (int64_t j = 0; j < k->n; j++) total += k->free[k->m * j + c] * body[6 * j + k->rows[r]];
-        rows[k->m * r + c] = total;
-      }
-    }
-  }
+  for (int64_t r = 0; r < k->rows_count; r++) error[r] = twist[k->rows[r]];
+  independent(body, k->n, k->rows, k->rows_count, k->free, k->m, rows);
 }
 
 /* q := at, changed by that of the coordinates. */
 static void spread(const Inverse *k, const double *at, const double *change, double *q) {
-  for (int64_t i = 0; i < k->n; i++)
-    q[i] = at[i] + (k->has_free ? dot(k->free + k->m * i, change, k->m) : change[i]);
+  for (int64_t i = 0; i < k->n; i++) q[i] = at[i] + dot(k->free + k->m * i, change, k->m);
 }
 
 static double largest(const double *change, int64_t m) {
@@ -102,32 +92,26 @@ int64_t Inverse_fits(const Inverse *k, double room) {
 }
 
 static void bounded(const Inverse *k, const double *rows, const double *error, double *change) {
-  int64_t m = k->m, r = k->rows_count, inner[m], count = m;
+  int64_t m = k->m, r = k->rows_count, outside = 1;
   double rest[r], part[r * m], found[m];
   uint8_t left[m];
   memset(left, 1, sizeof left);
-  memset(change, 0, sizeof(double) * m);
-  for (int64_t round = 0; round < m && count; round++) {
+  for (int64_t round = 0; round < m && outside; round++) {
     memcpy(rest, error, sizeof rest);
-    count = 0;
+    memcpy(part, rows, sizeof part);
     for (int64_t c = 0; c < m; c++)
-      if (left[c]) inner[count++] = c;
-      else
-        for (int64_t i = 0; i < r; i++) rest[i] -= rows[m * i + c] * change[c];
-    if (!count) return;
-    for (int64_t i = 0; i < r; i++)
-      for (int64_t c = 0; c < count; c++) part[count * i + c] = rows[m * i + inner[c]];
-    shortest(part, r, count, rest, k->nearest_damping, found);
-    int outside = 0;
-    for (int64_t c = 0; c < count; c++) {
-      int64_t j = inner[c];
-      double lower = k->lower[j] - k->seed[j], upper = k->upper[j] - k->seed[j], dx = found[c];
-      if (lower > 0.0) lower = 0.0;
-      if (upper < 0.0) upper = 0.0;
+      for (int64_t i = 0; i < r && !left[c]; i++) {
+        rest[i] -= rows[m * i + c] * change[c];
+        part[m * i + c] = 0.0;
+      }
+    shortest(part, r, m, rest, k->nearest_damping, found);
+    outside = 0;
+    for (int64_t j = 0; j < m; j++) {
+      if (!left[j]) continue;
+      double lower = fmin(k->lower[j] - k->seed[j], 0.0), upper = fmax(k->upper[j] - k->seed[j], 0.0), dx = found[j];
       change[j] = dx < lower ? lower : dx > upper ? upper : dx;
       if (change[j] != dx && !isnan(dx)) left[j] = 0, outside = 1;
     }
-    if (!outside) return;
   }
 }
 

@@ -160,8 +160,12 @@ def solve(a: Rows, x: list[float]) -> bool:
 
 
 def shortest(rows: Rows, wanted: Sequence[float], damping: float) -> list[float]:
-    """The shortest x with rows · x as wanted, nearly: rowsᵀ · (rows · rowsᵀ + damping)⁻¹ · wanted; else NaN."""
-    x = list(wanted)
-    if not solve(squared(rows, damping), x):
-        x = [math.nan] * len(x)
-    return times(transposed(rows), x)
+    """The shortest x that brings rows · x next to what is wanted: the damped pseudo-inverse; NaN where that fails."""
+    columns = transposed(rows)
+    if len(rows) <= len(columns):
+        y = list(wanted)
+        is_solved, x = solve(squared(rows, damping), y), times(columns, y)
+    else:
+        x = times(columns, wanted)
+        is_solved = solve(squared(columns, damping), x)
+    return x if is_solved else [math.nan] * len(x)

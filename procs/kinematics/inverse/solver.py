@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from procs.kernel.arm_fields import INVERSE
 from procs.kernel.library import bind
 from procs.kinematics.forward import Kinematics
-from procs.kinematics.frames import Rows, dot, finite, jacobians, shortest, solve, times, transposed, twist_between
+from procs.kinematics.frames import Rows, dot, finite, jacobians, shortest, solve, times, twist_between
 from procs.kinematics.inverse.shaft import TINY
 
 Array = NDArray[np.float64]
@@ -248,22 +248,19 @@ class InverseSolver:
 
     def _bounded(self, rows: Rows, error: list[float], lower: list[float], upper: list[float]) -> list[float]:
         """The change (m,) between bounds with the least error left: what would go beyond a bound stays there."""
-        columns, left = transposed(rows), [True] * self.m
-        change = [0.0] * self.m
+        change, left = [0.0] * self.m, [True] * self.m
         for _ in range(self.m):
-            rest = list(error)
-            for column, dx, is_left in zip(columns, change, left, strict=True):
+            rest, part, outside = list(error), [list(row) for row in rows], False
+            for c, is_left in enumerate(left):
                 if not is_left:
-                    rest = [x - y * dx for x, y in zip(rest, column, strict=True)]
-            inner = [k for k in range(self.m) if left[k]]
-            if not inner:
-                break
-            outside = False
-            for k, dx in zip(inner, shortest([[row[k] for k in inner] for row in rows], rest, self.NEAREST_DAMPING),
-                             strict=True):
-                change[k] = lower[k] if dx < lower[k] else upper[k] if dx > upper[k] else dx
-                if change[k] != dx and not math.isnan(dx):
-                    left[k], outside = False, True
+                    for i, row in enumerate(part):
+                        rest[i] -= row[c] * change[c]
+                        row[c] = 0.0
+            for j, dx in enumerate(shortest(part, rest, self.NEAREST_DAMPING)):
+                if left[j]:
+                    change[j] = lower[j] if dx < lower[j] else upper[j] if dx > upper[j] else dx
+                    if change[j] != dx and not math.isnan(dx):
+                        left[j], outside = False, True
             if not outside:
                 break
         return change
