@@ -78,7 +78,7 @@ int64_t Encoders_show(const Encoders *k, int64_t now) {
 
 /* -- samples: procs/boards/controllers/firmware.py, hub.py --------------------------------------------------------- */
 
-enum { HEAD, BLOCK, FIRST = 1, LAST = 2 };
+enum { HEAD, BLOCK, FIRST = 1, LAST = 2, TOP_SHIFT = 24 };
 
 int64_t Sample_fill(const Sample *k, int64_t which) {
   int64_t width = k->width;
@@ -113,6 +113,23 @@ int64_t HubMemory_collect(const HubMemory *k, int64_t sequence, int64_t tick, in
   for (int64_t j = 0; j < quads; j++) {
     k->native[j] = k->rows[k->selection[j]];
     k->memory[j] = htonl(k->native[j]);
+  }
+  return 0;
+}
+
+/* -- commands: procs/boards/controllers/commands.py ---------------------------------------------------------------- */
+
+int64_t Commands_repeat(const Commands *k) {
+  for (int64_t b = 0; b < k->boards; b++) {
+    const uint32_t *group = k->block + b * k->columns, *words = group + 1;
+    if (group[0] != k->heads[b] || words[k->width]) return 1;
+    for (int64_t axis = 0; axis < k->width; axis++)
+      if (ntohl(words[axis]) >> TOP_SHIFT != k->last_top[b * k->width + axis]) return 1;
+  }
+  for (int64_t i = 0; i < k->boards * k->width; i++) {
+    uint32_t word = ntohl(k->block[i / k->width * k->columns + 1 + i % k->width]);
+    if (k->accept[i]) k->command[i] = word & VALUE_MASK;
+    k->dac[i] = k->command[i];
   }
   return 0;
 }

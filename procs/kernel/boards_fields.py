@@ -57,4 +57,12 @@ WORLD: Final = CStruct("World", (  # procs.boards.emulation.Emulation; slots: ax
     *rows("b1", "brakes", let_go="let_go"),
 ), {"sense": ("i8",), "move": ()})
 
-BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY, WORLD)
+COMMANDS: Final = CStruct("Commands", (  # procs.boards.controllers.commands.WriteDecoder
+    *rows("i8", "", boards="boards", width="width", columns="columns"),
+    *rows("u4", "boards columns", block="block"),
+    *rows("u4", "boards", heads="heads"),
+    *rows("u4", "boards width", last_top="motors.last_top", command="motors.command", dac="lines.dac"),
+    *rows("b1", "boards width", accept="motors.accept"),
+), {"repeat": ()})
+
+BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY, WORLD, COMMANDS)

@@ -36,4 +36,5 @@ CONSTANTS: Final = {
     "STAMP_AT": blocks.TIMESTAMP,
     "STATUS_AT": blocks.STATUS,
     "TICKS": registers.VELOCITY_TICKS_MASK,
+    "VALUE_MASK": registers.DAC_VALUE_MASK,
 }

@@ -14,11 +14,14 @@ from hypothesis import strategies as st
 import procs.boards.stages
 from procs.boards.controllers.edges import STRIDE
 from procs.boards.controllers.encoder import Encoders, Floats
+from procs.boards.controllers.models import Model
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
+from procs.fpga import wire
 from procs.kernel.boards_fields import BOARDS, ENCODERS
 from procs.kernel.fields import BoundStruct
 from procs.kernel.library import SWITCH, bind, kernel
+from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
 from tests.kernel.shadow import chosen_both
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
@@ -27,6 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ("tests/boards/controllers", "tests/boards/test_emulation.py", "tests/boards/test_captures.py",
              "tests/boards/test_brakes.py", "tests/boards/test_setup_joints.py", "tests/boards/test_burst.py",
              "tests/boards/test_wrong_cables.py", "tests/boards/test_board_faults.py")
+MIXES = ((("QLA1", 7),) * 3, (("QLA1", 8),) * 3, (("QLA1", 9),) * 3, (("DQLA", 8),) * 2, (("DQLA", 9),) * 2,
+         (("dRA1", 8),) * 2, (("dRA1", 9),) * 2, (("QLA1", 7), ("QLA1", 8)), (("QLA1", 9), ("DQLA", 9), ("dRA1", 9)))
 SPANS = (1, 7, 4915, 49152, 1_000_000)  # ticks of a step
 
 
@@ -68,6 +73,45 @@ def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> 
         tick += span + int(rng.choice((0, 0, 100)))
         encoders.observe(tick)
         x = (curve[2] * span + curve[1]) * span + curve[0]
+
+
+@pytest.mark.usefixtures("both_ways")
+@given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
+def test_a_host_gets_the_same_bits_from_controllers_of_every_kind(seed: int, mix: tuple[tuple[str, int], ...]) -> None:
+    rng = np.random.default_rng(seed)
+    desk = Desk(*(board(firmware, hardware, number, qla=str(rng.choice(("1.4", "1.5"))))
+                  for number, (hardware, firmware) in enumerate(mix)))
+    bus, models = desk.bus, desk.bus.firmware.models
+    for number in range(len(mix)):
+        desk.write(reg.STATUS, reg.CONTROL_POWER_ON | reg.CONTROL_RELAY_ON, number)
+    x, top = rng.uniform(-1e3, 1e3, bus.encoders.slots), VALID | ON
+    mask, hub_bytes = (1 << len(mix)) - 1, 4 * (sum(model.read_quads + 1 for model in models) + 1)
+    for _ in range(12):
+        bus.step(desk.tick)
+        curve = curve_from(x, 10 * MS, rng)
+        bus.encoders.follow(desk.tick, 10 * MS, curve)
+        x = (curve[2] * 10 * MS + curve[1]) * 10 * MS + curve[0]
+        bus.lines.adc[...] = rng.integers(0, 1 << 32, bus.lines.adc.shape, dtype=np.uint32)
+        for _ in range(3):
+            desk.tick += MS
+            query = int(rng.integers(1 << 16)) << 16 | (mask if rng.random() < 0.9 else int(rng.integers(mask + 1)))
+            for _ in range(rng.integers(1, 3)):  # now and then two at one tick
+                bus.answer(wire.quadlet_write(wire.BROADCAST, reg.QUERY, query, 1, bus.generation), desk.tick)
+            bus.answer(wire.block_read(0, reg.HUB, hub_bytes, 1, bus.generation), desk.tick)
+            top = top if rng.random() < 0.8 else int(rng.choice((VALID | ON, VALID, ON, VALID | MASK, 0)))
+            control = 0 if rng.random() < 0.9 else reg.CONTROL_POWER_ON | reg.CONTROL_RELAY_ON
+            order = models if rng.random() < 0.8 else models[::-1]
+            desk.block(*(quad for model in order for quad in group_of(model, top, control, rng)))
+        desk.write(reg.DIGITAL_OUTPUT, int(rng.integers(16)) | 0xF00, 0)
+        desk.tick += 7 * MS
+
+
+def group_of(model: Model, top: int, control: int, rng: np.random.Generator) -> list[int]:
+    """A board's part of a block: any currents, the same top byte in all words."""
+    words = [top | int(value) for value in rng.integers(0, 1 << 16, model.hardware.motors)]
+    if model.firmware == 7:
+        return [*(word | model.board_id << reg.DAC_BOARD_SHIFT for word in words), control]
+    return [model.board_id << 8 | model.write_quads, *words, control]
 
 
 def test_arrays_of_encoders_stay_where_they_are() -> None:

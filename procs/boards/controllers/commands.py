@@ -17,9 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procs.boards import stages
 from procs.boards.controllers.firmware import Firmware
+from procs.boards.controllers.motors import TOP_SHIFT
 from procs.fpga import registers as reg
 from procs.fpga import wire
+from procs.kernel.boards_fields import COMMANDS
 
 _BIG_QUAD = np.dtype(">u4")
 _WORTH_WRITING = reg.DAC_VALID | reg.DAC_AMP_MASK
@@ -56,8 +59,15 @@ class WriteDecoder:
         if sizes == {(True, firmware.width + 2)}:
             self._quads = firmware.count * (firmware.width + 2)
             self._shape = (firmware.count, firmware.width + 2)
+            self.boards, self.width, self.columns = firmware.count, firmware.width, firmware.width + 2
+            self.motors, self.lines = firmware.motors, firmware.lines
             heads = [model.board_id << 8 | model.write_quads for model in models]
-            self._heads = np.array(heads, dtype=_BIG_QUAD).tobytes()
+            self.heads = np.array(heads, dtype=_BIG_QUAD).view(np.uint32)  # as they lie there
+            self._heads = self.heads.tobytes()
+            self.block = np.zeros(self._shape, dtype=np.uint32)
+            self._flat, self._groups = self.block.reshape(-1), self.block.view(_BIG_QUAD)
+            self._top = np.zeros(shape, dtype=np.uint32)
+            (self._repeat,) = stages.chosen(COMMANDS, self)
             self._group_words = np.zeros(shape, dtype=np.uint32)
             self._group_control = np.zeros(firmware.count, dtype=np.uint32)
         # Where enables lie in command words alone, and for data collection, it matters whether a word is written.
@@ -68,6 +78,11 @@ class WriteDecoder:
         """A block of `count` quadlets at byte `at` of a datagram reaches boards `rows`."""
         quads = np.frombuffer(data, _BIG_QUAD, count, at)
         if 0 < count == self._quads:
+            if len(rows) == len(self._every) and self.motors.only_values_count and not self._firmware.collecting:
+                self._flat[...] = quads.view(np.uint32)
+                if not self._repeat():
+                    self._firmware.power.refresh_all(tick)
+                    return
             groups = quads.reshape(self._shape)
             if groups[:, 0].tobytes() == self._heads:
                 self._group_words[...], self._group_control[...] = groups[:, 1:-1], groups[:, -1]
@@ -87,6 +102,22 @@ class WriteDecoder:
             self._enter(group)
         if addressed:
             self._execute(addressed, tick)
+
+    def repeat(self) -> int:
+        """A block that says what the last one said but for values: they are taken. 1: more than that; nothing is done.
+
+        This is what a running host sends every cycle.
+        """
+        groups, motors, words = self._groups, self.motors, self._group_words
+        if self.block[:, 0].tobytes() != self._heads or np.count_nonzero(self.block[:, -1]):
+            return 1
+        words[...] = groups[:, 1:-1]
+        np.right_shift(words, TOP_SHIFT, self._top)
+        if self._top.tobytes() != motors.last_top.tobytes():
+            return 1
+        np.copyto(motors.command, words & reg.DAC_VALUE_MASK, where=motors.accept)
+        self.lines.dac[...] = motors.command
+        return 0
 
     def _worth_writing(self) -> npt.NDArray[np.bool_] | None:
         """Axes that Rev 8 sends their command word, of a block for all boards; None: all of them."""

@@ -32,7 +32,7 @@ DUTY_FULL = 1023  # eleven bits with sign
 _LARGE_MOTORS = 2
 _DUTY_SHIFT, _DUTY_SIGN, _DUTY_MASK = 13, 0x400, 0x7FF  # in a voltage command of a dRA1
 _STATUS_DUTY_SHIFT = 5
-_TOP_SHIFT, _VALID, _ENABLE, _COLLECT, _MODE = 24, 0x80, 0x10, 0x40, 0x0F  # in the top byte of a command word
+TOP_SHIFT, _VALID, _ENABLE, _COLLECT, _MODE = 24, 0x80, 0x10, 0x40, 0x0F  # in the top byte of a command word
 
 
 class Motors:
@@ -56,10 +56,10 @@ class Motors:
         bits = np.where(np.arange(shape[1]) < _LARGE_MOTORS, *DIGITAL_BITS_PER_A)
         self._bits_per_a = np.where(traits.digital[:, None], bits, reg.CURRENT_BITS_PER_A)
         self._any_old = bool(traits.old.any())
-        self._top = np.zeros(shape, dtype=np.uint32)  # top byte of the last command words
-        self._last_top = self._last_mask = b""  # top bytes and written axes of the last command words
-        self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (_TOP_SHIFT, reg.DAC_VALUE_MASK))
-        self._accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
+        self._top = np.zeros(shape, dtype=np.uint32)
+        self.last_top, self._last_mask = self._top.copy(), b""  # top bytes and written axes of the last command words
+        self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (TOP_SHIFT, reg.DAC_VALUE_MASK))
+        self.accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
         self._settled = -1
         self._values = np.zeros(shape, dtype=np.uint32)
         power.when_cut = self._forget
@@ -75,21 +75,26 @@ class Motors:
         """
         power = self._power
         top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)
-        enables, mask = top.tobytes(), b"" if written is None else written.tobytes()
-        if (busy or executed is not None or self._settled != power.changes or enables != self._last_top
-                or mask != self._last_mask):
+        mask = b"" if written is None else written.tobytes()
+        if (busy or executed is not None or self._settled != power.changes or mask != self._last_mask
+                or top.tobytes() != self.last_top.tobytes()):
             # The same enables on the same state change nothing; this is what a running host sends every cycle.
             self._heed(top, tick, written)
             if busy or executed is not None:  # counts as a change: the same enables may mean something else with power
                 self._control(control, tick, executed)
-            self._last_top, self._last_mask = enables, mask
+            self.last_top[...], self._last_mask = top, mask
         np.bitwise_and(words, self._dac_mask, self._values)
         if self._accepts_all:
             self.command[...] = self._values
         else:
-            np.copyto(self.command, self._values, where=self._accept)
+            np.copyto(self.command, self._values, where=self.accept)
         if self._knows_voltage:
             self._drive(words)
+
+    @property
+    def only_values_count(self) -> bool:
+        """Whether command words for all axes, with the same top bytes as the last, would change currents alone."""
+        return self._settled == self._power.changes and not (self._last_mask or self.collects or self._has_modes)
 
     def _heed(self, top: Quads, tick: int, written: Flags | None) -> None:
         """Everything in command words but the values."""
@@ -103,7 +108,7 @@ class Motors:
                 power.set_modes(mode, tick)
             # What is off forgets its command at once, also that of the very word that enables it.
             accept &= ~traits.digital[:, None] | power.on & (mode == reg.MODE_CURRENT)
-        self._accept, self._accepts_all = accept, bool(accept.all())
+        self.accept[...], self._accepts_all = accept, bool(accept.all())
         if self._any_old:
             new = accept & traits.old[:, None]
             self.written |= new
