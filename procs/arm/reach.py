@@ -76,12 +76,11 @@ class Reach:
         """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""
         if not inverse.solve(goal, at):
             return inverse.reason
-        turns = inverse.q - at  # of a prismatic joint it is never so many m
-        if turns.min() >= -FURTHEST_TURN and turns.max() <= FURTHEST_TURN:
+        turns = [abs(x) for x in (inverse.q - at).tolist()]  # of a prismatic joint it is never so many m
+        most = max(turns)
+        if most <= FURTHEST_TURN:
             return ""
-        turns = np.abs(turns)
-        most = int(turns.argmax())
-        return f"{inverse.kinematics.names[most]} would have to turn by {math.degrees(turns[most]):.0f}° at once"
+        return f"{inverse.kinematics.names[turns.index(most)]} would have to turn by {math.degrees(most):.0f}° at once"
 
     def _keep_safe(self, found: Array, at: Array) -> str:
         """Not into the cannula."""

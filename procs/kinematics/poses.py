@@ -32,6 +32,10 @@ def unit_quaternion(quaternion: Array, tolerance: float = QUATERNION_TOLERANCE) 
     if len(quaternion) != 4:
         raise PoseError(f"a quaternion has 4 numbers, not {len(quaternion)}")
     x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
+    return _unit(x, y, z, w, tolerance)
+
+
+def _unit(x: float, y: float, z: float, w: float, tolerance: float) -> tuple[float, float, float, float]:
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if not abs(length - 1.0) <= tolerance:
         raise PoseError(f"quaternion has length {length:.6g}, must be 1 within {tolerance:g}")
@@ -56,25 +60,25 @@ def given_rotation(quaternion: Array) -> Array:
 
 def given_pose(pose: Array) -> Array:
     """The 4×4 matrix of a pose (7,) that a command gives; PoseError when its quaternion is none."""
-    given = pose.copy()
-    given[3:] = unit_quaternion(pose[3:], QUATERNION_SLACK)
-    return matrix_from_pose(given)
+    px, py, pz, x, y, z, w = pose.tolist()
+    return _matrix(px, py, pz, *_unit(x, y, z, w, QUATERNION_SLACK))
 
 
 def matrix_from_pose(pose: Array, out: Array | None = None) -> Array:
     """The 4×4 matrix of a pose whose quaternion has length 1 (see `normalised`)."""
-    px, py, pz, x, y, z, w = pose.tolist()
-    matrix = np.empty((4, 4)) if out is None else out
+    matrix = _matrix(*pose.tolist())
+    if out is None:
+        return matrix
+    out[...] = matrix
+    return out
+
+
+def _matrix(px: float, py: float, pz: float, x: float, y: float, z: float, w: float) -> Array:
     x2, y2, z2 = x + x, y + y, z + z
     xx, yy, zz, xy, xz, yz = x * x2, y * y2, z * z2, x * y2, x * z2, y * z2
     wx, wy, wz = w * x2, w * y2, w * z2
-    matrix[...] = (
-        (1.0 - yy - zz, xy - wz, xz + wy, px),
-        (xy + wz, 1.0 - xx - zz, yz - wx, py),
-        (xz - wy, yz + wx, 1.0 - xx - yy, pz),
-        (0.0, 0.0, 0.0, 1.0),
-    )
-    return matrix
+    return np.array((1.0 - yy - zz, xy - wz, xz + wy, px, xy + wz, 1.0 - xx - zz, yz - wx, py,
+                     xz - wy, yz + wx, 1.0 - xx - yy, pz, 0.0, 0.0, 0.0, 1.0)).reshape(4, 4)
 
 
 def pose_from_matrix(matrix: Array, out: Array | None = None) -> Array:

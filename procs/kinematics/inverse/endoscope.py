@@ -14,12 +14,13 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.frames import Frame, product
 from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
 from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.inverse.turns import added, cross, inner, scaled, turn_of
-from procs.kinematics.poses import inverse, rotation_from_vector
+from procs.kinematics.inverse.turns import Triple, added, cross, inner, scaled, turn_of
+from procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
 
 MAX_TILT: Final = 0.5 * math.pi
+FURTHEST_TILT: Final = 3.1  # rad; beyond, the way there means nothing
 PLACE_AND_ROLL: Final = (0, 1, 2, 5)  # rows of the twist that four joints can have
 
 
@@ -42,10 +43,10 @@ class EndoscopeShaft:
         along = scaled(along, 1.0 / depth)
         axis = cross((a, b, c), along)
         sine = math.sqrt(inner(axis, axis))
-        tilt = math.atan2(sine, inner((a, b, c), along))
-        if sine > TINY:
-            rotation = rotation_from_vector(np.array(scaled(axis, tilt / sine))).ravel().tolist()
-            frame = product((*rotation[:3], 0.0, *rotation[3:6], 0.0, *rotation[6:], 0.0), frame)
+        cosine = inner((a, b, c), along)
+        tilt = math.atan2(sine, cosine)
+        if sine > TINY and tilt < FURTHEST_TILT:
+            frame = product(_tilt(axis, cosine), frame)
             frame = (*frame[:3], x, *frame[4:7], y, *frame[8:11], z)
         return frame, tilt
 
@@ -56,6 +57,15 @@ class EndoscopeShaft:
             q = self._shaft.joints(along, depth)
             q[3] = self._shaft.turned(3, self._shaft.rotation(q), turn_of(end))
             yield q
+
+
+def _tilt(axis: Triple, cosine: float) -> Frame:
+    """The turn about an axis whose length is its sine."""
+    x, y, z = axis
+    k = 1.0 / (1.0 + cosine)
+    return (cosine + x * x * k, x * y * k - z, x * z * k + y, 0.0,
+            x * y * k + z, cosine + y * y * k, y * z * k - x, 0.0,
+            x * z * k - y, y * z * k + x, cosine + z * z * k, 0.0)
 
 
 class EndoscopeInverse(InverseSolver):
