@@ -44,6 +44,7 @@ class Trace:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self._seen: dict[str, str] = {}
+        self._raw: dict[str, object] = {}
         self._last: tuple[str, ...] = ()
         self._times = 0
 
@@ -51,6 +52,10 @@ class Trace:
         """One step: what was done in it, and how things are after it; steps that are the same make one line."""
         lines = list(did)
         for name, value in seen:
+            raw = value.tobytes() if isinstance(value, np.ndarray) else repr(value)
+            if self._raw.get(name) == raw:  # to put it into words takes ten times as long
+                continue
+            self._raw[name] = raw
             text = shown(value)
             if self._seen.get(name) != text:
                 self._seen[name] = text

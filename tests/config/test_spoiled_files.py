@@ -78,7 +78,7 @@ MODELS: dict[str, tuple[type[Any], dict[str, Any]]] = {
     "ecm": (EcmFile, {"$id": "dvrk-ecm.schema.json", "endoscope": "NO_ENDOSCOPE", **ARM}),
     "mtm": (MtmFile, {"$id": "dvrk-mtm.schema.json", "platform_gain": 0.5, **ARM}),
     "emulation": (EmulationOptions, EMULATION)}
-EACH = {"io": 11, "system": 4}
+EACH = {"io": 17, "system": 4}
 """Of longer files not every spoiled one."""
 VALUES: tuple[Any, ...] = ("wrong", -1, 17, 3.7, [])
 
