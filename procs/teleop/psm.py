@@ -54,7 +54,6 @@ class TeleopPsm(Teleop):
         self._aligned_to = np.zeros(7)
         self._aligned_ns = self._let_go_ns = 0
         self._wrench: Array | None = None
-        self._wrench_end_ns = FOR_EVER_NS
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
         self._values = np.zeros(13)
         field = record.field

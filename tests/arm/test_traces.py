@@ -16,7 +16,7 @@ from procs.arm.effort_limits import EffortLimits
 from procs.arm.efforts import Efforts
 from procs.arm.impedance import COUNT, impedance_of
 from procs.arm.joints import JointSpace, joints
-from procs.arm.motion import Mode, Motion
+from procs.arm.motion import Mode, Motion, Space
 from procs.kinematics.poses import matrix_from_pose
 from tests.arm.arm_configs import TOOL, fixed_arm
 from tests.traces import Trace, shown
@@ -62,6 +62,7 @@ class MotionPlay:
             ("add", lambda: motion.add(self.array(2.0), now + 20 * MS)), ("end feed", motion.end_feed),
             ("bad move", lambda: motion.move(odd, self.array(1.0), now)),
             ("resume", lambda: motion.resume(self.array(1.0), now)), ("ratio", lambda: motion.set_ratio(*ratios, now)),
+            ("space", lambda: setattr(motion, "space", chance.choice(list(Space)))),
             ("use", lambda: motion.use(self.joints) if chance.random() < 0.2 else None)]
 
     def step(self) -> tuple[list[str], list[tuple[str, Any]]]:

@@ -115,3 +115,96 @@ def test_an_axis_that_only_io_has_may_overflow() -> None:
         harness.run(2)
         assert ("encoder-overflow", 2) in errors(harness) or only_io
         assert bool(errors(harness)) is not only_io
+
+
+def test_efforts_are_taken_up_anew_after_each_enable() -> None:
+    harness = IoHarness()
+    harness.control()
+    harness.send(1, in_effort=True, effort=0.4)
+    harness.run(2)
+    assert harness.record.effort_mode.all()
+    harness.ask("pid_enable", 0)
+    assert not harness.record.effort_mode.any()
+    harness.ask("pid_enable", 1)
+    harness.run(1)
+    assert harness.record.effort_mode.all()
+    np.testing.assert_allclose(harness.record.setpoint_effort, 0.4)
+
+
+def test_who_goes_over_to_efforts_beyond_its_limits_is_not_clipped() -> None:
+    harness = IoHarness()
+    harness.control()
+    harness.ask("enforce_limits", 1)
+    harness.send(1, position=0.1)
+    harness.run(2)
+    for axis in range(7):
+        harness.port.place(axis, 1.7)
+    harness.send(1, in_effort=True, effort=0.1)
+    harness.run(2)
+    assert not harness.record.at_limit.any()
+    np.testing.assert_allclose(harness.record.setpoint_position, 1.7, atol=1e-5)
+    harness.send(1, in_effort=False, position=1.7)
+    harness.run(1)
+    assert harness.record.at_limit.all() and (harness.record.setpoint_position == 1.5).all()
+
+
+def test_a_watchdog_that_stays_is_a_fault_after_a_fifth_of_a_second() -> None:
+    harness = IoHarness(close_all_relays=False)
+    obey = harness.port._obey
+
+    def stuck(row: int) -> None:
+        obey(row)
+        harness.port.set_status(registers.STATUS_WATCHDOG)
+
+    harness.port._obey = stuck
+    harness.run(2)
+    harness.ask("power_on")
+    begun = harness.clock.ns
+    while not harness.codes:
+        harness.run(1)
+        assert harness.clock.ns - begun < 210 * MS
+    assert harness.codes == ["watchdog"] and harness.clock.ns - begun > 200 * MS
+
+
+def test_an_event_names_the_first_of_several_boards() -> None:
+    harness = IoHarness()
+    harness.power()
+    harness.run_s(3.1)
+    harness.port.has_supply = False
+    harness.run(3)
+    (event,) = [event for event in harness.core.reports.events if event.code == "power-lost"]
+    assert event.board == 0 and "boards 0, 1" in event.text, event
+    harness = working(braked())
+    harness.port.current(5, 1.3)
+    harness.run(101)
+    (event,) = [event for event in harness.core.reports.events if event.code == "current"]
+    assert (event.board, event.axis) == (1, 5)
+
+
+def test_a_supply_alone_ends_to_the_cycle_and_is_asked_for_again_until_it_comes() -> None:
+    harness = IoHarness(close_all_relays=False)
+    harness.run(2)
+    harness.port.has_supply, lost = True, [3]
+    write = harness.port.write_all
+
+    def lossy() -> bool:
+        if lost[0] and (harness.port.out[:, 4] & (1 << 18)).any():
+            lost[0] -= 1
+            harness.port.out[:, 4] = 0
+            return True
+        return write()
+
+    harness.port.write_all = lossy
+    assert harness.ask("supply_on", 1.0).outcome == "done"
+    begun = harness.clock.ns
+    harness.run_s(0.2)
+    assert not harness.port.live[0, blocks.STATUS] & registers.STATUS_POWER, "two were lost, 0.1 s apart"
+    harness.run_s(0.2)
+    assert harness.port.live[:, blocks.STATUS].all() and not harness.record.power_requested[0]
+    assert all(int(word) & registers.STATUS_POWER for word in harness.port.live[:, blocks.STATUS])
+    assert harness.ask("supply_on", 0.5).outcome == "done", "asked again, it lasts from then on"
+    begun = harness.clock.ns
+    while int(harness.port.live[0, blocks.STATUS]) & registers.STATUS_POWER:
+        harness.run(1)
+        assert harness.clock.ns - begun < 505 * MS
+    assert harness.clock.ns - begun >= 500 * MS

@@ -153,3 +153,25 @@ def test_asking_again_while_the_clutch_is_pressed_leaves_the_reason(made: type[T
     harness.state_command("enable")
     harness.run(0.01)
     assert harness.text("reason") == "the clutch is pressed"
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    ({"has_jaw": False}, "PSM1 has no jaw anymore"), ({"tool": b"SMALL"}, "the instrument of PSM1 was changed")])
+def test_following_ends_with_the_instrument(change: dict[str, object], reason: str) -> None:
+    harness = TeleopHarness().follow()
+    harness.slave.ring.set(**change)
+    harness.step()
+    assert not harness.following and harness.text("state") == "DISABLED" and harness.text("reason") == reason
+    assert not harness.slave.asked("servo_cp")
+
+
+def test_arms_are_asked_once_each_time_they_are_needed() -> None:
+    harness = TeleopHarness()
+    harness.slave.obeys = False
+    harness.slave.ring.set(state=b"DISABLED", sub_state=b"DISABLED", is_homed=False)
+    for times in (1, 2):
+        harness.state_command("enable")
+        harness.run(0.02)
+        assert harness.slave.words().count("enable") == times
+        harness.state_command("disable")
+        harness.run(0.01)
