@@ -208,3 +208,13 @@ def test_a_supply_alone_ends_to_the_cycle_and_is_asked_for_again_until_it_comes(
         harness.run(1)
         assert harness.clock.ns - begun < 505 * MS
     assert harness.clock.ns - begun >= 500 * MS
+
+
+def test_a_robot_without_a_joint_controller_has_no_setpoints() -> None:
+    harness = IoHarness(2, pids=(IoHarness(2).io.pids[1],))
+    harness.control("PSM2")
+    harness.send(1, position=0.1)
+    harness.run(2)
+    follow = harness.core.follow
+    assert (follow.newest_ns(0), follow.newest_ns(1)) == (0, harness.clock.ns - 100_000)
+    assert (follow.controlled(0), follow.controlled(1)) == (False, True)

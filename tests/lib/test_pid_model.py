@@ -33,7 +33,8 @@ ALL_OF_IT = axis(p_deadband=0.01, p_deadband_outer=0.03, v_low_pass_cutoff=0.5, 
 GAINS = (PLAIN, DEAD, SOFT, FILTERED, INTEGRAL, OBSERVED, ALL_OF_IT)
 GROUPS = {"plain": (PLAIN, None, PLAIN), "dead": (PLAIN, DEAD), "soft": (DEAD, SOFT, PLAIN),
           "filtered": (FILTERED, PLAIN), "integral": (INTEGRAL, PLAIN), "observed": (OBSERVED, PLAIN),
-          "all": (None, *GAINS)}
+          "offset": (axis(offset=-0.02), PLAIN), "forgetful": (axis(i_gain=-0.1, i_limit=0.3, i_forget_rate=0.5),),
+          "soft alone": (axis(p_deadband_outer=0.05),), "all": (None, *GAINS)}
 
 
 @dataclass

@@ -135,6 +135,7 @@ class CartPlay:
               for name in (*BUTTONS, "motor_up", "motor_down")),
             (lambda: io.pressed.update(("motor_up", "motor_down")), io.pressed.clear),
             pair(io, "alive", False), pair(io, "valid", False), pair(io, "has_supply", False), pair(io, "deaf", True),
+            (lambda: io.flags.update(bias_generation=io.flags["bias_generation"] + 1), nothing),
             (io.restart, nothing), (lambda: setattr(io, "lost", io.lost + 1), nothing),
             (lambda: io.trip(PROBLEM_FAULT), nothing), (lambda: io.trip(ARM_LOST.number), nothing),
             (lambda: setattr(io, "channel", 7), nothing), (lambda: io.flags.update(pid_enabled=0), nothing)]

@@ -59,6 +59,11 @@ def test_a_slave_on_a_base_that_moves_stays_where_it_is(master: np.ndarray, slav
     assert after[:3] == pytest.approx(before[:3], abs=1e-9) and angle_between(before, after) < 1e-6
 
 
+def test_a_mapping_that_was_not_begun_goes_nowhere() -> None:
+    mapping = PoseMapping(0.2)
+    assert mapping.goal.tolist() == [0, 0, 0, 0, 0, 0, 1] and mapping.offset == (0, 0, 0, 1)
+
+
 def test_a_twist_is_scaled_and_what_is_locked_does_not_move() -> None:
     twist = np.array((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     for linear, angular, moves, turns in ((a, b, c, d) for a in (0, 1) for b in (0, 1) for c in (0, 1) for d in (0, 1)):
