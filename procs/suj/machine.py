@@ -123,7 +123,6 @@ class SetupStates:
 
     def step(self, now_ns: int) -> None:
         """Look at the power, go on, and answer what has come to its end."""
-        self._now_ns = now_ns
         if self.state in (SetupState.POWERING, SetupState.ENABLED):
             problem = self._power.problem(now_ns, powering=self.state is SetupState.POWERING)
             if problem:

@@ -158,3 +158,14 @@ def test_a_setpoint_generator_begins_at_rest_and_moves_without_limit_of_jerk() -
     assert motion.move(target, np.zeros(7), 5_000 * MS) == ""
     lasts_s = 2.0 * math.sqrt(0.3 / made.a_max[0])
     assert motion.end_ns == pytest.approx(5_000 * MS + lasts_s * 1e9, abs=1000)
+
+
+def test_a_move_that_cannot_be_gone_on_with_ends_where_it_stands() -> None:
+    motion = Motion(space())
+    motion.hold(np.zeros(7))
+    assert motion.move(np.full(7, 0.1), np.zeros(7), 5_000 * MS) == ""
+    motion.ratio_v = 0.0  # nothing can be planned so
+    here = np.full(7, 0.05)
+    assert not motion.resume(here, 5_100 * MS)
+    assert not motion.moving and motion.mode is Mode.POSITION
+    assert (motion.goal == here).all() and (motion.target == here).all() and not motion.velocity.any()

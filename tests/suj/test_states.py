@@ -145,3 +145,11 @@ def test_every_change_is_published() -> None:
     (state, state) for state in (SetupState.DISABLED, SetupState.ENABLED, SetupState.FAULT))])
 def test_who_begins_in_a_state_desires_to_stay_or_to_come_through(state: SetupState, desired: SetupState) -> None:
     assert StatesBench(state).machine.desired is desired
+
+
+def test_setup_joints_begin_with_nothing_to_wait_for() -> None:
+    machine = SetupStates("SUJ", FakeSetupReports(), NoPower(), lambda state: None)
+    assert (machine.state, machine.desired, machine.reason, machine.waits) == (SetupState.DISABLED,) * 2 + ("", "")
+    assert not machine.is_homed and not machine.is_busy
+    machine.begin(SetupState.FAULT, False, 0)
+    assert machine.waits == ""

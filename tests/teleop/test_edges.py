@@ -142,8 +142,9 @@ def test_a_gripper_that_moves_while_the_master_is_aligned_shows_presence() -> No
     harness.run(0.01)
     harness.master.ring.set(is_busy=True)
     harness.run(0.01)
-    harness.master.ring.set(gripper_position=0.6)
-    harness.run(0.01)
+    for gripper in (0.6, 0.0):
+        harness.master.ring.set(gripper_position=gripper)
+        harness.run(0.01)
     assert not harness.following and "is still moving" in harness.text("reason")
     harness.master.ring.set(is_busy=False)
     harness.run(0.01)
@@ -180,3 +181,22 @@ def test_arms_are_asked_once_each_time_they_are_needed() -> None:
         assert harness.slave.words().count("enable") == times
         harness.state_command("disable")
         harness.run(0.01)
+
+
+@pytest.mark.parametrize(("which", "pushed"), [("MTML", "MTMR"), ("MTMR", "MTML")])
+def test_only_masters_that_forces_move_are_pushed(which: str, pushed: str) -> None:
+    harness = EcmHarness().follow()
+    harness.arms[which].ring.set(simulated=True)
+    harness.run(0.003)
+    assert not harness.arms[which].asked("body/servo_cf") and len(harness.arms[pushed].asked("body/servo_cf")) == 3
+
+
+@pytest.mark.parametrize(("sideways", "stops"), [(0.0401, False), (0.0403, True)])
+def test_a_camera_that_would_jump_by_a_tenth_of_a_radian_stays(sideways: float, stops: bool) -> None:
+    harness = EcmHarness().follow()
+    for name in ("MTML", "MTMR"):
+        harness.arms[name].shift(sideways, 0.0, 0.0)
+    assert math.atan(sideways / 0.4) == pytest.approx(0.1, abs=0.001)
+    harness.step()
+    assert harness.following is not stops
+    assert ("the camera would jump" in harness.text("reason")) is stops
