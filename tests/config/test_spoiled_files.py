@@ -59,7 +59,8 @@ IO: dict[str, Any] = {
     "digital_outputs": [{"name": "lamp", "board_id": 5, "bit_id": 1}],
     "dallas_chips": [{"name": "chip", "board_id": 6}]}
 PID = {"$id": "saw-controllers-pid.schema.json", "$version": "1", "pid": [
-    {"index": 0, "name": "yaw", "type": "REVOLUTE", "p_gain": 1.0, "d_gain": 0.1, "i_gain": 0.0, "offset": 0.0}]}
+    {"index": 0, "name": "yaw", "type": "REVOLUTE", "p_gain": 1.0, "d_gain": 0.1, "i_gain": 0.0, "offset": 0.0,
+     "i_forget_rate": 0.9, "pid_max_output": -1.0, "v_low_pass_cutoff": 0.5, "p_measured_setpoint_tolerance": 0.1}]}
 TOOL = {"DH": {"convention": "modified", "joints": [{"type": "revolute", "alpha": 0, "A": 0, "theta": 0, "D": 0.4}]},
         "jaw": {"qmin": -0.7, "qmax": 1.4, "ftmax": 0.16}, "tooltip_offset": [[1, 0], [0, 1]],
         "coupling": {"ActuatorToJointPosition": [[1.0]]}, "tool_engage_position": {"lower": [0.0], "upper": [1.0]}}

@@ -8,7 +8,7 @@ import pytest
 from procs.fpga import blocks, registers
 from procs.io.safety import WARM_REPEAT_NS
 from tests.io.fault_rows import NOWHERE, braked, digital, heal, read_pots, working
-from tests.io.harness import IoHarness, robot
+from tests.io.harness import IoHarness, actuator, robot
 
 MS = 1_000_000
 
@@ -218,3 +218,35 @@ def test_a_robot_without_a_joint_controller_has_no_setpoints() -> None:
     follow = harness.core.follow
     assert (follow.newest_ns(0), follow.newest_ns(1)) == (0, harness.clock.ns - 100_000)
     assert (follow.controlled(0), follow.controlled(1)) == (False, True)
+
+
+def test_an_axis_without_encoder_or_potentiometer_has_nothing_to_compare() -> None:
+    rows = [actuator(axis // 4, axis % 4) for axis in range(7)]
+    rows[1], rows[2] = actuator(0, 1, encoder=None), actuator(0, 2, potentiometer=None)
+    harness = IoHarness(robots=(robot("PSM1", 0, actuators=tuple(rows)),), pids=())
+    harness.power()
+    harness.ask("pot_check", 1)
+    for axis in (1, 2):
+        harness.port.pot(axis, 0.5)
+    harness.run(30)
+    assert errors(harness) == []
+    harness.port.pot(3, 0.5)
+    harness.run(30)
+    assert errors(harness) == [("potentiometer", 3)]
+
+
+def test_each_enable_holds_where_the_robot_is_beyond_its_limits_too() -> None:
+    harness = IoHarness()
+    harness.control()
+    harness.ask("enforce_limits", 1)
+    harness.send(1, position=0.1)
+    harness.run(2)
+    harness.ask("pid_enable", 0)
+    harness.send(0)
+    for axis in range(7):
+        harness.port.place(axis, 1.7)
+    harness.run(2)
+    harness.ask("pid_enable", 1)
+    harness.run(2)
+    np.testing.assert_allclose(harness.record.setpoint_position, 1.7, atol=1e-5)
+    assert not harness.record.at_limit.any()

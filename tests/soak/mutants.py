@@ -137,13 +137,16 @@ class Calls:
     def tests(self, mutant: Mutant, source: str, budget_s: float) -> list[tuple[float, str]]:
         """The quickest tests that call the function in which the mistake is, as many as fit, with their times.
 
-        What stands in no function is used by all that call any of the module's, or where it has none of its folder's;
-        tests of AT_IMPORT come first.
+        What stands in no function, or in one that is called at import only, is used by all that call any of the
+        module's, or where it has none of its folder's; tests of AT_IMPORT come first.
         """
         line = function_at(compile(source, mutant.path, "exec"), mutant.line)
         folder = str(Path(mutant.path).parent.parent)
         users = [(seconds, test) for test, (seconds, called) in self._found.items()
-                 if (line in called.get(mutant.path, ()) if line else mutant.path in called)]
+                 if line in called.get(mutant.path, ())]
+        if not users:
+            line, users = 0, [(seconds, test) for test, (seconds, called) in self._found.items()
+                              if mutant.path in called]
         if not line and not users:
             users = [(seconds, test) for test, (seconds, called) in self._found.items()
                      if any(path.startswith(folder) for path in called)]

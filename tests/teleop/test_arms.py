@@ -328,6 +328,10 @@ def test_a_pose_that_was_not_known_is_compared_with_nothing() -> None:
         program.fake.pose = (0.5, *HERE[1:])
         program.look()
         assert program.arm.fault == ""
+    program.look(after_ms=STEADY_NS / MS - 2.0)
+    assert program.arm.doubt
+    program.look(after_ms=1.0)
+    assert not program.arm.doubt, "where it came back was no jump"
     program = LoneProgram()
     program.fake.ring.epoch += 1
     assert program.go(0.5, 0.0) == "", "it was started again"
