@@ -5,6 +5,7 @@ And in words which processes did not get it, and what grants the rights.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import mmap
 import os
@@ -100,13 +101,18 @@ def lock_memory() -> str:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
         return NOT_LOCKED
-    _lock_each(libc, regions(os.getpid()))
+    try:
+        _lock_each(libc, regions(os.getpid()))
+    except PermissionError:  # an interpreter with capabilities of its own may not look at itself: all of it, then
+        libc.mlockall(MCL_CURRENT | MCL_FUTURE)
     return LOCKED
 
 
 def fetch_segments() -> None:
     """The same for segments that were mapped since."""
-    _lock_each(ctypes.CDLL(None), (region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")))
+    with contextlib.suppress(PermissionError):
+        found = [region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")]
+        _lock_each(ctypes.CDLL(None), found)
 
 
 def _lock_each(libc: ctypes.CDLL, listed: Iterable[Region]) -> None:

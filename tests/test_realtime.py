@@ -89,6 +89,19 @@ def test_own_memory_is_locked_and_shared_memory_is_there(tmp_path: Path) -> None
     assert found["used"][0] == found["used"][1] >= USED_TOGETHER
 
 
+def test_who_may_not_look_at_itself_locks_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: Any) -> int:
+        raise PermissionError
+
+    def child() -> tuple[str, tuple[int, int]]:
+        monkeypatch.setattr(os, "open", refuse)
+        scratch = mmap.mmap(-1, ROOM, flags=mmap.MAP_PRIVATE)
+        return lock_memory(), pages(scratch)
+
+    words, (there, locked) = forked(child)
+    assert words == NOT_LOCKED or there == locked >= ROOM
+
+
 def pages(place: mmap.mmap, offset: int = 0) -> tuple[int, int]:
     """How many bytes of the region that a place of a map lies in are there, and how many are locked."""
     here = ctypes.addressof(ctypes.c_char.from_buffer(place)) + offset

@@ -41,7 +41,7 @@ def lock_shared(system: str, pids: Iterable[int]) -> str:
 
 
 def _code(pid: int) -> dict[Path, int]:
-    """Files with code that a process has mapped, and up to where; none of one that is gone."""
+    """Files with code that a process has mapped, and up to where; none of one that is gone, or may not be looked at."""
     try:
         found = [region for region in regions(pid) if region.file.startswith("/")]
     except OSError:
