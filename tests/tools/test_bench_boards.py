@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from procs.kernel.library import kernel
 from shm.segment import names_of
 from tools.bench import boards as bench_boards
-from tools.bench.boards import FIGURES, BoardsReport, BoardsResult
+from tools.bench.boards import COMPARED, FIGURES, BoardsReport, BoardsResult
 from tools.bench.children import ROOT
 from tools.errors import Problem
 
@@ -34,6 +35,14 @@ def test_ratios_are_formed_with_both_neighbours() -> None:
     assert found.span() == "80.0 to 120.0"
 
 
+def test_eight_boards_are_compared_with_and_without_the_kernel() -> None:
+    found = BoardsResult()
+    found.keep_round(turn(40_000), turn(80_000), turn(80_000))
+    found.keep_eight(turn(30_000), turn(90_000))
+    figures = found.figures()
+    assert (figures["cycle_cpu_us_p50_8"], figures["cycle_cpu_us_p50_8_numpy"], figures["kernel_ratio"]) == (30, 90, 3)
+
+
 @pytest.mark.slow
 @pytest.mark.alone
 def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -41,7 +50,8 @@ def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_p
     result = bench_boards.run(rounds=1, turn_s=0.05)
     figures = result["figures"]
     assert result["bench"] == "boards"
-    assert set(figures) == {*FIGURES, "ratio_10_vs_2"}
+    numpy = {"kernel_ratio", *(f"{key}_numpy" for key in COMPARED)} if kernel().library is not None else set()
+    assert set(figures) == {*FIGURES, *COMPARED, *numpy, "ratio_10_vs_2"}
     assert all(math.isfinite(x) and x > 0 for x in figures.values())
     assert list(tmp_path.iterdir()) == []
     assert not [parts for parts in names_of() if parts[0].startswith(f"bench{os.getpid()}-")]
