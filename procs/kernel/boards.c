@@ -183,3 +183,19 @@ int64_t World_move(const World *k) {
   }
   return 0;
 }
+
+/* -- robots: procs/boards/robots/plant.py, friction.py ------------------------------------------------------------- */
+
+enum { HEAVY = 1, PUSHED = 2 };
+
+int64_t Plant_apply(const Plant *k, int64_t which) {
+  for (int64_t i = 0; i < k->joints; i++) {
+    double force = clamped(k->velocity[i] * k->gain[i] + k->spring[i], k->limit[i]);
+    k->spring[i] = force - k->velocity[i] * k->damping[i];
+    double applied = k->effort[i] - force;
+    if (which & HEAVY) applied -= k->weight[i];
+    if (which & PUSHED) applied += k->push[i];
+    k->applied[i] = applied;
+  }
+  return 0;
+}

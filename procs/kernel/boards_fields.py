@@ -65,4 +65,10 @@ COMMANDS: Final = CStruct("Commands", (  # procs.boards.controllers.commands.Wri
     *rows("b1", "boards width", accept="motors.accept"),
 ), {"repeat": ()})
 
-BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY, WORLD, COMMANDS)
+PLANT: Final = CStruct("Plant", (  # procs.boards.robots.plant.Plant, as it is assembled; joints of the model
+    *rows("i8", "", joints="model.nv"),
+    *rows("f8", "joints", effort="effort", applied="_applied", velocity="_joint_velocity", limit="friction.limit",
+          damping="friction.damping", gain="friction.gain", spring="friction.spring", push="_push", weight="_weight"),
+), {"apply": ("i8",)})
+
+BOARDS: Final = (ENCODERS, SAMPLE, HUB_MEMORY, WORLD, COMMANDS, PLANT)

@@ -8,20 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import procs.boards.stages
 from procs.boards.controllers.edges import STRIDE
 from procs.boards.controllers.encoder import Encoders, Floats
 from procs.boards.controllers.models import Model
+from procs.boards.emulation import Emulation
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
 from procs.fpga import wire
-from procs.kernel.boards_fields import BOARDS, ENCODERS
+from procs.kernel.boards_fields import BOARDS, ENCODERS, WORLD
 from procs.kernel.fields import BoundStruct
 from procs.kernel.library import SWITCH, bind, kernel
 from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
+from tests.boards.test_brakes import BrakedRails, braked
 from tests.kernel.shadow import chosen_both
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
@@ -29,6 +31,7 @@ pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {k
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ("tests/boards/controllers", "tests/boards/test_emulation.py", "tests/boards/test_captures.py",
              "tests/boards/test_brakes.py", "tests/boards/test_setup_joints.py", "tests/boards/test_burst.py",
+             "tests/boards/robots/test_plant.py", "tests/boards/robots/test_plant_hands.py",
              "tests/boards/test_wrong_cables.py", "tests/boards/test_board_faults.py")
 MIXES = ((("QLA1", 7),) * 3, (("QLA1", 8),) * 3, (("QLA1", 9),) * 3, (("DQLA", 8),) * 2, (("DQLA", 9),) * 2,
          (("dRA1", 8),) * 2, (("dRA1", 9),) * 2, (("QLA1", 7), ("QLA1", 8)), (("QLA1", 9), ("DQLA", 9), ("dRA1", 9)))
@@ -52,6 +55,7 @@ def curve_from(x0: Floats, span: int, rng: np.random.Generator) -> Floats:
 
 
 @pytest.mark.usefixtures("both_ways")
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from((4, 7, 10)))
 def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> None:
     rng = np.random.default_rng(seed)
@@ -76,6 +80,7 @@ def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> 
 
 
 @pytest.mark.usefixtures("both_ways")
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
 def test_a_host_gets_the_same_bits_from_controllers_of_every_kind(seed: int, mix: tuple[tuple[str, int], ...]) -> None:
     rng = np.random.default_rng(seed)
@@ -112,6 +117,27 @@ def group_of(model: Model, top: int, control: int, rng: np.random.Generator) -> 
     if model.firmware == 7:
         return [*(word | model.board_id << reg.DAC_BOARD_SHIFT for word in words), control]
     return [model.board_id << 8 | model.write_quads, *words, control]
+
+
+@pytest.mark.usefixtures("both_ways")
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_sensors_and_motion_are_the_same_bits_from_anything(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rails = BrakedRails(7)
+    boards = Emulation(braked(), rails, 0)
+    bound = bind(WORLD, boards)
+    assert isinstance(bound, BoundStruct)
+    for which in rng.permutation(16).tolist():
+        for name, array in bound.arrays.items():
+            if array.dtype.kind == "f" and name not in ("scales", "offsets"):
+                array[...] = rng.normal(0.0, 10.0 ** rng.integers(-3, 5), array.shape)
+        rails.pot_position[...] = rng.normal(0.0, 2.0, 7)
+        boards.dac[...] = rng.integers(0, 1 << 16, boards.slots)
+        boards.on[...], boards.let_go[...] = rng.random(boards.slots) < 0.5, rng.random(boards.brakes) < 0.5
+        boards._on_bytes = b""
+        boards._sense(which)
+        boards._move()
 
 
 def test_arrays_of_encoders_stay_where_they_are() -> None:

@@ -24,22 +24,22 @@ class Friction:
         """Every joint relaxed."""
         self.limit = limit.copy()
         self._least = -self.limit
-        self._damping = DAMPING * armature / period_s
-        self._gain = self._damping + STIFFNESS * armature / period_s  # damper, and the spring's growth in one period
-        self._spring = np.zeros_like(limit)
+        self.damping = DAMPING * armature / period_s
+        self.gain = self.damping + STIFFNESS * armature / period_s  # damper, and the spring's growth in one period
+        self.spring = np.zeros_like(limit)
         self._force = np.zeros_like(limit)
 
     def oppose(self, velocity: Array) -> Array:
         """What friction takes off the joints' efforts in the next period; the array changes with the next call."""
-        force, spring = self._force, self._spring
-        np.multiply(velocity, self._gain, force)
+        force, spring = self._force, self.spring
+        np.multiply(velocity, self.gain, force)
         np.add(force, spring, force)
         np.minimum(force, self.limit, out=force)
         np.maximum(force, self._least, out=force)
-        np.multiply(velocity, self._damping, spring)
+        np.multiply(velocity, self.damping, spring)
         np.subtract(force, spring, spring)
         return force
 
     def relax(self, joints: NDArray[np.intp]) -> None:
         """Joints that were put somewhere rest there."""
-        self._spring[joints] = 0.0
+        self.spring[joints] = 0.0

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.boards import stages
 from procs.boards.robots.assembly import assemble
 from procs.boards.robots.backlash import SHARE, Play
 from procs.boards.robots.constraint import Block, Projection
@@ -32,10 +33,12 @@ from procs.boards.robots.mechanics import (
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
 from procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
+from procs.kernel.boards_fields import PLANT
 from procs.kinematics.coupling import Coupling, coupling
 
 Array = NDArray[np.float64]
 
+HEAVY, PUSHED = 1, 2  # what `apply` does beside friction
 SCATTER = 0.02  # rad or, times 0.2, m: how far the seed may move an arm from its usual place at switch-on
 
 
@@ -89,17 +92,12 @@ class Plant:
         """One period under motor efforts (axes,) at the actuators, N·m or N."""
         for hook in self.before_step:
             hook()
-        applied = self._applied
         if self._play is not None:
             effort_actuator = self._through_play(self._play, effort_actuator)
         self._to_joint_effort.dot(effort_actuator, self.effort)  # half the price of np.matmul at this size
-        np.subtract(self.effort, self.friction.oppose(self._joint_velocity), applied)
-        if self._weights is not None:
-            np.subtract(applied, self._weights.effort, applied)
-        if self._is_pushed:
-            np.add(applied, self._push, applied)
+        self._apply(self._is_heavy | self._is_pushed)
         if self._is_pulled:
-            np.add(applied, self._pull, applied)
+            np.add(self._applied, self._pull, self._applied)
             self._pull[:] = 0.0
             self._is_pulled = False
         mujoco.mj_step(self.model, self.data)
@@ -107,6 +105,16 @@ class Plant:
             self._projection.apply()
         self._tips.moved()
         self._read()
+
+    def apply(self, which: int) -> int:
+        """Efforts less friction, then what HEAVY and PUSHED robots have besides, as the model takes them."""
+        applied = self._applied
+        np.subtract(self.effort, self.friction.oppose(self._joint_velocity), applied)
+        if which & HEAVY:
+            np.subtract(applied, self._weight, applied)
+        if which & PUSHED:
+            np.add(applied, self._push, applied)
+        return 0
 
     def step_current(self, current: Array) -> None:
         """One period under motor currents (axes,), A; 0 where the amplifier is off."""
@@ -237,6 +245,9 @@ class Plant:
         self._weights = weights_of(self._arms, self._slices, assembly.joints,
                                    {robot: like.mass for robot, like in self._like.items()}, self.model.nv,
                                    self.period_s)
+        self._weight = np.zeros(self.model.nv) if self._weights is None else self._weights.effort
+        self._is_heavy = 0 if self._weights is None else HEAVY
+        (self._apply,) = stages.chosen(PLANT, self)
         self._take_push()
         self._take_state()
         self._constrain()
@@ -285,7 +296,7 @@ class Plant:
 
     def _take_push(self) -> None:
         self._assembly.gather.T.dot(self._pushed, self._push)
-        self._is_pushed = bool(self._pushed.any())
+        self._is_pushed = PUSHED if self._pushed.any() else 0
 
     def _take_state(self) -> None:
         """Joints from the actuators' position and velocity."""
