@@ -192,6 +192,7 @@ class IoConfig:
     current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
     current_error_s: float = 0.05  # for longer than this
     spin_us: float = 50.0
+    query_wait_us: float = 0.0  # from a query of all boards to the read; 0: as long as they need
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
     calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off

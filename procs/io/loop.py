@@ -75,7 +75,8 @@ class IoLoop(runtime.Loop):
         """The port of this io, ours alone."""
         node = self.node
         port = port_of(io.port, robots.board_ids, node.clock.now_ns, io.protocol, real_time=not node.clock.simulated,
-                       first_control=POWER_OFF, spin_ns=node.clock.spin_ns)
+                       first_control=POWER_OFF, spin_ns=node.clock.spin_ns,
+                       query_wait_ns=round(io.query_wait_us * 1e3) or None)
         self._held.enter_context(owner.hold(io.port))
         self._held.callback(port.close)
         return port

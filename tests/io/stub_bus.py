@@ -79,6 +79,8 @@ class StubBus:
         self.serial = 0
         self.errors: list[Exception] = []
         self._memory: dict[int, bytes] = {}
+        self._before, self._queried_ns = {}, 0
+        self.slow_ns = 0  # after a query, until the hub has all blocks
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
@@ -143,6 +145,7 @@ class StubBus:
             board.writes.append((request.address, request.value))
         if request.address == registers.QUERY:
             self.serial += 1
+            self._before, self._queried_ns = dict(self._memory), time.monotonic_ns()
             self._mask = request.value & 0xFFFF
             for board in self.boards:
                 if request.value >> board.board & 1:
@@ -159,7 +162,9 @@ class StubBus:
         return header.to_bytes(4, "big") + sample
 
     def _hub_memory(self):
-        asked = (self._memory[board] for board in sorted(self._memory) if self._mask >> board & 1)
+        is_late = time.monotonic_ns() - self._queried_ns < self.slow_ns and self._before
+        memory = self._before if is_late else self._memory
+        asked = (memory[board] for board in sorted(memory) if self._mask >> board & 1)
         return b"".join(asked) + b"\x17\xf4\x1f\x08"
 
 

@@ -40,6 +40,8 @@ class IoOptions(Section):
                                    description="A between measured and requested current; 0: not compared")
     current_error_s: float = Field(default=0.05, ge=0.0, le=10.0, description="s of that, then power off")
     spin_us: float = Field(default=50.0, ge=0.0, le=50.0, description="µs of busy waiting before a cycle and a reply")
+    query_wait_us: float = Field(default=0.0, ge=0.0, le=1000.0,
+                                 description="µs from a query of all boards to the read; 0: as long as they need")
     tasks: Rows[TaskKeys] = ()
 
 

@@ -39,8 +39,9 @@ def transport_of(name: PortName) -> Transport:
 
 
 def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,
-            real_time: bool = True, first_control: int = 0, quiet: bool = False, spin_ns: int = 0) -> BusPort:
+            real_time: bool = True, first_control: int = 0, quiet: bool = False, spin_ns: int = 0,
+            query_wait_ns: int | None = None) -> BusPort:
     """The port `name`, as configuration files write it, with its boards; nothing is opened yet. See `BusPort`."""
     parts = named(name)
     return BusPort(transport_of(parts), board_ids, now_ns, protocol, bridge=parts.bridge, real_time=real_time,
-                   first_control=first_control, quiet=quiet, spin_ns=spin_ns)
+                   first_control=first_control, quiet=quiet, spin_ns=spin_ns, query_wait_ns=query_wait_ns)

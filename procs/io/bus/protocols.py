@@ -30,7 +30,8 @@ from procs.io.bus.rows import (
 from procs.kernel.bus_fields import WRITE
 from procs.kernel.library import bind
 
-QUERY_WAIT_NS: Final = 10_000  # for the first board, and for each further one, to reach the hub's memory
+QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
+MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves
 
 
 class BoardReader(Protocol):
@@ -101,7 +102,7 @@ class QueryRead:
         members = np.flatnonzero(~rows.away).tolist()
         self._blocks = HubBlocks(self._link, rows, members)
         self._query = self._blocks.query.data
-        self._least_wait_ns = QUERY_WAIT_NS * len(members)
+        self._least_wait_ns = QUERY_WAIT_NS + BOARD_WAIT_NS * len(members)
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
 
     def ask(self) -> None:
@@ -133,11 +134,10 @@ class QueryRead:
         size = link.receive(tl, link.cycle_timeout_ms)
         if found.source(size) != self._hub_node:
             return found.blame_reply(size, hub)
-        if not found.take():
-            return found.blame()
+        is_good = found.take()
         if self._rows.query_wait_ns is None:
-            self._adapt_wait()
-        return True
+            self._adapt_wait(bool(is_good))
+        return True if is_good else found.blame()
 
     def _prepare(self, hub_node: int) -> None:
         """Read requests with every label, for this generation, hub and boards."""
@@ -147,8 +147,15 @@ class QueryRead:
                        for tl in range(wire.TL_COUNT)]
         self._made_for = generation, hub_node, self._rows.away.tobytes()
 
-    def _adapt_wait(self) -> None:
-        """Next time, wait as long as the last board took this time, when that is longer than the rule."""
+    def _adapt_wait(self, is_good: bool) -> None:
+        """Next time, wait as long as the last board took this time, when that is longer than the rule.
+
+        Where a block was not there yet, the rule is too short for these boards.
+        """
+        if not is_good:
+            self._least_wait_ns = min(self._least_wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
+            self._wait_ns = max(self._wait_ns, self._least_wait_ns)
+            return
         at = self._blocks.last_header_at
         ticks = int.from_bytes(self._link.rx[at : at + 4], "big") & self._time_mask
         self._wait_ns = max(self._least_wait_ns, ticks * 1_000_000_000 // registers.CLOCK_HZ)
