@@ -30,6 +30,7 @@ from procs.realtime import fetch_segments, in_words, lock_memory, realtime
 from shm import directory, loglines
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
+from shm.layout import shorten
 from shm.lockstep import LockstepClock
 from shm.segment import SegmentError
 
@@ -123,6 +124,11 @@ class Node(OwnMemory):
     def latency(self, latency_ns: int) -> None:
         """How long this cycle took from what it reacts to to its reaction; shown as statistics."""
         self._pacing.latency(latency_ns)
+
+    def computes(self, why_numpy: str) -> None:
+        """Show what does the work of many axes: the kernel, or numpy, and why."""
+        shown = f"numpy: {why_numpy}" if why_numpy else "kernel"
+        self.page.field("computes")[...] = shorten(shown, self.page.field("computes").itemsize - 1)
 
     @property
     def is_overloaded(self) -> bool:

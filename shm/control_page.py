@@ -54,6 +54,7 @@ CONTROL = Topic(
         Field("latency_p99", "<f8", "s", "99 % are shorter"),
         Field("policy", "S32", "", "scheduling obtained, e.g. FIFO 80, other"),
         Field("error", "S400", "", "why setup failed"),
+        Field("computes", "S120", "", "what computes for all axes: kernel, or numpy: and why; empty: nothing"),
     ),
 )
 SCHEMA = schema_of(CONTROL)

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import psutil
 
+from procs.kernel.library import kernel as library
 from procs.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
 from procs.udp_holders import SocketHolder, holders
 from shm.segment import FOLDER
@@ -51,6 +52,7 @@ class MachineFinding:
 def findings() -> Iterator[MachineFinding]:
     """All of them; takes a good second, in which the processors are watched."""
     yield kernel()
+    yield compiled(library().why)
     yield rights(obtained())
     yield cores(len(psutil.Process().cpu_affinity()))
     yield governor()
@@ -68,6 +70,15 @@ def kernel(root: Path = Path("/")) -> MachineFinding:
         return MachineFinding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
     mend = "sudo apt-get install linux-image-rt-amd64    # Ubuntu: sudo pro enable realtime-kernel"
     return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: now and then milliseconds late", mend)
+
+
+def compiled(why_not: str) -> MachineFinding:
+    """Whether what costs most in io, arms and emulated boards runs in C."""
+    if not why_not:
+        return MachineFinding("compiled part", OK, "what costs most in io, arms and emulated boards runs in C")
+    found = f"io, arms and emulated boards run on numpy, at three times the cost: {why_not}"
+    mend = "sudo apt-get install gcc libc6-dev    # then python -m procs.kernel.build"
+    return MachineFinding("compiled part", NOTE, found, mend)
 
 
 def obtained() -> str:

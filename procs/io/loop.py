@@ -71,6 +71,9 @@ class IoLoop(runtime.Loop):
                                  instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
                                  report=report)
 
+        if isinstance(self._core, RobotIo):
+            node.computes(self._core.stages.why_numpy)
+
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""
         node = self.node

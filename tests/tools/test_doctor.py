@@ -26,6 +26,12 @@ def test_the_kernel_is_told_real_time_or_not(tmp_path: Path) -> None:
     assert machine.kernel(tmp_path).state == OK
 
 
+def test_a_machine_on_which_nothing_is_compiled_is_noted_with_what_helps() -> None:
+    assert machine.compiled("").state == OK
+    found = machine.compiled("it is not compiled")
+    assert found.state == NOTE and "numpy" in found.found and "procs.kernel.build" in found.mend
+
+
 @pytest.mark.parametrize(("words", "state", "reported"), [
     ("FIFO 90, locked", OK, "FIFO 90"), ("no FIFO, locked", BAD, "no real-time priority for"),
     ("no FIFO, not locked", BAD, "no real-time priority and memory cannot be locked for"),

@@ -53,6 +53,8 @@ class ProcessStatus:
     problem: str
     statistics: dict[str, dict[str, float]]
     simulation: str = ""
+    computes: str = ""
+    """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
 
 
 def statuses(system: str) -> list[ProcessStatus]:
@@ -126,6 +128,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
+        computes=str(plain(page.get("computes"))),
         problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 
@@ -169,6 +172,7 @@ def remarks(process: ProcessStatus) -> str:
     """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
     parts = [f"{process.simulation}, there is no robot"] if process.simulation else []
     parts += [process.scheduling] if process.scheduling else []
+    parts += [process.computes] if process.computes not in ("", "kernel") else []
     latency = process.statistics.get("latency")
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
