@@ -20,7 +20,7 @@ ASK = "from procs.kernel.library import kernel; print(kernel().why or 'compiled'
 POINT = CStruct("Point", (*rows("i8", "", n="size"), *rows("f8", "n", x="x"), *rows("u2", "2 n", counts="counts")), {})
 
 
-class Source:
+class Points:
     def __init__(self) -> None:
         self.size, self.x, self.counts = 3, np.zeros(3), np.zeros((2, 3), np.uint16)
 
@@ -33,7 +33,7 @@ def asked(**environment: str) -> str:
 
 
 def test_a_struct_holds_numbers_and_addresses() -> None:
-    source = Source()
+    source = Points()
     bound = BoundStruct(ctypes.PyDLL(None), POINT, source)
     memory = POINT.ctype.from_address(bound.pointer.value or 0)
     assert (memory.n, memory.x, memory.counts) == (3, source.x.ctypes.data, source.counts.ctypes.data)
@@ -53,7 +53,7 @@ def test_a_struct_holds_numbers_and_addresses() -> None:
     ("x", np.frombuffer(bytes(25)[1:], np.uint8)[:24].view(np.uint8), "Point.x (x) is uint8 (24,), not float64 (3,)"),
 ])
 def test_an_array_that_is_not_as_its_row_says_is_refused_by_name(name: str, value: np.ndarray, wrong: str) -> None:
-    source = Source()
+    source = Points()
     setattr(source, name, value)
     with pytest.raises(BindError) as error:
         BoundStruct(ctypes.PyDLL(None), POINT, source)
