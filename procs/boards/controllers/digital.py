@@ -127,6 +127,12 @@ class Digital:
         self.faults[axes & self.axes] = 0
         self._left[axes & self.axes] = DEVIATION_TOP
 
+    @property
+    def forgiven(self) -> bool:
+        """Whether there is nothing to forget: enables that are sent once more change nothing."""
+        return not (np.count_nonzero(self.faults) or np.count_nonzero(self._deviates)
+                    or np.count_nonzero(self._left != DEVIATION_TOP))
+
     def preload(self, row: int, tick: int) -> None:
         """The encoders of a board are preloaded, which its ESPM will remember."""
         self._preload_at[row] = tick + PRELOAD_TICKS

@@ -60,7 +60,7 @@ class Motors:
         self.last_top, self._last_mask = self._top.copy(), b""  # top bytes and written axes of the last command words
         self._top_shift, self._dac_mask = (np.full(shape, k, dtype=np.uint32) for k in (TOP_SHIFT, reg.DAC_VALUE_MASK))
         self.accept, self._accepts_all = np.zeros(shape, dtype=np.bool_), False
-        self._settled = -1
+        self._settled, self._forgives = -1, False  # the last command words forgave faults of dRA1s
         self._values = np.zeros(shape, dtype=np.uint32)
         power.when_cut = self._forget
 
@@ -76,7 +76,7 @@ class Motors:
         power = self._power
         top, busy = np.right_shift(words, self._top_shift, self._top), power.heeds(control)
         mask = b"" if written is None else written.tobytes()
-        if (busy or executed is not None or self._settled != power.changes or mask != self._last_mask
+        if (busy or executed is not None or not self._is_settled or mask != self._last_mask
                 or top.tobytes() != self.last_top.tobytes()):
             # The same enables on the same state change nothing; this is what a running host sends every cycle.
             self._heed(top, tick, written)
@@ -94,7 +94,13 @@ class Motors:
     @property
     def only_values_count(self) -> bool:
         """Whether command words for all axes, with the same top bytes as the last, would change currents alone."""
-        return self._settled == self._power.changes and not (self._last_mask or self.collects or self._has_modes)
+        return self._is_settled and not (self._last_mask or self.collects or self._has_modes)
+
+    @property
+    def _is_settled(self) -> bool:
+        power = self._power
+        forgiven = not self._forgives or power.digital is None or power.digital.forgiven
+        return self._settled == power.changes and forgiven
 
     def _heed(self, top: Quads, tick: int, written: Flags | None) -> None:
         """Everything in command words but the values."""
@@ -119,8 +125,8 @@ class Motors:
         power.enable(mask, value, tick, written)
         # Whether a dRA1 takes a command depends on its amplifier, which this very word may have switched; and each
         # enable it is sent forgives its faults.
-        again = power.digital is not None and (
-            on != power.on.tobytes() or bool((mask & value & traits.digital[:, None]).any()))
+        again = power.digital is not None and on != power.on.tobytes()
+        self._forgives = bool((mask & value & traits.digital[:, None]).any())
         self._settled = -1 if again else power.changes
 
     def _control(self, control: Quads, tick: int, executed: Flags | None) -> None:

@@ -240,6 +240,14 @@ def test_a_host_that_repeats_its_enables_forgives_with_each_of_them(word: int, c
     assert desk.motor(4) >> 16 & 0xF == code
 
 
+def test_enables_that_come_again_without_anything_to_forgive_change_nothing() -> None:
+    desk = _on()
+    desk.group(*[ON | VALID | 0x8000] * 10, 0)
+    changes = desk.power.changes
+    desk.group(*[ON | VALID | 0x8123] * 10, 0)
+    assert (desk.power.changes, desk.lines.dac[0].tolist()) == (changes, [0x8123] * 10)
+
+
 def test_without_the_quirk_the_deviation_cuts_the_amplifier_when_it_is_counted_down() -> None:
     desk = _on(tardy=False)
     desk.lines.adc[0, 4] = 0x9000
