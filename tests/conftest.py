@@ -16,6 +16,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from hypothesis import settings
 
 from shm.segment import names_of, segment_name, unlink
 
@@ -23,6 +24,9 @@ ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
+
+settings.register_profile("trocar", deadline=None)  # a busy machine is no mistake
+settings.load_profile("trocar")
 
 
 def pytest_configure() -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from procs.kernel.fields import BoundStruct, CStruct
+from procs.kernel.bound import BoundStruct
+from procs.kernel.fields import CStruct
 from procs.kernel.library import bind
 
 

@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.fpga.registers import ENCODER_MASK, ENCODER_MIDRANGE
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-ENCODER_MIDRANGE: Final = 0x800000
-ENCODER_MASK: Final = 0xFFFFFF
 CURRENT_MASK: Final = 0xFFFF
 FEEDBACK_FACTOR: Final = 1.2
 FEEDBACK_MARGIN_A: Final = 0.05

@@ -183,6 +183,7 @@ MOTOR_STATUS_FAULT_SHIFT: Final = 16  # dRA1: a code of four bits
 # -- encoder -----------------------------------------------------------------------------------------------------------
 ENCODER_ZERO: Final = 0x80_0000
 ENCODER_MASK: Final = 0xFF_FFFF
+ENCODER_MIDRANGE: Final = 0x80_0000
 ENCODER_OVERFLOW: Final = 1 << 24
 ENCODER_PIN_A: Final = 1 << 28  # pin levels: Rev 8 on
 ENCODER_PIN_B: Final = 1 << 29
@@ -196,6 +197,9 @@ PERIOD_DIRECTION_CHANGED: Final = 1 << 29
 PERIOD_EDGE_ERROR: Final = 1 << 28
 PERIOD_PARTIAL: Final = 1 << 27
 QUARTER_EDGE_SHIFT: Final = 26  # four bits: A up, B up, A down, B down
+SAME_EDGE: Final = VELOCITY_DIRECTION | 0xF << QUARTER_EDGE_SHIFT  # what makes two of them comparable
+SLOWEST_S: Final = 1.0  # without a count for so long, the velocity from counts is zero
+LEAST_QUARTER: Final = 2000.0  # ticks of the newest quarter period; with fewer, time is too coarse for accelerations
 EDGE_A_UP: Final = 8
 EDGE_B_UP: Final = 4
 EDGE_A_DOWN: Final = 2

@@ -16,10 +16,7 @@ from procs.fpga import registers
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint32]
 
-ACCELERATION_THRESHOLD: Final = 0.0005  # 1 / newest quarter period [ticks]: with fewer ticks, time is too coarse
-SLOWEST_S: Final = 1.0  # the software estimate runs out to zero in this time without a count
 
-SAME_EDGE: Final = registers.VELOCITY_DIRECTION | 0xF << registers.QUARTER_EDGE_SHIFT
 _NEVER: Final = 1e-300  # stands for 0 ticks where a division needs something
 
 
@@ -62,12 +59,13 @@ class FirmwareVelocity:
         # by the top three bits of the period word: overflow, direction, direction changed
         self._signs = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         self._unlike = np.zeros((2, n), dtype=np.uint32)
-        self._same = np.array([[registers.VELOCITY_DIRECTION], [SAME_EDGE]], np.uint32) | np.zeros((2, n), np.uint32)
+        same = np.array([[registers.VELOCITY_DIRECTION], [registers.SAME_EDGE]], np.uint32)
+        self._same = same | np.zeros((2, n), np.uint32)
         self._no_bits = np.zeros((2, n), dtype=np.uint32)
         reasons = np.zeros((4, n), dtype=bool)  # why edges do not compare
         self._apart, self._short = reasons[:2], reasons[2:]
         self._incomparable, self._or_this = self._apart
-        self._shortest = np.array([[1.0], [1.0 / ACCELERATION_THRESHOLD]]) + np.zeros((2, n))
+        self._shortest = np.array([[1.0], [registers.LEAST_QUARTER]]) + np.zeros((2, n))
         self._overflow = np.full(n, registers.VELOCITY_OVERFLOW, dtype=np.uint32)
         self._overflowed = np.zeros(n, dtype=bool)
         self._largest = np.full(n, float(registers.VELOCITY_TICKS_MASK))
@@ -144,7 +142,7 @@ class SoftwareVelocity:
         self._change, self._magnitude = np.zeros(n), np.zeros(n)
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._moved, self._young = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        self._none, self._one, self._slowest = np.zeros(n), np.ones(n), np.full(n, SLOWEST_S)
+        self._none, self._one, self._slowest = np.zeros(n), np.ones(n), np.full(n, registers.SLOWEST_S)
         self.known = np.zeros(1, dtype=bool)  # the counts of the update before are
 
     def forget(self) -> None:

@@ -218,7 +218,7 @@ class Samples:
             self._estimate_softly()
         if len(self.no_pot):
             np.putmask(record.pot_position, self.no_pot, np.nan)
-        np.subtract(self._counts, conversion.ENCODER_MIDRANGE, record.encoder_bits)
+        np.subtract(self._counts, registers.ENCODER_MIDRANGE, record.encoder_bits)
         np.greater(self.amp_on, 0.5, record.amp_on)
         if len(self.first_axis):
             self.period_s.take(self.first_axis, out=record.board_period, mode="clip")
@@ -260,7 +260,7 @@ def _scales(robots: Robots) -> tuple[Floats, Floats, Floats]:
     bias, scale, offset = (np.zeros((ROWS, robots.drives)) for _ in range(3))
     scale[OVERFLOW] = scale[SAFETY] = scale[AMP_ON] = 1.0
     scale[TEMPERATURE] = registers.TEMPERATURE_C_PER_BIT
-    bias[POSITION] = -float(conversion.ENCODER_MIDRANGE)
+    bias[POSITION] = -float(registers.ENCODER_MIDRANGE)
     scale[POSITION, :n], offset[POSITION, :n] = robots.position_scale, robots.position_offset
     bias[PERIOD], scale[PERIOD] = 1.0, registers.TICK_S
     for place, drive in enumerate(robots.all):

@@ -17,7 +17,7 @@ from procs.io.power import Power
 from procs.io.robots import Samples
 from procs.io.safety import Safety
 from procs.io.setpoint_tracker import SetpointTracker
-from procs.kernel.fields import BoundStruct
+from procs.kernel.bound import BoundStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
 from procs.kernel.track_fields import TRACK

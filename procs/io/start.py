@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from procs.fpga import blocks, conversion, registers
+from procs.fpga import blocks, registers
 from procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
 from procs.io.record import Flags
 from procs.io.robots import Robots
@@ -66,7 +66,7 @@ def _prepare_si(robots: Robots, port: Port, robot: int) -> None:
             for axis in range(axes.start, axes.stop):
                 if robots.board_row[axis] == row and robots.has_encoder[axis]:
                     address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
-                    port.write_quadlet(board, address, conversion.ENCODER_MIDRANGE)
+                    port.write_quadlet(board, address, registers.ENCODER_MIDRANGE)
 
 
 def arm_serial(port: Port, board: int) -> str:
@@ -92,5 +92,5 @@ def _preset(robots: Robots, port: Port) -> Flags:
     for axis in np.flatnonzero(robots.has_encoder).tolist():
         address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
         preload = port.read_quadlet(robots.board_ids[int(robots.board_row[axis])], address)
-        preset[axis] = preload & conversion.ENCODER_MASK != conversion.ENCODER_MIDRANGE
+        preset[axis] = preload & registers.ENCODER_MASK != registers.ENCODER_MIDRANGE
     return preset

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from procs.kernel.fields import BindError, BoundStruct, CStruct
+from procs.kernel.bound import BindError, BoundStruct
+from procs.kernel.fields import CStruct
 from procs.kernel.sources import IN_WHEELS, library_path, source_hash
 from procs.kernel.tables import STRUCTS
 

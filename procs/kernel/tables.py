@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from procs.fpga import blocks, conversion, registers, velocity, wire
+from procs.fpga import blocks, registers, wire
 from procs.kernel.arm_fields import ARM
 from procs.kernel.boards_fields import BOARDS
 from procs.kernel.bus_fields import HUB, WRITE
@@ -13,7 +13,6 @@ from procs.kernel.track_fields import TRACK
 STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, *BOARDS, *ARM)
 
 CONSTANTS: Final = {
-    "ACCELERATION_THRESHOLD": velocity.ACCELERATION_THRESHOLD,
     "CONTROL_AMP_MASK_SHIFT": registers.CONTROL_AMP_MASK_SHIFT,
     "CONTROL_AMP_SHIFT": registers.CONTROL_AMP_SHIFT,
     "CURRENT_EXCESS": registers.CURRENT_EXCESS,
@@ -23,15 +22,16 @@ CONSTANTS: Final = {
     "HOST_ID": wire.HOST_ID,
     "INPUTS_AT": blocks.DIGITAL_INPUT,
     "KINDS": blocks.KINDS,
+    "LEAST_QUARTER": registers.LEAST_QUARTER,
     "MIDDLE": 0.5 * registers.DAC_VALUE_MASK,
-    "MIDRANGE": conversion.ENCODER_MIDRANGE,
+    "MIDRANGE": registers.ENCODER_MIDRANGE,
     "OVERFLOWED": registers.VELOCITY_OVERFLOW,
     "POSITION_MASK": registers.ENCODER_MASK,
     "QUERY": registers.QUERY,
     "RELAY": registers.STATUS_RELAY,
-    "SAME_EDGE": velocity.SAME_EDGE,
+    "SAME_EDGE": registers.SAME_EDGE,
     "SCALARS": blocks.SCALARS,
-    "SLOWEST_S": velocity.SLOWEST_S,
+    "SLOWEST_S": registers.SLOWEST_S,
     "SLOWEST_SQUARE": 1e-30,
     "STAMP_AT": blocks.TIMESTAMP,
     "STATUS_AT": blocks.STATUS,

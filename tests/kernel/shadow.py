@@ -15,7 +15,8 @@ import numpy as np
 import procs.boards.stages
 import procs.io.cycle
 from procs.io.stages import Parts, Stages, kernel_stages, numpy_stages
-from procs.kernel.fields import BoundStruct, CStruct
+from procs.kernel.bound import BoundStruct
+from procs.kernel.fields import CStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
 

@@ -20,7 +20,7 @@ from procs.document.system import Quirks
 from procs.fpga import registers as reg
 from procs.fpga import wire
 from procs.kernel.boards_fields import BOARDS, ENCODERS, WORLD
-from procs.kernel.fields import BoundStruct
+from procs.kernel.bound import BoundStruct
 from procs.kernel.library import SWITCH, bind, kernel
 from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
 from tests.boards.test_brakes import BrakedRails, braked

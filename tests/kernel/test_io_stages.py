@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procs.document.system import Brake, Linear
-from procs.kernel.fields import BoundStruct
+from procs.kernel.bound import BoundStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import SWITCH, bind, kernel
 from tests.io.harness import IoHarness, actuator, gains, robot

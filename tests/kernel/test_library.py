@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from procs.kernel import build, library, sources
-from procs.kernel.fields import BindError, BoundStruct, CStruct, rows
+from procs.kernel.bound import BindError, BoundStruct
+from procs.kernel.fields import CStruct, rows
 from procs.kernel.library import SWITCH
 
 ROOT = Path(__file__).resolve().parents[2]

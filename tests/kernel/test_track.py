@@ -11,7 +11,7 @@ import pytest
 
 from procs.io.loop import RingSource
 from procs.io.stages import numpy_stages
-from procs.kernel.fields import BoundStruct
+from procs.kernel.bound import BoundStruct
 from procs.kernel.library import bind, kernel
 from procs.kernel.track_fields import TRACK
 from shm import directory

@@ -1,0 +1,62 @@
+"""A struct of the kernel filled from an object: its numbers, and the addresses of its arrays."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.kernel.fields import CField, CStruct
+
+
+class BindError(Exception):
+    """An array is not what its row says."""
+
+
+class BoundStruct:
+    """A struct filled with the numbers and addresses of one object's arrays, which it keeps."""
+
+    def __init__(self, library: ctypes.PyDLL, table: CStruct, source: object) -> None:
+        """BindError names the first array that is not as its row says."""
+        self._library, self._table, self._source = library, table, source
+        self._memory = table.ctype()
+        self.arrays: dict[str, NDArray[Any]] = {}
+        for row in table.fields:
+            value = attrgetter(row.source)(source)
+            if row.dims:
+                self.arrays[row.name] = value
+                setattr(self._memory, row.name, self._address(row, value))
+            else:
+                setattr(self._memory, row.name, value)
+        self.pointer = ctypes.c_void_p(ctypes.addressof(self._memory))
+
+    def _address(self, row: CField, array: NDArray[Any]) -> int:
+        dtype = np.dtype(row.dtype)
+        shape = tuple(int(dim) if dim.isdigit() else getattr(self._memory, dim) for dim in row.dims)
+        where = f"{self._table.name}.{row.name} ({row.source})"
+        if array.dtype != dtype or array.shape != shape:
+            raise BindError(f"{where} is {array.dtype} {array.shape}, not {dtype} {shape}")
+        if not (array.flags.c_contiguous and array.flags.aligned):
+            raise BindError(f"{where} does not lie in one piece")
+        return array.ctypes.data
+
+    def moved(self) -> list[str]:
+        """Fields that the source has put elsewhere since, or whose number has changed: there must be none."""
+        now = {row.name: attrgetter(row.source)(self._source) for row in self._table.fields}
+        return [row.name for row in self._table.fields
+                if (now[row.name].ctypes.data if row.dims else now[row.name]) != (getattr(self._memory, row.name) or 0)
+                and not (row.dims and not now[row.name].size)]
+
+    def function(self, name: str) -> Callable[..., int]:
+        """A function of the table, with this struct."""
+        more = [{"f8": ctypes.c_double}.get(t, ctypes.c_int64) for t in self._table.functions[name]]
+        prototype = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *more)
+        found = prototype((f"{self._table.name}_{name}", self._library))
+        pointer = self.pointer
+        pointer.keeps = self  # type: ignore[attr-defined]  # who has the function has the memory
+        return partial(found, pointer)
