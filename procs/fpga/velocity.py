@@ -65,7 +65,7 @@ class FirmwareVelocity:
         reasons = np.zeros((4, n), dtype=bool)  # why edges do not compare
         self._apart, self._short = reasons[:2], reasons[2:]
         self._incomparable, self._or_this = self._apart
-        self._shortest = np.array([[1.0], [registers.LEAST_QUARTER]]) + np.zeros((2, n))
+        self._shortest = np.array([[1.0], [registers.MIN_QUARTER]]) + np.zeros((2, n))
         self._overflow = np.full(n, registers.VELOCITY_OVERFLOW, dtype=np.uint32)
         self._overflowed = np.zeros(n, dtype=bool)
         self._largest = np.full(n, float(registers.VELOCITY_TICKS_MASK))

@@ -45,7 +45,7 @@ static void firmware_velocity(const Io *k) {
     double quarter5 = most_of(quarter5_word & TICKS, NEVER), quarter1 = most_of(quarter1_word & TICKS, NEVER);
     double sign = signs[period_word >> 29], cap = hz / running, speed = 4.0 * hz / period;
     int incomparable = ((period_word ^ quarter1_word) & DIRECTION) || ((quarter5_word ^ quarter1_word) & SAME_EDGE)
-                       || quarter5 < 1.0 || quarter1 < LEAST_QUARTER;
+                       || quarter5 < 1.0 || quarter1 < MIN_QUARTER;
     double change = quarter5 - quarter1, before = period + change;
     if (quarter5_word >= OVERFLOWED) before = TICKS;
     before = before * (quarter5 + quarter1) * period;

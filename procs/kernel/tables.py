@@ -22,7 +22,7 @@ CONSTANTS: Final = {
     "HOST_ID": wire.HOST_ID,
     "INPUTS_AT": blocks.DIGITAL_INPUT,
     "KINDS": blocks.KINDS,
-    "LEAST_QUARTER": registers.LEAST_QUARTER,
+    "MIN_QUARTER": registers.MIN_QUARTER,
     "MIDDLE": 0.5 * registers.DAC_VALUE_MASK,
     "MIDRANGE": registers.ENCODER_MIDRANGE,
     "OVERFLOWED": registers.VELOCITY_OVERFLOW,

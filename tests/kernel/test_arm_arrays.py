@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.kernel.fields import BoundStruct
+from procs.kernel.bound import BoundStruct
 from procs.kernel.library import kernel
 from tests.arm.fake_psm import with_adapter
 
