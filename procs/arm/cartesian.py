@@ -77,7 +77,7 @@ class Cartesian:
         """Another joint space; `ArmReadings` must have it already."""
         n, io = joints.count, self.io
         self.shown_body[...] = self.shown_spatial[...] = 0.0
-        self._setpoint_motion = io.rows[3:5, :n]
+        self._setpoint_motion = io.rows[3:5]
         self.size = io.rows.shape[1]
         self.has_free = int(joints.free is not None)
         self.free = np.eye(n) if joints.free is None else np.ascontiguousarray(joints.free)

