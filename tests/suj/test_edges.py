@@ -336,3 +336,22 @@ def test_a_setup_arm_without_joints_has_no_pose_by_them() -> None:
         setups.harness(0, HERE)
     setups.put(0, matrix_from_pose(np.array((0.1, 0, 0, 0, 0, 0, 1.0))))
     assert setups.valid[0]
+
+
+def test_potentiometers_that_agree_again_are_told_and_their_arm_is_known() -> None:
+    cart = CartPlay(SI)
+
+    def run(cycles: int) -> list[str]:
+        cart.log.clear()
+        for _ in range(cycles):
+            cart.now_ns += MS
+            cart.joints.step(cart.now_ns, ())
+        return [line for line in cart.log if "potentiometers" in line]
+
+    assert run(3) == [] and cart.state_of("setup_valid").all()
+    cart.stand(2, HERE, math.radians(2.1))
+    (said,) = run(3)
+    assert said.startswith("setup-pots of PSM2: PSM2: the potentiometers of joint 2 don't agree; its position is not")
+    assert "known (axis 1, " in said and not cart.state_of("setup_valid")[2]
+    cart.stand(2, HERE)
+    assert run(3) == ["status of PSM2: PSM2: the potentiometers agree"] and cart.state_of("setup_valid").all()

@@ -200,3 +200,13 @@ def test_a_camera_that_would_jump_by_a_tenth_of_a_radian_stays(sideways: float, 
     harness.step()
     assert harness.following is not stops
     assert ("the camera would jump" in harness.text("reason")) is stops
+
+
+def test_a_jaw_that_nobody_knows_opens_from_closed_as_far_as_the_gripper() -> None:
+    harness = TeleopHarness(gripper_max=0.8, gripper_zero=0.1, jaw_rate=100.0, jaw_rate_after_clutch=100.0)
+    harness.slave.ring.set(tool=b"UNKNOWN")
+    harness.follow()
+    for gripper, jaw in ((0.8, 0.8), (0.1, 0.0), (-0.5, 0.0)):
+        harness.master.ring.set(gripper_position=gripper)
+        harness.run(0.05)
+        assert float(harness.slave.ring.field("jaw_setpoint_position")) == pytest.approx(jaw)
