@@ -58,6 +58,8 @@ def test_other_folders_come_directly_after_the_working_one(folders: list[Path]) 
     assert path.find("b.json") == theirs / "b.json"
     assert path.find_all("b.json") == (theirs / "b.json", configs / "b.yaml") and path.find_all("x.json") == ()
     assert path.find_all("a.json") == (here / "a.json", configs / "a.yaml")
+    (theirs / "b.yaml").write_text("{}")
+    assert path.find_all("b.json") == (theirs / "b.json", configs / "b.yaml"), "one of each folder"
 
 
 def test_the_nearest_name_is_told_where_one_is_close(folders: list[Path]) -> None:

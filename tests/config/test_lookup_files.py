@@ -92,3 +92,6 @@ def test_a_table_by_itself_has_its_serial_number_in_its_name(tmp_path: Path, ser
     assert [said in problem.text for problem in context.problems] == [True] * bool(said)
     check_table(context, tmp_path / "nothing.json")
     assert len(context.problems) == bool(said) + 1
+    table(tmp_path, "table-P.json", 7, "P")
+    check_table(context, tmp_path / "table-P.json")
+    assert context.problems[-1].text == "must be a list of rows"
