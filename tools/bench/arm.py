@@ -11,8 +11,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,10 +24,11 @@ from procs.config import PROJECT_CONFIGS, load_system
 from procs.io.kinematic import KinematicIo
 from procs.io.loop import RingSource
 from procs.io.record import IoRecord
-from procs.kernel.library import SWITCH, kernel
+from procs.kernel.library import kernel
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.supervisor import memory
 from shm.client import Client
+from tools.bench.kernel_switch import without_kernel
 from tools.cleanup import Keeper
 from tools.errors import Problem
 
@@ -70,21 +70,6 @@ def _figures(file: str, suffix: str, cycles: int, poses: int) -> dict[str, float
         bench.home()
         figures = {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
         return figures if suffix else figures | kinematics(bench.arm, poses)
-
-
-@contextmanager
-def without_kernel() -> Iterator[None]:
-    """What is made meanwhile has numpy do its work."""
-    before = os.environ.get(SWITCH)
-    os.environ[SWITCH] = "0"
-    kernel.cache_clear()
-    try:
-        yield
-    finally:
-        del os.environ[SWITCH]
-        if before is not None:
-            os.environ[SWITCH] = before
-        kernel.cache_clear()
 
 
 class ArmBench:
