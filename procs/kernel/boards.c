@@ -78,7 +78,7 @@ int64_t Encoders_show(const Encoders *k, int64_t now) {
 
 /* -- samples: procs/boards/controllers/firmware.py, hub.py --------------------------------------------------------- */
 
-enum { HEAD, BLOCK, FIRST = 1, LAST = 2, TOP_SHIFT = 24 };
+enum { HEAD, BLOCK, FIRST = 1, LAST = 2, TOP_SHIFT = 24, COMPARED = 3 };
 
 int64_t Sample_fill(const Sample *k, int64_t which) {
   int64_t width = k->width;
@@ -91,6 +91,8 @@ int64_t Sample_fill(const Sample *k, int64_t which) {
     }
     if (which & LAST) {
       block[INPUTS_AT] |= k->outputs[b];
+      int below = k->expanded[b] && k->command[b * width + COMPARED] < (k->good[b] ? k->supply : 0.0);
+      if (below) block[INPUTS_AT] |= INPUT_MOTOR_SUPPLY;
       for (int64_t axis = 0, i = b * width; axis < width; axis++, i++) {
         position[axis] &= k->pins_shown[i];
         adc[axis] = k->adc[i];

@@ -21,6 +21,8 @@ ENCODERS: Final = CStruct("Encoders", (  # procs.boards.controllers.encoder.Enco
 
 SAMPLE: Final = CStruct("Sample", (  # procs.boards.controllers.firmware.Firmware
     *rows("i8", "", boards="count", width="width", columns="encoders.columns"),
+    *rows("f8", "", supply="supply_bits"),
+    *rows("b1", "boards", good="power.good", expanded="expanded"),
     *rows("u4", "boards columns", rows="samples.rows"),
     *rows("u4", "boards", status="power.status", pins="encoders.pins", inputs="lines.inputs", outputs="outputs"),
     *rows("u4", "boards width", pins_shown="pins_shown", adc="lines.adc", motor_flags="power.motor_flags",

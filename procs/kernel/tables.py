@@ -21,6 +21,7 @@ CONSTANTS: Final = {
     "DIRECTION": registers.VELOCITY_DIRECTION,
     "HOST_ID": wire.HOST_ID,
     "INPUTS_AT": blocks.DIGITAL_INPUT,
+    "INPUT_MOTOR_SUPPLY": registers.INPUT_MOTOR_SUPPLY,
     "KINDS": blocks.KINDS,
     "MIN_QUARTER": registers.MIN_QUARTER,
     "MIDDLE": 0.5 * registers.DAC_VALUE_MASK,

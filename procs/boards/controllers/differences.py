@@ -1,4 +1,4 @@
-"""What controllers other than a QLA1 without I/O expander show otherwise in their real-time blocks."""
+"""What controllers other than a QLA1 show otherwise in their real-time blocks."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ class Differences:
         self._lines, self._power, self._motors, self._samples = lines, power, motors, samples
         traits = power.traits
         self._dual, self._digital = (np.flatnonzero(flags) for flags in (traits.dual, traits.digital))
-        self._expanded = np.flatnonzero(traits.expander & traits.single)
-        self.there = bool(self._dual.size or self._digital.size or self._expanded.size)
+        self.there = bool(self._dual.size or self._digital.size)
         self.playing = np.zeros(len(models), dtype=np.bool_)  # DQLA: waveforms
         samples.temperatures[self._dual] = TEMPERATURES_DQLA
         samples.temperatures[self._digital] = 0  # it has no sensors
@@ -41,9 +40,6 @@ class Differences:
 
     def show(self, outputs: Quads) -> None:
         """Correct the sample that was just made as if all were plain; `outputs` (boards,) lie among the inputs."""
-        if self._expanded.size:
-            rows = self._expanded
-            self._samples.inputs[rows] |= self._motors.comparators()[rows, 0] * np.uint32(reg.INPUT_MOTOR_SUPPLY)
         if self._dual.size:
             self._of_dqla(self._dual, outputs)
         if self._digital.size:

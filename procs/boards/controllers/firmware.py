@@ -21,7 +21,7 @@ from procs.boards.controllers.expander import Expanders
 from procs.boards.controllers.interface_board import EmulatedInterfaceBoard
 from procs.boards.controllers.lines import INPUTS_OPEN, Lines
 from procs.boards.controllers.models import Model
-from procs.boards.controllers.motors import Motors
+from procs.boards.controllers.motors import SUPPLY_BITS, Motors
 from procs.boards.controllers.power import BoardPower
 from procs.boards.controllers.samples import BoardSamples
 from procs.boards.controllers.testboard import Loopback
@@ -44,8 +44,7 @@ class Firmware:
         """Boards as after power-up at tick 0; `testboard`: every QLA hangs on a loop-back board."""
         self.models, self.lines = models, lines
         self.count, self.width = len(models), int(lines.dac.shape[1])
-        self.ids = tuple(model.board_id for model in models)
-        self.boards = tuple(Board(model) for model in models)
+        self.ids, self.boards = tuple(model.board_id for model in models), tuple(Board(model) for model in models)
         self.power = BoardPower(models, lines.on)
         self.motors = Motors(models, lines, self.power)
         self.samples = BoardSamples(models, self.width)
@@ -61,16 +60,16 @@ class Firmware:
                                   for first in range(0, board.model.hardware.outputs, reg.AXES))
                        for row, board in enumerate(self.boards) if testboard and board.model.hardware.outputs}
         self._interfaces: dict[int, EmulatedInterfaceBoard] = {}
-        self._every = tuple(range(self.count))
         self._motor_words = np.zeros(lines.dac.shape, dtype=np.uint32)
-        self.outputs = np.zeros(self.count, dtype=np.uint32)  # bits of the digital outputs among the inputs
+        self._no_control, self.outputs = np.zeros((2, self.count), dtype=np.uint32)  # bits among the inputs
         self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection go on by themselves
         self.collecting = False  # some board collects data
-        self._no_control = np.zeros(self.count, dtype=np.uint32)
         self.pins_shown = np.array([[0xFFFF_FFFF if model.firmware > 7 else NO_PINS] * self.width for model in models],
                                    dtype=np.uint32)
+        self.expanded = self.power.traits.expander & self.power.traits.single
+        self.supply_bits, self._has_expanded = SUPPLY_BITS, bool(self.expanded.any())
         (self._fill,) = stages.chosen(SAMPLE, self)
-        for row in self._every:
+        for row in range(self.count):
             self._show_quiet(row, 0)
 
     def fit(self, row: int, joints: EmulatedSetupJoints) -> EmulatedInterfaceBoard | None:
@@ -128,6 +127,8 @@ class Firmware:
         if which & LAST:
             np.bitwise_and(samples.positions, self.pins_shown, samples.positions)
             np.bitwise_or(samples.inputs, self.outputs, samples.inputs)
+            if self._has_expanded:
+                samples.inputs |= (self.motors.comparators()[:, 0] & self.expanded) * np.uint32(reg.INPUT_MOTOR_SUPPLY)
             samples.adc[...] = self.lines.adc
             np.bitwise_or(power.motor_flags, self.motors.command, self._motor_words)  # a scattered result costs twice
             samples.motor_status[...] = self._motor_words

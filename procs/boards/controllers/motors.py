@@ -25,6 +25,7 @@ WINDING_OHMS = 5.0  # small servo motors have 2 to 8
 QLA_VOLTS, QLA_VOLTS_LEAST = 91.0, -45.5  # full scale of a voltage command
 SUPPLY_VOLTS = 24.0  # of the motors on QLAs
 COMPARATOR_VOLTS = 2.5 * 21  # full scale of the last DAC of a QLA, where it is held against the motor supply
+SUPPLY_BITS = SUPPLY_VOLTS / COMPARATOR_VOLTS * reg.DAC_VALUE_MASK
 COMPARED_AXES = (3, 7)  # whose DAC that is
 DIGITAL_VOLTS = 48.0  # supply of a dRA1
 DIGITAL_BITS_PER_A = (4800.0, 16000.0)  # of its first two motors, of the others
@@ -179,7 +180,7 @@ class Motors:
 
     def comparators(self) -> Flags:
         """Whether the last DAC of a QLA is below its motor supply: (boards, 2), the second one's is that of a DQLA."""
-        supply = self._power.good * (SUPPLY_VOLTS / COMPARATOR_VOLTS * reg.DAC_VALUE_MASK)
+        supply = self._power.good * SUPPLY_BITS
         axes = [min(axis, self.command.shape[1] - 1) for axis in COMPARED_AXES]
         below: Flags = self.command[:, axes] < supply[:, None]
         return below & self._traits.expander[:, None]

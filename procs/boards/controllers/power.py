@@ -132,7 +132,7 @@ class BoardPower:
         traits, digital = self.traits, self.digital
         latched = self.safety | self.watchdog[:, None]
         self.enabled &= ~latched | traits.digital[:, None]
-        self.good = self._good_at <= tick
+        np.less_equal(self._good_at, tick, out=self.good)
         held_until = self._held_until()
         awake = self.enabled & (held_until <= tick)[:, None]
         self.expander_known = traits.expander & (self._expander_at == NEVER)
