@@ -9,7 +9,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
-class KernelHook(BuildHookInterface):  # type: ignore[misc]  # hatchling is there while a wheel is made
+class KernelHook(BuildHookInterface[Any]):
     """Editable installations have theirs in the Python environment: tools/venv.sh."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
