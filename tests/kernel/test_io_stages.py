@@ -22,7 +22,7 @@ from tests.kernel.shadow import shadowed
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENARIOS = ("tests/io/test_io_fault_matrix.py", "tests/io/test_real_robots.py", "tests/io/test_all_controllers.py",
+SCENARIOS = ("tests/io/test_io_safety.py", "tests/io/test_real_robots.py", "tests/io/test_all_controllers.py",
              "tests/io/test_io_bias.py", "tests/io/test_io_tasks.py", "tests/whole/test_replay.py")
 ODD = np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e300, -1e-310])
 CONSTANTS = ("index", "velocity_index", "out_index", "table_row", "pot_first", "pot_count", "first_axis", "shift",
