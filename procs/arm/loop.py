@@ -19,6 +19,7 @@ from procs.codes import AMPLIFIER
 from procs.document.system import Actuator, ArmConfig, Brake, IoConfig
 from procs.faults import FaultReport, axis_titles, boards_of, place, reported, sentence
 from procs.inputs import SETUP_LATE_S
+from procs.kernel.library import kernel
 from procs.manifest import proc
 from shm.ring import RingReader
 
@@ -157,6 +158,7 @@ class ArmLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
+        node.computes(kernel().why)
         arm = node.document.arm(node.name)
         if arm.type not in ARM_TYPES:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(ARM_TYPES)} are")

@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards import stages
 from procs.boards.controllers.bus import GROUP, EmulatedBus
 from procs.boards.controllers.lines import Lines
 from procs.boards.packet_faults import PacketFaults
@@ -22,6 +21,7 @@ from procs.boards.wiring import Wiring
 from procs.document.system import SystemConfig
 from procs.fpga import registers as reg
 from procs.fpga import wire
+from procs.kernel import library
 from procs.kernel.boards_fields import WORLD
 
 Floats = npt.NDArray[np.float64]
@@ -129,7 +129,7 @@ class Emulation:
         if self._has_robots:
             for bus, cut in self._cut:
                 bus.encoders.place(self.now[0, cut])
-            self._sense, self._move = stages.chosen(WORLD, self)
+            self._sense, self._move = library.chosen(WORLD, self)
         self._step()
 
     def _at_slots(self, count: int) -> None:

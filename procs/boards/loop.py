@@ -10,6 +10,7 @@ from procs.boards.board_commands import BoardCommands
 from procs.boards.emulation import Emulation
 from procs.boards.endpoints import Endpoints
 from procs.boards.robots.plant import Plant
+from procs.kernel.library import kernel
 from shm.ring import RingWriter
 
 BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken
@@ -64,6 +65,7 @@ class BoardsLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
+        node.computes(kernel().why)
         system, emulation = node.document.emulated(), node.document.emulation
         if emulation is None:
             raise ValueError("this system has no emulated boards")

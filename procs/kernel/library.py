@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -62,3 +63,10 @@ def bind(table: CStruct, source: object) -> BoundStruct | str:
         return BoundStruct(library, table, source)
     except BindError as error:
         return str(error)
+
+
+def chosen(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
+    """The functions of `table`, in its order, for `source`; else its methods of these names, which do the same."""
+    bound = bind(table, source)
+    return tuple(bound.function(name) if isinstance(bound, BoundStruct) else getattr(source, name)
+                 for name in table.functions)

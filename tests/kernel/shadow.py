@@ -12,8 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
-import procs.boards.stages
 import procs.io.cycle
+import procs.kernel.library
 from procs.io.stages import Parts, Stages, kernel_stages, numpy_stages
 from procs.kernel.bound import BoundStruct
 from procs.kernel.fields import CStruct
@@ -86,7 +86,7 @@ def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...
 def pytest_configure() -> None:
     """From now on every io and all boards are compared."""
     procs.io.cycle.stages = shadowed
-    procs.boards.stages.chosen = chosen_both
+    procs.kernel.library.chosen = chosen_both
 
 
 def pytest_sessionfinish() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import procs.boards.stages
+import procs.kernel.library
 from procs.boards.controllers.edges import STRIDE
 from procs.boards.controllers.encoder import Encoders, Floats
 from procs.boards.controllers.models import Model
@@ -41,7 +41,7 @@ SPANS = (1, 7, 4915, 49152, 1_000_000)  # ticks of a step
 @pytest.fixture
 def both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is made from now on does all stages by the kernel and by numpy, and compares."""
-    monkeypatch.setattr(procs.boards.stages, "chosen", chosen_both)
+    monkeypatch.setattr(procs.kernel.library, "chosen", chosen_both)
 
 
 def curve_from(x0: Floats, span: int, rng: np.random.Generator) -> Floats:

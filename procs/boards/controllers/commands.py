@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards import stages
 from procs.boards.controllers.firmware import Firmware
 from procs.boards.controllers.motors import TOP_SHIFT
 from procs.fpga import registers as reg
 from procs.fpga import wire
+from procs.kernel import library
 from procs.kernel.boards_fields import COMMANDS
 
 _BIG_QUAD = np.dtype(">u4")
@@ -67,7 +67,7 @@ class WriteDecoder:
             self.block = np.zeros(self._shape, dtype=np.uint32)
             self._flat, self._groups = self.block.reshape(-1), self.block.view(_BIG_QUAD)
             self._top = np.zeros(shape, dtype=np.uint32)
-            (self._repeat,) = stages.chosen(COMMANDS, self)
+            (self._repeat,) = library.chosen(COMMANDS, self)
             self._group_words = np.zeros(shape, dtype=np.uint32)
             self._group_control = np.zeros(firmware.count, dtype=np.uint32)
         # Where enables lie in command words alone, and for data collection, it matters whether a word is written.

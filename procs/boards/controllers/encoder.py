@@ -18,7 +18,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards import stages
 from procs.boards.controllers.edges import (
     BEHIND,
     EDGES,
@@ -35,6 +34,7 @@ from procs.boards.controllers.edges import (
 )
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
+from procs.kernel import library
 from procs.kernel.boards_fields import ENCODERS
 
 Floats = npt.NDArray[np.float64]
@@ -97,7 +97,7 @@ class Encoders:
         self._kept = np.repeat([reg.ENCODER_OVERFLOW if q.sticky_overflow else 0 for q in quirks], width)
         self._constants(n)
         self._scratch(n)
-        self._set_out, self._advance, self._show = stages.chosen(ENCODERS, self)
+        self._set_out, self._advance, self._show = library.chosen(ENCODERS, self)
 
     def _constants(self, n: int) -> None:
         """Whole arrays instead of numbers and rows: numpy takes three times as long to stretch one side."""

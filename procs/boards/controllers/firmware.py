@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards import stages
 from procs.boards.controllers.differences import Differences
 from procs.boards.controllers.encoder import Encoders
 from procs.boards.controllers.espm import ARM, BOARD, CONTROL, NOTHING, Espm
@@ -28,6 +27,7 @@ from procs.boards.controllers.testboard import Loopback
 from procs.boards.devices.board import Board
 from procs.document.emulated import EmulatedSetupJoints
 from procs.fpga import registers as reg
+from procs.kernel import library
 from procs.kernel.boards_fields import SAMPLE
 
 _MISSING = {  # registers and regions that read 0
@@ -68,7 +68,7 @@ class Firmware:
                                    dtype=np.uint32)
         self.expanded = self.power.traits.expander & self.power.traits.single
         self.supply_bits, self._has_expanded = SUPPLY_BITS, bool(self.expanded.any())
-        (self._fill,) = stages.chosen(SAMPLE, self)
+        (self._fill,) = library.chosen(SAMPLE, self)
         for row in range(self.count):
             self._show_quiet(row, 0)
 

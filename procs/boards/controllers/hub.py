@@ -14,10 +14,10 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards import stages
 from procs.boards.controllers.firmware import Firmware
 from procs.fpga import blocks
 from procs.fpga import registers as reg
+from procs.kernel import library
 from procs.kernel.boards_fields import HUB_MEMORY
 
 BUS_BOARDS = 16
@@ -64,7 +64,7 @@ class HubMemory:
         self.selection = np.zeros(most, dtype=np.int64)  # where what is sent lies in the samples
         self.reporting = np.zeros(self.boards, dtype=np.int64)  # rows of the boards that do, in their order
         self._plan_for(self._whole, 0)
-        (self._collect,) = stages.chosen(HUB_MEMORY, self)
+        (self._collect,) = library.chosen(HUB_MEMORY, self)
 
     def _plan_for(self, mask: int, first: int) -> None:
         """Prepare queries with this mask; `first` is the row that is asked over Ethernet."""

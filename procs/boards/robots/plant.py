@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards import stages
 from procs.boards.robots.assembly import assemble
 from procs.boards.robots.backlash import SHARE, Play
 from procs.boards.robots.constraint import Block, Projection
@@ -33,6 +32,7 @@ from procs.boards.robots.mechanics import (
 from procs.boards.robots.tips import Tips
 from procs.boards.robots.weight import weights_of
 from procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
+from procs.kernel import library
 from procs.kernel.boards_fields import PLANT
 from procs.kinematics.coupling import Coupling, coupling
 
@@ -247,7 +247,7 @@ class Plant:
                                    self.period_s)
         self._weight = np.zeros(self.model.nv) if self._weights is None else self._weights.effort
         self._is_heavy = 0 if self._weights is None else HEAVY
-        (self._apply,) = stages.chosen(PLANT, self)
+        (self._apply,) = library.chosen(PLANT, self)
         self._take_push()
         self._take_state()
         self._constrain()

@@ -28,7 +28,7 @@ from procs.io.bus.rows import (
     swapped,
 )
 from procs.kernel.bus_fields import WRITE
-from procs.kernel.library import bind
+from procs.kernel.library import chosen
 
 QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
 MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves
@@ -242,9 +242,7 @@ class Groups:
                                          for start, layout in zip(self.starts, rows.layouts, strict=True)])
         self.quads_count, (self.boards_count, self.columns) = len(self.packed_to), rows.out.shape
         self.board_ids, self.is_rev_7 = self._boards.reshape(-1), int(self._rev_7)
-        bound = bind(WRITE, self)
-        if not isinstance(bound, str):
-            self.pack = bound.function("pack")  # type: ignore[method-assign]
+        (self.pack,) = chosen(WRITE, self)  # type: ignore[method-assign]
 
     def pack(self) -> int:
         """Put `rows.out` into the datagram, and the CRC of its data."""

@@ -14,7 +14,7 @@ from procs.fpga import blocks, registers, wire
 from procs.io.bus.link import DROPPED, TIMED_OUT, Link
 from procs.io.bus.port import Quads
 from procs.kernel.bus_fields import HUB
-from procs.kernel.library import bind
+from procs.kernel.library import chosen
 
 BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
 BIG_QUAD: Final = np.dtype(">u4")
@@ -126,9 +126,7 @@ class HubBlocks:
         self.heads: Places = np.zeros((count, 2), np.int64)
         self.taken_from, self.taken_to = (np.zeros(self.block_quads, np.int64) for _ in range(2))
         self.order(range(count))
-        bound = bind(HUB, self)
-        if not isinstance(bound, str):  # each does what the method does
-            self.ask, self.expect, self.take = map(bound.function, HUB.functions)  # type: ignore[method-assign]
+        self.ask, self.expect, self.take = chosen(HUB, self)  # type: ignore[method-assign]
 
     def order(self, order: Sequence[int]) -> None:
         """Blocks come in this order of places among the members."""
