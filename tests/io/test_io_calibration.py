@@ -82,8 +82,7 @@ def test_a_reading_without_a_position_cuts_nothing_while_tables_are_made() -> No
                          boards="emulated", sets=["calibration_mode=true"])
     assert loaded.system is not None
     harness = BoardsHarness(loaded.system)
-    samples = harness.core.samples
-    samples._tables = [(axes, places, np.full_like(table, np.nan)) for axes, places, table in samples._tables]
+    harness.core.samples.pots.tables[...] = np.nan
     assert harness.do("power_on", "PSM1").outcome == "done" and harness.do("pot_check", "PSM1", 1).outcome == "done"
     harness.run(0.5)
     assert harness.errors() == [] and harness.record.relay[0]
