@@ -1,8 +1,8 @@
 """`trocar bench io`: the I/O loop on emulated boards: latency, period, datagrams, and the rate it can keep.
 
 One to five PSMs (2 to 10 boards) in one io process, powered, homed and holding; everything as `trocar up` starts it.
-Where there are two cores io has the first one, the emulator and the arm processes share the second. The figures without
-a number are of four PSMs: 8 boards, 28 axes.
+Where there are two cores io has the first one, the emulator and the arm processes share the second; of more, arms run
+on any. The figures without a number are of four PSMs: 8 boards, 28 axes.
 
 By turns with it: the same on numpy (`numpy_…`; `kernel_ratio` is numpy / kernel from reply to write), and the same
 datagrams between two C programs (`baseline_…`, tools/bench/baseline.c), which is what this machine allows. A rate
@@ -60,14 +60,16 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
     """Measure; returns the object that `--json` prints."""
     figures: dict[str, Any] = {}
     cores = sorted(psutil.Process().cpu_affinity() or [])
-    placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}", f"arm.cpu={cores[1]}") if len(cores) > 1 else ()
+    placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}") if len(cores) > 1 else ()
+    if len(cores) == 2:
+        placed = (*placed, f"arm.cpu={cores[1]}")
     with own_folder(f"bench-io-{os.getpid()}") as folder:
         for psms in sizes:
             found = _measure(write_system(folder, psms), seconds, *placed)
             figures |= {key if psms == PSMS else f"{key}_{2 * psms}": value for key, value in found.items()
                         if key != CPU}
         file = write_system(folder, PSMS)
-        figures |= _by_turns(file, seconds, *placed[:2])  # arms anywhere: on numpy four take more than a core
+        figures |= _by_turns(file, seconds, *placed)
         baseline = Baseline(folder)
         client, server = (cores[0], cores[1]) if len(cores) > 1 else (-1, -1)
         missed_by_c = cache(lambda hz: baseline.run(hz, sustained_s, client, server).missed)
