@@ -60,6 +60,7 @@ def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.Monkey
     def boards_of(file: Path) -> int:
         return 2 * file.read_text().count("type: PSM")
 
+    monkeypatch.delenv(SWITCH, raising=False)
     monkeypatch.setattr(bench_io, "_measure", measure)
     monkeypatch.setattr(bench_io, "_part_missed", part_missed)
     monkeypatch.setattr(bench_io, "Baseline", FakeBaseline)
