@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterable
+from typing import Final
 
 import numpy as np
 
@@ -21,8 +23,8 @@ from procs.io.start import POWER_OFF, prepare
 from shm.events import ERROR, STATUS, WARNING
 from shm.faults import NoFaults, robot_component
 from shm.ring import RingReader
-from shm.wakeup import Wakeup
 
+BUTTON: Final = "button"
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
 
 
@@ -88,13 +90,24 @@ class IoLoop(runtime.Loop):
         """See runtime.Loop."""
         core, port = self._core, self._port
         core.cycle(self._mailbox.drain(wall_ns))
-        if core.reports.events:  # before the record: who sees a fault there finds what is reported of it
-            _report(self.node, core.reports.events, self._consoles)
+        events = core.reports.events
+        if events:  # before the record: who sees a fault there finds what is reported of it
+            _report(self.node, (event for event in events if event.kind != BUTTON))
         self._out.publish(core.stamp_ns)
+        if events:
+            self._report_buttons(events)
+            events.clear()
         if port is not None and core.good:
             self.node.latency(port.send_ns - port.recv_ns)
         while core.reports.changed:
             self._others[core.reports.changed.pop()].publish(core.stamp_ns)
+
+    def _report_buttons(self, events: list[IoEvent]) -> None:
+        """After the record: who hears of a button finds it so there."""
+        buttons = [event for event in events if event.kind == BUTTON]
+        _report(self.node, buttons)
+        for console in self._consoles if buttons else ():
+            console.wake()
 
     def close(self) -> None:
         """All outputs zero, then the port is given back."""
@@ -107,15 +120,11 @@ def main() -> None:
     runtime.run("io", IoLoop)
 
 
-def _report(node: runtime.Node, events: list[IoEvent], consoles: list[Wakeup]) -> None:
+def _report(node: runtime.Node, events: Iterable[IoEvent]) -> None:
     for event in events:
         node.events.emit(event.kind, event.text, severity=SEVERITY.get(event.kind, 0), code=event.code,
                          component=event.component, axis=event.axis, value=event.value, limit=event.limit,
                          board=event.board, hint=event.hint)
-    if any(event.kind == "button" for event in events):
-        for console in consoles:
-            console.wake()
-    events.clear()
 
 
 if __name__ == "__main__":

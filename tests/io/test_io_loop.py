@@ -1,0 +1,27 @@
+"""The order in which io shows a cycle: faults before the record, buttons after it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from procs.io.loop import IoLoop
+from procs.io.reports import IoEvent
+
+
+def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:
+    seen: list[str] = []
+    events = [IoEvent("button", "pressed", "pressed", "coag", value=0.0),
+              IoEvent("error", "hot", "temperature", "PSM1")]
+    loop: Any = IoLoop.__new__(IoLoop)
+    loop.node = SimpleNamespace(events=SimpleNamespace(emit=lambda kind, *_, **__: seen.append(kind)))
+    loop._core = SimpleNamespace(cycle=lambda commands: None, stamp_ns=1,
+                                 reports=SimpleNamespace(events=events, changed=set()))
+    loop._mailbox = SimpleNamespace(drain=lambda wall_ns: ())
+    loop._out = SimpleNamespace(publish=lambda stamp_ns: seen.append("record"))
+    loop._port, loop._others = None, {}
+    loop._consoles = [SimpleNamespace(wake=lambda: seen.append("console woken"))]
+    loop.cycle(1, 0)
+    assert seen == ["error", "record", "button", "console woken"] and not events
+    loop.cycle(2, 0)
+    assert seen[4:] == ["record"]
