@@ -188,10 +188,10 @@ class RobotIo:
             safety.refresh(power.reached)
         if self.stages.check() or safety.counting:
             safety.examine(now_ns)
-        if self.safety.set_encoder_zero:
-            for robot in self.safety.set_encoder_zero:
+        if safety.set_encoder_zero:
+            for robot in safety.set_encoder_zero:
                 self._bias.zero(robot)
-            self.safety.set_encoder_zero.clear()
+            safety.set_encoder_zero.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
 

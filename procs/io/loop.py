@@ -72,8 +72,6 @@ class IoLoop(runtime.Loop):
             self._core = RobotIo(io, port, now_ns, record, sources, prepare(robots, port), gains=gains,
                                  instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
                                  report=report)
-
-        if isinstance(self._core, RobotIo):
             node.computes(self._core.stages.why_numpy)
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:

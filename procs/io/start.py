@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from procs.document.system import Actuator, Brake
 from procs.fpga import blocks, registers
 from procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
 from procs.io.record import Flags
@@ -50,6 +51,13 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
             if robot.hardware not in (found[board].hardware, "HARDWARE_UNDEFINED"):
                 raise PortError(f"board {board} is a {found[board].hardware}", robot.source or robot.name,
                                 f"robot {robot.name} needs {robot.hardware}")
+        drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
+        for drive in drives:  # also where the file does not say what hardware it is
+            hardware = found[drive.board_id].hardware
+            axes = blocks.AXES_OF[hardware][0]
+            if not drive.axis_id < axes:
+                raise PortError(f"board {drive.board_id} is a {hardware}, without axis {drive.axis_id}",
+                                robot.source or robot.name, f"it has axes 0 to {axes - 1}")
 
 
 def _prepare_si(robots: Robots, port: Port, robot: int) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import math
+import weakref
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
@@ -23,7 +25,8 @@ class BoundStruct:
 
     def __init__(self, library: ctypes.PyDLL, table: CStruct, source: object) -> None:
         """BindError names the first array that is not as its row says."""
-        self._library, self._table, self._source = library, table, source
+        self._library, self._table = library, table
+        self._source = weakref.ref(source)  # which has our functions: loops run without garbage collection
         self._memory = table.ctype()
         self.arrays: dict[str, NDArray[Any]] = {}
         for row in table.fields:
@@ -33,21 +36,34 @@ class BoundStruct:
                 setattr(self._memory, row.name, self._address(row, value))
             else:
                 setattr(self._memory, row.name, value)
-        self.pointer = ctypes.c_void_p(ctypes.addressof(self._memory))
+
+    @property
+    def address(self) -> int:
+        """Of the C struct."""
+        return ctypes.addressof(self._memory)
 
     def _address(self, row: CField, array: NDArray[Any]) -> int:
         dtype = np.dtype(row.dtype)
-        shape = tuple(int(dim) if dim.isdigit() else getattr(self._memory, dim) for dim in row.dims)
+        shape = tuple(map(self._number, row.dims))
         where = f"{self._table.name}.{row.name} ({row.source})"
         if array.dtype != dtype or array.shape != shape:
             raise BindError(f"{where} is {array.dtype} {array.shape}, not {dtype} {shape}")
         if not (array.flags.c_contiguous and array.flags.aligned):
             raise BindError(f"{where} does not lie in one piece")
+        if row.below and array.size and not 0 <= array.min() <= array.max() < self._size(row.below):
+            raise BindError(f"{where} has places beyond {' x '.join(row.below)}")
         return array.ctypes.data
+
+    def _number(self, dim: str) -> int:
+        return int(dim) if dim.isdigit() else int(getattr(self._memory, dim))
+
+    def _size(self, dims: tuple[str, ...]) -> int:
+        return math.prod(map(self._number, dims))
 
     def moved(self) -> list[str]:
         """Fields that the source has put elsewhere since, or whose number has changed: there must be none."""
-        now = {row.name: attrgetter(row.source)(self._source) for row in self._table.fields}
+        source = self._source()
+        now = {row.name: attrgetter(row.source)(source) for row in self._table.fields}
         return [row.name for row in self._table.fields
                 if (now[row.name].ctypes.data if row.dims else now[row.name]) != (getattr(self._memory, row.name) or 0)
                 and not (row.dims and not now[row.name].size)]
@@ -57,6 +73,6 @@ class BoundStruct:
         more = [{"f8": ctypes.c_double}.get(t, ctypes.c_int64) for t in self._table.functions[name]]
         prototype = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *more)
         found = prototype((f"{self._table.name}_{name}", self._library))
-        pointer = self.pointer
+        pointer = ctypes.c_void_p(self.address)
         pointer.keeps = self  # type: ignore[attr-defined]  # who has the function has the memory
         return partial(found, pointer)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.kernel.fields import CStruct, rows
+from procs.kernel.fields import CStruct, places, rows
 
 HUB: Final = CStruct("Hub", (
     *rows("i8", "", members="members_count", boards="boards_count", columns="columns", buffer="buffer_quads",
@@ -12,12 +12,13 @@ HUB: Final = CStruct("Hub", (
           sequence_shift="sequence_shift"),
     *rows("u1", "22", query="query"),
     # header and status of every board: where they are, and what they must be, as they lie in the buffer
-    *rows("i8", "members 2", heads="heads"),
+    *places("members 2", "buffer", heads="heads"),
     *rows("u4", "members 2", check="check", masked="masked", expected="expected"),
     *rows("u4", "members", sizes="sizes"),
     # quadlets from the buffer to the rows of all boards
     *rows("u4", "buffer", received="received"),
-    *rows("i8", "quads", taken_from="taken_from", taken_to="taken_to"),
+    *places("quads", "buffer", taken_from="taken_from"),
+    *places("quads", "boards columns", taken_to="taken_to"),
     *rows("u4", "boards columns", blocks="blocks"),
     *rows("b1", "boards", bad="bad", away="away"),
 ), {"ask": ("i8", "i8", "i8"), "expect": ("i8",), "take": ()})
@@ -26,7 +27,8 @@ WRITE: Final = CStruct("Write", (
     *rows("i8", "", boards="boards_count", columns="columns", quads="quads_count", length="length",
           datagram_bytes="datagram_bytes", is_rev_7="is_rev_7"),
     *rows("u4", "boards columns", out="out"),
-    *rows("i8", "quads", packed_from="packed_from", packed_to="packed_to"),
+    *places("quads", "boards columns", packed_from="packed_from"),
+    *rows("i8", "quads", packed_to="packed_to"),
     *rows("u4", "boards", board_ids="board_ids"),
     *rows("u1", "datagram_bytes", datagram="datagram_array"),
 ), {"pack": ()})

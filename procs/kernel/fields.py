@@ -25,6 +25,8 @@ class CField:
     dtype: str
     dims: tuple[str, ...]
     source: str
+    below: tuple[str, ...] = ()
+    """Of an array of places: the dimensions of what they are places in. C looks at no bounds, so binding does."""
 
     @property
     def declaration(self) -> str:
@@ -37,6 +39,12 @@ class CField:
 def rows(dtype: str, dims: str, **sources: str) -> tuple[CField, ...]:
     """Fields of one type and shape; `dims` are names with a space between, "" for numbers."""
     return tuple(CField(name, dtype, tuple(dims.split()), source) for name, source in sources.items())
+
+
+def places(dims: str, below: str, **sources: str) -> tuple[CField, ...]:
+    """Fields of places in an array with the dimensions `below`."""
+    return tuple(CField(name, "i8", tuple(dims.split()), source, tuple(below.split()))
+                 for name, source in sources.items())
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.kernel.fields import CStruct, rows
+from procs.kernel.fields import CStruct, places, rows
 
 IO: Final = CStruct("Io", (
     *rows("i8", "", n="robots.axes", d="robots.drives", boards="robots.board_count", columns="port.columns.count",
@@ -13,7 +13,7 @@ IO: Final = CStruct("Io", (
           entries="samples.pots.entries", limit_rows="safety.rows", status_column="power.status_column"),
     # decode: words of the blocks to SI units; nine rows (procs/io/robots.py), of which safety compares the first five
     *rows("u4", "boards columns", blocks="port.blocks"),
-    *rows("i8", "9 d", index="samples.index"),
+    *places("9 d", "boards columns", index="samples.index"),
     *rows("u4", "9 d", shift="samples.shift", mask="samples.mask", words="samples.words"),
     *rows("f8", "9 d", bias="samples.bias", scale="samples.scale", offset="samples.offset", values="samples.values"),
     # potentiometers, which decode turns into positions
@@ -24,7 +24,7 @@ IO: Final = CStruct("Io", (
     *rows("f8", "table_rows entries", tables="samples.pots.tables"),
     *rows("f8", "n n", pot_coupling="samples.pots.coupling"),
     # velocities of the encoders, two ways
-    *rows("i8", "4 n", velocity_index="samples.velocity_index"),
+    *places("4 n", "boards columns", velocity_index="samples.velocity_index"),
     *rows("f8", "n", hz="samples.firmware.hz", rate="samples.firmware.rate", sign="samples.firmware.sign",
           predicted="samples.firmware.predicted", position_scale="robots.position_scale", velocity="record.velocity",
           soft="samples.softly.velocity", soft_previous="samples.softly.previous", soft_since="samples.softly.since",
@@ -56,7 +56,8 @@ IO: Final = CStruct("Io", (
     *rows("f8", "brakes", brake_current="outputs.brakes"),
     *rows("f8", "d", least="outputs.least", most="outputs.most", dac_scale="robots.dac_scale",
           dac_offset="robots.dac_offset", dac_zero="outputs.encoder.zero"),
-    *rows("i8", "d", out_index="outputs.index", out_flags="outputs.flags", out_words="outputs.words"),
+    *places("d", "boards out_columns", out_index="outputs.index"),
+    *rows("i8", "d", out_flags="outputs.flags", out_words="outputs.words"),
     *rows("u4", "boards out_columns", out="port.out"),
     *rows("u4", "boards", control_standing="outputs.standing", control_once="outputs.once"),
     # show: the rest of the record
@@ -69,12 +70,12 @@ IO: Final = CStruct("Io", (
     *rows("b1", "d", amp_on="record.amp_on"),
     *rows("b1", "n", no_pot="samples.no_pot"),
     *rows("f8", "robots", board_period="record.board_period"),
-    *rows("i8", "robots", first_axis="samples.first_axis"),
-    *rows("i8", "inputs", input_index="buttons.index"),
+    *places("robots", "d", first_axis="samples.first_axis"),
+    *places("inputs", "boards columns", input_index="buttons.index"),
     *rows("u4", "inputs", input_bit="buttons.bit"),
     *rows("b1", "inputs", when_low="buttons.debounce.when_low", pressed="buttons.debounce.pressed",
           pressed_value="buttons.debounce.value", pending="buttons.debounce.pending"),
-    *rows("i8", "outputs", output_index="digital_outputs.index"),
+    *places("outputs", "boards columns", output_index="digital_outputs.index"),
     *rows("u4", "outputs", output_bit="digital_outputs.bit"),
     *rows("b1", "outputs", output_unseen="digital_outputs.unseen", output_written="digital_outputs.written",
           output="record.output"),

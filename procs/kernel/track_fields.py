@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.kernel.fields import CStruct, rows
+from procs.kernel.fields import CStruct, places, rows
 
 TRACK: Final = CStruct("Track", (
     *rows("i8", "", n="robots.axes", robots="robots.count", followers="follow.count", timeout_ns="follow.timeout_ns",
           record_size="follow.rings.size"),
     # the rings, and where in a record what is
     *rows("i8", "followers", head="follow.rings.head", slots="follow.rings.slots", depth="follow.rings.depth",
-          stride="follow.rings.stride", copy="follow.rings.copy", seen="follow.rings.seen", robot="follow.robot",
-          first="follow.first", axes="follow.axes"),
+          stride="follow.rings.stride", copy="follow.rings.copy", seen="follow.rings.seen", axes="follow.axes"),
+    *places("followers", "robots", robot="follow.robot"),
+    *places("followers", "n", first="follow.first"),
     *rows("i8", "11", offsets="follow.rings.offsets"),
     # what has come of each robot
     *rows("i8", "followers", taken_ns="follow.taken_ns", fresh_ns="follow.fresh_ns"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -68,6 +71,18 @@ def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...
     assert results[0] == results[1] and results[0][2]
     value = sequence << 16 | found.mask_of_boards
     assert results[0][0] == wire.quadlet_write(wire.BROADCAST, registers.QUERY, value, tl, generation)
+
+
+def test_what_is_made_anew_when_boards_come_and_go_leaves_nothing_for_the_garbage_collection() -> None:
+    link = Link(NoTransport(), lambda: 0, real_time=False)  # type: ignore[arg-type]
+    gc.disable()
+    try:
+        found = HubBlocks(link, rows_of(*MIXES[0]), range(8))
+        seen = weakref.ref(found)
+        del found
+        assert seen() is None
+    finally:
+        gc.enable()
 
 
 @settings(deadline=None)

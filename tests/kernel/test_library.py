@@ -13,12 +13,13 @@ import pytest
 
 from procs.kernel import build, library, sources
 from procs.kernel.bound import BindError, BoundStruct
-from procs.kernel.fields import CStruct, rows
+from procs.kernel.fields import CStruct, places, rows
 from procs.kernel.library import SWITCH
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = "from procs.kernel.library import kernel; print(kernel().why or 'compiled')"
 POINT = CStruct("Point", (*rows("i8", "", n="size"), *rows("f8", "n", x="x"), *rows("u2", "2 n", counts="counts")), {})
+PLACED = CStruct("Placed", (*rows("i8", "", n="size"), *places("2", "2 n", at="at")), {})
 
 
 class Points:
@@ -36,7 +37,7 @@ def asked(**environment: str) -> str:
 def test_a_struct_holds_numbers_and_addresses() -> None:
     source = Points()
     bound = BoundStruct(ctypes.PyDLL(None), POINT, source)
-    memory = POINT.ctype.from_address(bound.pointer.value or 0)
+    memory = POINT.ctype.from_address(bound.address)
     assert (memory.n, memory.x, memory.counts) == (3, source.x.ctypes.data, source.counts.ctypes.data)
     assert bound.moved() == []
     source.x[...] = 1.0
@@ -59,6 +60,17 @@ def test_an_array_that_is_not_as_its_row_says_is_refused_by_name(name: str, valu
     with pytest.raises(BindError) as error:
         BoundStruct(ctypes.PyDLL(None), POINT, source)
     assert str(error.value) == wrong
+
+
+@pytest.mark.parametrize(("at", "is_fine"), [((0, 5), True), ((-1, 5), False), ((0, 6), False)])
+def test_places_beyond_their_array_are_refused_for_c_looks_at_no_bounds(at: tuple[int, int], is_fine: bool) -> None:
+    source = Points()
+    source.at = np.array(at)
+    if is_fine:
+        BoundStruct(ctypes.PyDLL(None), PLACED, source)
+        return
+    with pytest.raises(BindError, match=r"Placed\.at \(at\) has places beyond 2 x n"):
+        BoundStruct(ctypes.PyDLL(None), PLACED, source)
 
 
 def test_the_header_is_what_c_needs() -> None:

@@ -92,7 +92,7 @@ class QueryRead:
         self._link, self._rows, self._bus = link, rows, BusNodes(link, rows)
         self._time_mask = rows.layouts[-1].time_mask
         self._take_members()
-        self._made_for = (-1, -1, b"")
+        self._made_for = -1, -1, rows.away.tobytes()
         self._reads: list[bytes] = []
         self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
 
@@ -141,20 +141,20 @@ class QueryRead:
 
     def _prepare(self, hub_node: int) -> None:
         """Read requests with every label, for this generation, hub and boards."""
-        self._take_members()
-        generation = self._link.generation
+        generation, away = self._link.generation, self._rows.away.tobytes()
+        if away != self._made_for[2]:
+            self._take_members()
         self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
                        for tl in range(wire.TL_COUNT)]
-        self._made_for = generation, hub_node, self._rows.away.tobytes()
+        self._made_for = generation, hub_node, away
 
     def _adapt_wait(self, is_good: bool) -> None:
         """Next time, wait as long as the last board took this time, when that is longer than the rule.
 
-        Where a block was not there yet, the rule is too short for these boards.
+        Where a block was not there yet, a little longer than this time, until there is one that says how long it took.
         """
         if not is_good:
-            self._least_wait_ns = min(self._least_wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
-            self._wait_ns = max(self._wait_ns, self._least_wait_ns)
+            self._wait_ns = min(self._wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
             return
         at = self._blocks.last_header_at
         ticks = int.from_bytes(self._link.rx[at : at + 4], "big") & self._time_mask
