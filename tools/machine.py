@@ -76,7 +76,7 @@ def compiled(why_not: str) -> MachineFinding:
     """Whether what costs most in io, arms and emulated boards runs in C."""
     if not why_not:
         return MachineFinding("compiled part", OK, "what costs most in io, arms and emulated boards runs in C")
-    found = f"io, arms and emulated boards run on numpy, at three times the cost: {why_not}"
+    found = f"io, arms and emulated boards run on numpy, at two to five times the cost: {why_not}"
     mend = "sudo apt-get install gcc libc6-dev    # then python -m procs.kernel.build"
     return MachineFinding("compiled part", NOTE, found, mend)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,36 @@ def both(world: Any) -> Iterator[Both]:
     for writer in made.writers:
         writer.close()
     world.remove()
+
+
+def test_a_good_cycle_calls_no_function_of_numpy(both: Both, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand = both.stands[0]
+    called: list[str] = []
+
+    def cycle(*commands: FakeCommand) -> None:
+        for place, writer in enumerate(both.writers):
+            writer.field("mode")[...], writer.field("count")[...] = 1, 7
+            writer.field("bias_generation")[...] = stand.record.bias_generation[place]
+            writer.field("pid_generation")[...] = stand.record.pid_generation[place]
+            writer.publish(stand.clock.ns + PERIOD_NS - 100_000)
+        stand.run(1, *commands)
+
+    def counted(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *given, **more: (called.append(name), function(*given, **more))[1]
+
+    for name, *values in COMMANDS[:2]:  # power, and the joint controllers
+        cycle(*(FakeCommand(name, arm, *values) for arm in ARMS))
+        for _ in range(15):
+            cycle()
+    assert stand.record.pid_enabled.all() and not stand.codes
+    for name in dir(np):
+        if isinstance(getattr(np, name), np.ufunc):
+            monkeypatch.setattr(np, name, counted(name, getattr(np, name)))
+    for _ in range(5):
+        cycle()
+    assert stand.core.good and called == []
+    stand.core.pid.step(stand.record.position, stand.record.velocity, stand.record.at_limit)
+    assert "subtract" in called, "they are counted"
 
 
 @pytest.mark.parametrize("seed", range(8))
