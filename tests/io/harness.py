@@ -170,6 +170,19 @@ class FakePort:
                 status &= ~bit
         self.live[row, blocks.STATUS] = status
 
+    def lose_power_on(self, times: int) -> None:
+        """So many writes that switch motor power on do not arrive."""
+        write, lost = self.write_all, [times]
+
+        def lossy() -> bool:
+            if lost[0] and (self.out[:, 4] & (registers.CONTROL_POWER_ON & ~registers.CONTROL_POWER_OFF)).any():
+                lost[0] -= 1
+                self.out[:, 4] = 0
+                return True
+            return write()
+
+        self.write_all = lossy  # type: ignore[method-assign]
+
     def set_status(self, bits: int, on: bool = True) -> None:
         if on:
             self.live[:, blocks.STATUS] |= np.uint32(bits)

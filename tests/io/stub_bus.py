@@ -179,3 +179,11 @@ def udp_port_to(name, boards, now_ns, protocol=BROADCAST_QUERY, *, udp_port=wire
     parts = named(name)
     transport = UdpTransport(parts.where, bridge=parts.bridge, udp_port=udp_port, asked_at=asked_at)
     return BusPort(transport, boards, now_ns, protocol, bridge=parts.bridge, **options)
+
+
+def port_to(bus, protocol=BROADCAST_QUERY, **options):
+    options.setdefault("exclusive", False)
+    options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
+    ids = [board.board for board in bus.boards]
+    now_ns = options.pop("now_ns", time.monotonic_ns)
+    return udp_port_to(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)

@@ -184,17 +184,8 @@ def test_an_event_names_the_first_of_several_boards() -> None:
 def test_a_supply_alone_ends_to_the_cycle_and_is_asked_for_again_until_it_comes() -> None:
     harness = IoHarness(close_all_relays=False)
     harness.run(2)
-    harness.port.has_supply, lost = True, [3]
-    write = harness.port.write_all
-
-    def lossy() -> bool:
-        if lost[0] and (harness.port.out[:, 4] & (1 << 18)).any():
-            lost[0] -= 1
-            harness.port.out[:, 4] = 0
-            return True
-        return write()
-
-    harness.port.write_all = lossy
+    harness.port.has_supply = True
+    harness.port.lose_power_on(3)
     assert harness.ask("supply_on", 1.0).outcome == "done"
     begun = harness.clock.ns
     harness.run_s(0.2)

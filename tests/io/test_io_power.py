@@ -49,16 +49,7 @@ def test_relays_of_all_boards_close_at_start() -> None:
 
 def test_lost_commands_are_repeated_within_the_grace_time() -> None:
     harness = IoHarness()
-    write, lost = harness.port.write_all, [5]
-
-    def lossy() -> bool:
-        if lost[0] and (harness.port.out[:, 4] & (1 << 18)).any():
-            lost[0] -= 1
-            harness.port.out[:, 4] = 0
-            return True
-        return write()
-
-    harness.port.write_all = lossy
+    harness.port.lose_power_on(5)
     command = harness.ask("power_on")
     harness.run_s(1.0)
     assert command.outcome == "done"

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from tests.io.stub_bus import StubBus, bus_of
-from tests.io.test_udp_cycle import port_to
+from tests.io.stub_bus import StubBus, bus_of, port_to
+from tests.io.test_udp_cycle import quick_scan  # noqa: F401
 
 PATIENCE_S = 10.0
 

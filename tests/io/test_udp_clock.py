@@ -5,25 +5,8 @@ from __future__ import annotations
 import select
 import time
 
-import pytest
-
-from procs.io.bus import discovery
-from procs.io.bus.port import BROADCAST_QUERY
-from tests.io.stub_bus import bus_of, udp_port_to
-
-
-def port_to(bus, protocol=BROADCAST_QUERY, **options):
-    options.setdefault("exclusive", False)
-    options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
-    ids = [board.board for board in bus.boards]
-    now_ns = options.pop("now_ns", time.monotonic_ns)
-    return udp_port_to(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)
-
-
-@pytest.fixture(autouse=True)
-def quick_scan(monkeypatch):
-    """Fourteen silent nodes at 20 ms each would be most of the time here."""
-    monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (2, 20, 100))
+from tests.io.stub_bus import bus_of, port_to
+from tests.io.test_udp_cycle import quick_scan  # noqa: F401
 
 
 def test_a_simulated_clock_may_stand_still():

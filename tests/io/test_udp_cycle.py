@@ -8,17 +8,9 @@ import pytest
 
 from procs.fpga import blocks, registers, wire
 from procs.io.bus import discovery
-from procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
-from tests.io.stub_bus import bus_of, udp_port_to
+from procs.io.bus.port import ALL_BOARDS, PROTOCOLS, SEQUENTIAL, PortError
+from tests.io.stub_bus import bus_of, port_to
 from tests.lib import board_side
-
-
-def port_to(bus, protocol=BROADCAST_QUERY, **options):
-    options.setdefault("exclusive", False)
-    options.setdefault("deadline_ms", 100)  # of a busy machine; the rules are the same
-    ids = [board.board for board in bus.boards]
-    now_ns = options.pop("now_ns", time.monotonic_ns)
-    return udp_port_to(f"udp:{bus.address}", ids, now_ns, protocol, udp_port=bus.port, **options)
 
 
 @pytest.fixture(autouse=True)
