@@ -102,6 +102,15 @@ class ArmRequests:
         record.wish_void[robot] = True
         record.wish_refused[robot] = shorten(reason, self._cut)
 
+    def are_new(self) -> bool:
+        """See `has_news`."""
+        for follower in self._follow.followers:
+            if self._follow.is_fresh[follower.place]:
+                generation = follower.source.wishes.generation.item()
+                if self.open[follower.robot] or generation not in (0, self.taken[follower.robot]):
+                    return True
+        return False
+
     def due(self) -> Iterator[WishCommand]:
         """What is wanted and not so, as commands, to be carried out one by one."""
         if not self.has_news:

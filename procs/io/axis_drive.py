@@ -53,7 +53,7 @@ class AxisDrive:
         slides = np.array([a.joint_type == "PRISMATIC" for a in robots.actuators], dtype=bool)
         self._room = np.where(slides, ROOM_M, ROOM_RAD)
         self._most_travel = np.where(slides, MAX_TRAVEL_M, MAX_TRAVEL_RAD)
-        self._running: dict[int, AxisDriveRun] = {}
+        self.running: dict[int, AxisDriveRun] = {}
 
     def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
         """Why it cannot be done, or ""."""
@@ -65,28 +65,28 @@ class AxisDrive:
                                    (travel, furthest, "travel")):
             if not 0.0 < value <= limit:
                 return f"{what} {value:g}; allowed: above 0 up to {limit:g}"
-        return "an axis is being driven" if robot in self._running else ""
+        return "an axis is being driven" if robot in self.running else ""
 
     def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
               asker: Request, now_ns: int) -> None:
         """Start; `release`: let its brake go, once there is current."""
         start = self._samples.position[self._robots.slices[robot]].copy()
         rise_ns = round(rise_s * 1e9)
-        self._running[robot] = AxisDriveRun(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
+        self.running[robot] = AxisDriveRun(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
                                             now_ns + rise_ns)
 
     def stop(self, robot: int, why: str) -> None:
         """End it."""
-        test = self._running.pop(robot, None)
+        test = self.running.pop(robot, None)
         if test is not None:
             self._end(robot, test)
             test.asker.fail(why)
 
     def step(self, now_ns: int) -> None:
         """One good sample; the joint controllers have computed their efforts."""
-        if self._running:
-            for robot in list(self._running):
-                self._advance(robot, self._running[robot], now_ns)
+        if self.running:
+            for robot in list(self.running):
+                self._advance(robot, self.running[robot], now_ns)
 
     def _advance(self, robot: int, test: AxisDriveRun, now_ns: int) -> None:
         record, axes = self._record, self._robots.slices[robot]
@@ -117,7 +117,7 @@ class AxisDrive:
     def _finish(self, robot: int, test: AxisDriveRun, what: str = "") -> None:
         axes = self._robots.slices[robot]
         moved = self._samples.position[axes][test.axis] - test.start[test.axis]
-        del self._running[robot]
+        del self.running[robot]
         self._end(robot, test)
         test.asker.done(f"{what}axis {test.axis} moved by {moved:.5g}")
 

@@ -51,7 +51,7 @@ class Bias:
     def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports) -> None:
         self._robots, self._port, self._samples, self._record = robots, port, samples, record
         self._reports = reports
-        self._running: dict[int, EncoderSetting] = {}
+        self.running: dict[int, EncoderSetting] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         for robot in range(len(robots.names)):
             record.biased[robot] = self._preset(robot)
@@ -79,7 +79,7 @@ class Bias:
         if samples < 0 and self._preset(robot):
             self._finish(robot, EncoderSetting(BIASED, there, there))
             return
-        self._running[robot] = EncoderSetting(BIASED, there & ~left_out, there, abs(samples),
+        self.running[robot] = EncoderSetting(BIASED, there & ~left_out, there, abs(samples),
                                               np.zeros(axes.stop - axes.start))
         record.biasing[robot] = True
         record.biased[robot] = False
@@ -104,21 +104,21 @@ class Bias:
         """Make one encoder read `position`, rad or m."""
         axes = self._robots.slices[robot]
         which = np.arange(axes.stop - axes.start) == axis
-        self._running[robot] = job = EncoderSetting(f"encoder of axis {axis} set to {position:g}", which, which,
+        self.running[robot] = job = EncoderSetting(f"encoder of axis {axis} set to {position:g}", which, which,
                                                      goal=np.where(which, position, 0.0))
         self._record.biasing[robot] = True
         self._set(robot, job)
 
     def stop(self, robot: int) -> None:
         """Give up; what was there before is not trusted any more."""
-        if self._running.pop(robot, None) is not None:
+        if self.running.pop(robot, None) is not None:
             self._record.biasing[robot] = self._record.biased[robot] = False
 
     def step(self) -> None:
         """One good sample."""
-        if self._running:
-            for robot in list(self._running):
-                self._advance(robot, self._running[robot])
+        if self.running:
+            for robot in list(self.running):
+                self._advance(robot, self.running[robot])
 
     def _advance(self, robot: int, job: EncoderSetting) -> None:
         axes = self._robots.slices[robot]
@@ -183,7 +183,7 @@ class Bias:
             self._reports.status(f"encoders could not be set to mid-range: {error}", self._robots.names[robot])
 
     def _finish(self, robot: int, job: EncoderSetting) -> None:
-        self._running.pop(robot, None)
+        self.running.pop(robot, None)
         record = self._record
         record.encoder_set[self._robots.slices[robot]][job.which] = True
         record.biasing[robot] = False

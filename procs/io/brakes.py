@@ -28,7 +28,7 @@ class Brakes:
         self._time_s = np.array([b.release_s for b in rows])
         self._spent_s = np.zeros(len(rows))
         self._releasing = np.zeros(len(rows), dtype=bool)
-        self._busy = False
+        self.busy = False
         self._alone: set[int] = set()  # robots of which a single brake was let go
         self.current: Floats = self._engaged.copy()
 
@@ -58,7 +58,7 @@ class Brakes:
 
     def _let_go(self, rows: NDArray[np.intp]) -> None:
         self.current[rows], self._spent_s[rows], self._releasing[rows] = self._release[rows], 0.0, True
-        self._busy = True
+        self.busy = True
 
     def engage(self, robot: int) -> None:
         """Hold."""
@@ -69,13 +69,13 @@ class Brakes:
 
     def step(self, period_s: float) -> None:
         """One good sample, `period_s` after the one before."""
-        if not self._busy:
+        if not self.busy:
             return
         self._spent_s[self._releasing] += period_s
         over = self._releasing & (self._spent_s > self._time_s)
         self.current[over] = self._released[over]
         self._releasing[over] = False
-        self._busy = bool(self._releasing.any())
+        self.busy = bool(self._releasing.any())
         for robot, rows in enumerate(self._of_robot):
             if over[rows].any() and not self._releasing[rows].any() and robot not in self._alone:
                 self._record.brakes_released[robot] = True

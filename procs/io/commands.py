@@ -100,9 +100,14 @@ class IoCommands:
             asked = f"{origin.program or 'somebody'} asked before its last fault or power-off"
             raise CommandRefused(f"{asked if origin.id else 'nobody asked'}; a person has to ask for it again")
 
+    @property
+    def waits(self) -> bool:
+        """Something was accepted and has not finished."""
+        return bool(self._powering or self._biasing)
+
     def answer(self) -> None:
         """Answer what has finished."""
-        if not self._powering and not self._biasing:
+        if not self.waits:
             return
         record = self._record
         for robot, command in list(self._powering):

@@ -37,7 +37,7 @@ from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.io.setup_brakes import SetupBrakes
-from procs.io.stages import stages
+from procs.io.stages import ALL, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, stages
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
 from procs.requests import Request
@@ -56,6 +56,11 @@ FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
 def share_of(age_ns: int) -> float:
     """What is left of efforts that were worked out from a sample so old: all for 3 ms, then less, none after 10 ms."""
     return min(1.0, max(0.0, (FADED_NS - age_ns) / (FADED_NS - FADES_NS)))
+
+
+def _news(stage: Callable[[], int], place: int, done: int) -> bool:
+    """Whether a stage has news, which was `done` already or is now."""
+    return bool(stage()) if done < place else done == place
 
 
 class RobotIo:
@@ -134,18 +139,60 @@ class RobotIo:
             self.outputs.close_relays()
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number."""
+        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number.
+
+        `commands`: () where there are none. While nothing is going on but the joint controllers, all stages from the
+        sample to the write are one call; what has news is done step by step from there on, with the same result.
+        """
         read_ns = self._now_ns()
         self.port.ask_all()
         # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
         news = self.stages.track(read_ns)
-        self.wishes.has_news = news >= self.follow.wishes_bit
         if news & ~self.follow.wishes_bit:
             self.follow.receive(read_ns, news)
+        self.wishes.has_news = news >= self.follow.wishes_bit and self.wishes.are_new()
+        is_calm = not commands and self._is_calm()
         self.good = good = self.port.read_all()
         now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
         if good:
-            self._look(now_ns)
+            self._before_ns, self._good_ns = self._good_ns, now_ns
+            self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
+        # what is worked out now will stand about as long as what was before: the longer, the less of it
+        share = min(1.0, self._stable_ns / self._gap_ns)
+        if not good:
+            share *= share_of(now_ns - self._good_ns)
+        done = self.stages.at_once(share) if good and is_calm and now_ns < self.power.wake_ns else NONE
+        is_finite = True
+        if done != ALL:
+            self._step_by_step(good, commands, now_ns, done)
+            is_finite = done != ENCODED and bool(self.stages.encode(share, self.outputs.acts_once))
+        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
+            self.outputs.all_off()
+            self.stages.encode(0.0, self.outputs.acts_once)
+        self.port.write_all()
+        self.outputs.written()
+        if done == ALL:
+            self._whole_ns = now_ns
+        if not is_finite:
+            self._not_finite(now_ns)
+        self._setup_brakes.step()
+        self._idle_outputs.step()
+        self._show(good, read_ns, now_ns)
+        if self.instruments.running:
+            self.instruments.step(good, now_ns)
+
+    def _is_calm(self) -> bool:
+        """Nothing but the sample can bring anything about in this cycle."""
+        power, safety = self.power, self.safety
+        return self._is_whole and self.port.away.tobytes() == self._nobody and not (
+            self._tasks or self.wishes.has_news or self._commands.waits or self.reports.trips or power.changed
+            or safety.counting or safety.set_encoder_zero or self._brakes.busy or self._bias.running
+            or self._axis_drive.running or self.outputs.acts_once)
+
+    def _step_by_step(self, good: bool, commands: Iterable[Request], now_ns: int, done: int) -> None:
+        """From the sample to the efforts, as far as that is not `done`."""
+        if good:
+            self._look(now_ns, done)
         else:
             self._missed(now_ns)
         self._show_validity(good, now_ns)
@@ -154,39 +201,20 @@ class RobotIo:
             self._fault_handler.act(now_ns)
         self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
         if good:
-            self._control(now_ns)
-        self._setup_brakes.step()
-        self._idle_outputs.step()
-        # what is worked out now will stand about as long as what was before: the longer, the less of it
-        share = min(1.0, self._stable_ns / self._gap_ns)
-        if not good:
-            share *= share_of(now_ns - self._good_ns)
-        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
-            share = 0.0
-            self.outputs.all_off()
-        finite = self.stages.encode(share, self.outputs.acts_once)
-        self.port.write_all()
-        self.outputs.written()
-        if not finite:
-            self._not_finite(now_ns)
-        self._show(good, read_ns, now_ns)
-        if self.instruments.running:
-            self.instruments.step(good, now_ns)
+            self._control(now_ns, done)
 
-    def _look(self, now_ns: int) -> None:
+    def _look(self, now_ns: int, done: int) -> None:
         """Decode a good sample and check it."""
-        self._before_ns, self._good_ns = self._good_ns, now_ns
-        self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")
         power, safety = self.power, self.safety
-        if self.stages.decode() or now_ns >= power.wake_ns:
+        if _news(self.stages.decode, DECODED, done) or now_ns >= power.wake_ns:
             power.step(now_ns)
         if power.changed:
             power.changed = False
             safety.refresh(power.reached)
-        if self.stages.check() or safety.counting:
+        if _news(self.stages.check, CHECKED, done) or safety.counting:
             safety.examine(now_ns)
         if safety.set_encoder_zero:
             for robot in safety.set_encoder_zero:
@@ -268,11 +296,12 @@ class RobotIo:
         self._bad_by_board = counts.copy()
         return tuple(self.robots.board_ids[row] for row in rows)
 
-    def _control(self, now_ns: int) -> None:
+    def _control(self, now_ns: int, done: int) -> None:
         """In-cycle tasks and the joint controllers, on this very sample."""
         if self._tasks is not None:
             self._tasks.step(now_ns)
-        tripped = self.pid.beyond(self.record.at_limit) if self.stages.control() else None
+        beyond = _news(self.stages.control, CONTROLLED, done)
+        tripped = self.pid.beyond(self.record.at_limit) if beyond else None
         if tripped is not None:
             for robot, axes in enumerate(self.robots.slices):
                 if tripped[axes].any():

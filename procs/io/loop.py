@@ -87,7 +87,7 @@ class IoLoop(runtime.Loop):
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         core, port = self._core, self._port
-        core.cycle(self._mailbox.drain(wall_ns))
+        core.cycle(self._mailbox.drain(wall_ns) if self._mailbox.has_news else ())
         events = core.reports.events
         if events:  # before the record: who sees a fault there finds what is reported of it
             _report(self.node, (event for event in events if event.kind != BUTTON))

@@ -22,6 +22,9 @@ from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
 from procs.kernel.track_fields import TRACK
 
+NONE, DECODED, CHECKED, CONTROLLED, ENCODED, ALL = range(6)
+"""How far `Stages.at_once` got."""
+
 
 class Parts(Protocol):
     """Whose arrays the stages work on; the kernel finds them by these names (procs/kernel/io_fields.py)."""
@@ -52,6 +55,8 @@ class Stages:
     """A share of the efforts to words; 1: with what acts once. 0: an effort was not finite."""
     show: Callable[[], int]
     """The rest of the record, once the boards are written. 1: an input has changed (`Buttons.settle`)."""
+    at_once: Callable[[float], int]
+    """From `decode` to `encode` with this share, up to the first that has news: which that is. ALL: there are none."""
     why_numpy: str = ""
     """Why the kernel does not do it; empty: it does."""
 
@@ -67,10 +72,10 @@ def stages(parts: Parts) -> Stages:
 
 def kernel_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
     """By the kernel, but for setpoints where `tracked` says why not."""
-    decode, check, control, encode, show = map(bound.function, IO.functions)
+    decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
-        return Stages(_everybody(parts.follow), decode, check, control, encode, show, tracked)
-    return Stages(tracked.function("track"), decode, check, control, encode, show)
+        return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, tracked)
+    return Stages(tracked.function("track"), decode, check, control, encode, show, at_once)
 
 
 def _everybody(follow: SetpointTracker) -> Callable[[int], int]:
@@ -79,7 +84,7 @@ def _everybody(follow: SetpointTracker) -> Callable[[int], int]:
 
 def numpy_stages(parts: Parts, why: str) -> Stages:
     """By numpy; `why` not by the kernel."""
-    samples, pid = parts.samples, parts.pid
+    samples, pid, check, encode = parts.samples, parts.pid, parts.safety.check, parts.outputs.encode
 
     def decode() -> int:
         samples.decode()
@@ -93,4 +98,13 @@ def numpy_stages(parts: Parts, why: str) -> Stages:
         parts.digital_outputs.show()
         return parts.buttons.watch()
 
-    return Stages(_everybody(parts.follow), decode, parts.safety.check, control, parts.outputs.encode, show, why)
+    def at_once(share: float) -> int:
+        if decode():
+            return DECODED
+        if check():
+            return CHECKED
+        if control():
+            return CONTROLLED
+        return ALL if encode(share, 0) else ENCODED
+
+    return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, why)

@@ -51,6 +51,7 @@ int64_t Hub_take(const Hub *k) {
   if (memcmp(k->masked, k->expected, 2 * sizeof(uint32_t) * k->members)) return 0;
   for (int64_t i = 0; i < k->quads; i++) k->blocks[k->taken_to[i]] = __builtin_bswap32(k->received[k->taken_from[i]]);
   memcpy(k->bad, k->away, k->boards);
+  *k->last = k->received[*k->last_at];
   return 1;
 }
 

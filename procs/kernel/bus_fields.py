@@ -13,6 +13,8 @@ HUB: Final = CStruct("Hub", (
     *rows("u1", "22", query="query"),
     # header and status of every board: where they are, and what they must be, as they lie in the buffer
     *places("members 2", "buffer", heads="heads"),
+    *places("1", "buffer", last_at="last_at"),
+    *rows("u4", "1", last="last"),
     *rows("u4", "members 2", check="check", masked="masked", expected="expected"),
     *rows("u4", "members", sizes="sizes"),
     # quadlets from the buffer to the rows of all boards

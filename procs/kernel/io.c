@@ -3,7 +3,7 @@
 #include "numeric.h"
 #include <string.h>
 
-enum { CURRENT, TEMPERATURE, OVERFLOW_BIT, SAFETY, POT_ERROR, AMP_ON, VOLTAGE, POSITION, PERIOD, ROWS, CHECKED = 5 };
+enum { CURRENT, TEMPERATURE, OVERFLOW_BIT, SAFETY, POT_ERROR, AMP_ON, VOLTAGE, POSITION, PERIOD, ROWS, LIMITED = 5 };
 
 static const double NEVER = 1e-300;  // stands for 0 ticks where a division needs something
 
@@ -116,7 +116,7 @@ int64_t Io_decode(const Io *k) {
 
 /* 1: something is beyond its limit. */
 int64_t Io_check(const Io *k) {
-  int64_t sampled = CHECKED * k->d, all = k->limit_rows * k->d, beyond = 0;
+  int64_t sampled = LIMITED * k->d, all = k->limit_rows * k->d, beyond = 0;
   for (int64_t i = 0; i < sampled; i++) k->magnitude[i] = fabs(k->values[i]);
   for (int64_t i = sampled; i < all; i++)
     k->magnitude[i] = fabs(k->values[CURRENT * k->d + i - sampled] - k->current_request[i - sampled]);
@@ -218,6 +218,18 @@ int64_t Io_encode(const Io *k, double share, int64_t acts_once) {
   for (int64_t b = 0; b < k->boards; b++)
     k->out[(b + 1) * k->out_columns - 1] = acts_once ? k->control_once[b] : k->control_standing[b];
   return finite;
+}
+
+/* -- at_once: procs/io/stages.py -----------------------------------------------------------------------------------*/
+
+enum { DECODED = 1, CHECKED, CONTROLLED, ENCODED, ALL };
+
+/* Four stages, up to the first with news: which that is. */
+int64_t Io_at_once(const Io *k, double share) {
+  if (Io_decode(k)) return DECODED;
+  if (Io_check(k)) return CHECKED;
+  if (Io_control(k)) return CONTROLLED;
+  return Io_encode(k, share, 0) ? ALL : ENCODED;
 }
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/

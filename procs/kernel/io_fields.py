@@ -79,4 +79,4 @@ IO: Final = CStruct("Io", (
     *rows("u4", "outputs", output_bit="digital_outputs.bit"),
     *rows("b1", "outputs", output_unseen="digital_outputs.unseen", output_written="digital_outputs.written",
           output="record.output"),
-), {"decode": (), "check": (), "control": (), "encode": ("f8", "i8"), "show": ()})
+), {"decode": (), "check": (), "control": (), "encode": ("f8", "i8"), "show": (), "at_once": ("f8",)})

@@ -9,6 +9,7 @@ import pytest
 
 from procs.config import load_system
 from procs.document.system import Brake, Linear
+from procs.io.stages import NONE
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness, robot
@@ -102,7 +103,7 @@ def test_a_difference_that_is_not_a_number_is_one() -> None:
         harness.core.samples.current[4] = np.nan
         return found
 
-    harness.core.stages = dataclasses.replace(harness.core.stages, decode=broken)
+    harness.core.stages = dataclasses.replace(harness.core.stages, decode=broken, at_once=lambda share: NONE)
     harness.run(11)
     assert harness.codes == ["current-error"]
 

@@ -17,7 +17,7 @@ def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:
     loop.node = SimpleNamespace(events=SimpleNamespace(emit=lambda kind, *_, **__: seen.append(kind)))
     loop._core = SimpleNamespace(cycle=lambda commands: None, stamp_ns=1,
                                  reports=SimpleNamespace(events=events, changed=set()))
-    loop._mailbox = SimpleNamespace(drain=lambda wall_ns: ())
+    loop._mailbox = SimpleNamespace(has_news=False)
     loop._out = SimpleNamespace(publish=lambda stamp_ns: seen.append("record"))
     loop._port, loop._others = None, {}
     loop._consoles = [SimpleNamespace(wake=lambda: seen.append("console woken"))]

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from procs.io.stages import NONE
 from tests.io.fault_rows import (
     ENGAGED_A,
     NUMBERS,
@@ -65,7 +66,7 @@ def test_a_controller_that_computes_no_number_sends_0_a_and_goes_off() -> None:
             harness.core.pid.effort[2] = np.nan
         return found
 
-    harness.core.stages = dataclasses.replace(harness.core.stages, control=broken)
+    harness.core.stages = dataclasses.replace(harness.core.stages, control=broken, at_once=lambda share: NONE)
     harness.run(1)
     assert harness.port.sent[-1][0, 2] & 0xFFFF == 0x8000 and harness.codes == ["not-finite"]
     harness.run(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 
 from procs.document.system import Brake, Linear, PidConfig, Tolerance
 from procs.fpga import blocks, lookup, registers
+from procs.io.cycle import RobotIo
+from procs.io.stages import ALL, CHECKED, DECODED
 from tests.io.harness import POT_AT_ZERO, FakeCommand, IoHarness, actuator, gains, robot
 from tests.traces import Mishaps, Trace, shown
 
@@ -188,3 +191,24 @@ def test_io_does_in_a_long_play_what_it_did(made: Callable[[], IoHarness]) -> No
     for _ in range(STEPS):
         play.step()
     play.trace.compare(FOLDER / f"{made.__name__}.txt")
+
+
+def test_a_calm_cycle_is_one_call_and_step_by_step_would_do_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    harness = braked()
+    ends: list[int] = []
+    at_once = harness.core.stages.at_once
+
+    def counted(share: float) -> int:
+        ends.append(at_once(share))
+        return ends[-1]
+
+    monkeypatch.setattr(harness.core, "stages", dataclasses.replace(harness.core.stages, at_once=counted))
+    play = IoPlay(harness, "braked")
+    for _ in range(STEPS):
+        play.step()
+    assert {DECODED, CHECKED, ALL} <= set(ends) and ends.count(ALL) > STEPS // 2
+    monkeypatch.setattr(RobotIo, "_is_calm", lambda core: False)
+    patient = IoPlay(braked(), "braked")
+    for _ in range(STEPS):
+        patient.step()
+    assert patient.trace.lines == play.trace.lines

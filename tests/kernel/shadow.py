@@ -72,7 +72,8 @@ def shadowed(parts: Parts) -> Stages:
     assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
     kernel, by_numpy = kernel_stages(bound, "not here", parts), numpy_stages(parts, "")
     return dataclasses.replace(kernel, **{
-        name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name)) for name in IO.functions})
+        name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name), exact=name == "at_once")
+        for name in IO.functions})
 
 
 def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:

@@ -82,6 +82,7 @@ def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, r
             stages.control()
             stages.encode(float(rng.choice((1.0, 0.5, 0.0))), int(rng.integers(2)))
             stages.show()
+            stages.at_once(float(rng.choice((1.0, 0.5))))
 
 
 def test_arrays_stay_where_they_are_whatever_is_asked() -> None:

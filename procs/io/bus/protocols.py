@@ -95,6 +95,7 @@ class QueryRead:
         self._made_for = -1, -1, rows.away.tobytes()
         self._reads: list[bytes] = []
         self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
+        self._read = self._is_good = False  # the last read brought blocks, and all were the wanted ones
 
     def _take_members(self) -> None:
         """Ask the boards that are there."""
@@ -109,6 +110,9 @@ class QueryRead:
         """Query all boards."""
         link = self._link
         self._asked, self._sent = True, False
+        if self._read and self._rows.query_wait_ns is None:  # here, where it costs no time of the cycle
+            self._adapt_wait()
+        self._read = False
         if not self._bus.settled() or not link.ready():
             return
         self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
@@ -134,10 +138,8 @@ class QueryRead:
         size = link.receive(tl, link.cycle_timeout_ms)
         if found.source(size) != self._hub_node:
             return found.blame_reply(size, hub)
-        is_good = found.take()
-        if self._rows.query_wait_ns is None:
-            self._adapt_wait(bool(is_good))
-        return True if is_good else found.blame()
+        self._read, self._is_good = True, bool(found.take())
+        return True if self._is_good else found.blame()
 
     def _prepare(self, hub_node: int) -> None:
         """Read requests with every label, for this generation, hub and boards."""
@@ -148,16 +150,15 @@ class QueryRead:
                        for tl in range(wire.TL_COUNT)]
         self._made_for = generation, hub_node, away
 
-    def _adapt_wait(self, is_good: bool) -> None:
-        """Next time, wait as long as the last board took this time, when that is longer than the rule.
+    def _adapt_wait(self) -> None:
+        """Wait as long as the last board took the last time, when that is longer than the rule.
 
-        Where a block was not there yet, a little longer than this time, until there is one that says how long it took.
+        Where a block was not there yet, a little longer than then, until there is one that says how long it took.
         """
-        if not is_good:
+        if not self._is_good:
             self._wait_ns = min(self._wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
             return
-        at = self._blocks.last_header_at
-        ticks = int.from_bytes(self._link.rx[at : at + 4], "big") & self._time_mask
+        ticks = swapped(self._blocks.last.item()) & self._time_mask
         self._wait_ns = max(self._least_wait_ns, ticks * 1_000_000_000 // registers.CLOCK_HZ)
 
 

@@ -124,6 +124,9 @@ class HubBlocks:
         self.buffer_quads, self.block_quads = len(link.rx_quads), sum(layout.read_quads for layout in layouts)
         self.query: NDArray[np.uint8] = np.zeros(QUERY_BYTES, np.uint8)
         self.heads: Places = np.zeros((count, 2), np.int64)
+        self.last_at: Places = np.zeros(1, np.int64)
+        self.last: Quads = np.zeros(1, np.uint32)
+        """Header of the last block, of those that were taken last, as it lay in the buffer."""
         self.taken_from, self.taken_to = (np.zeros(self.block_quads, np.int64) for _ in range(2))
         self.order(range(count))
         self.ask, self.expect, self.take = chosen(HUB, self)  # type: ignore[method-assign]
@@ -138,7 +141,7 @@ class HubBlocks:
         starts = [head + 1 for head in heads]
         self._unpack = Unpack(self._rows, self._link.rx_quads, starts, header=1, members=self._members)
         self.taken_from[...], self.taken_to[...] = places(self._rows, starts, self._members)
-        self.last_header_at = 4 * heads[order[-1]]
+        self.last_at[0] = heads[order[-1]]
 
     def ask(self, sequence: int, tl: int, generation: int) -> int:
         """Put the query of this number into `query`; the next blocks answer it."""
@@ -170,6 +173,7 @@ class HubBlocks:
             return 0
         self._unpack.run()
         self.bad[...] = self.away
+        self.last[0] = self.received[self.last_at[0]]
         return 1
 
     def blame(self) -> bool:
