@@ -68,6 +68,7 @@ from shm.audit import Audit
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.faults import Cell
+from shm.holders import Holder
 from shm.layout import shorten
 from shm.mailbox_map import (
     COMMAND_HEAD,
@@ -83,7 +84,6 @@ from shm.mailbox_map import (
     REPLY_TEXT,
     RESERVED,
     VALUES_IN_RAW,
-    Holder,
     MailboxMap,
 )
 from shm.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received

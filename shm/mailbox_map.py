@@ -6,15 +6,15 @@ One "slot": cursors (arrays over the places, each cell with one writer), holders
 from __future__ import annotations
 
 import struct
-from collections import Counter
-from typing import Any, NamedTuple
+from typing import Any
 
 from shm.commands import COMMANDS
 from shm.header import SegmentError, readable
+from shm.holders import HOLDER, PROGRAM, Holder, in_words
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
 from shm.origins import PROGRAM_BYTES
 from shm.ring import attach
-from shm.segment import Make, Segment, create, segment_name, start_time
+from shm.segment import Make, Segment, create, segment_name
 from shm.topics import COMMAND, REPLY
 
 CLIENTS = 16
@@ -42,30 +42,12 @@ REPLY_TEXT = 199
 CURSORS = ("sent", "taken", "answered", "place")  # the bytes of "place" are never written: clients lock them
 CURSOR_BYTES = -(-8 * PLACES // LINE) * LINE
 HOLDERS_AT = CURSOR_BYTES * len(CURSORS)
-HOLDER = struct.Struct("<I60s")  # pid, program
 QUEUES_AT = HOLDERS_AT + HOLDER.size * PLACES
 PLACE_BYTES = COMMANDS_DEPTH * COMMAND_SCHEMA.stride + REPLIES_DEPTH * REPLY_SCHEMA.stride
 WHOLE = schema_from_json(
     b'{"topic":"mailbox","fields":[{"name":"cursors","dtype":"(4,%d)<u8"},{"name":"holders","dtype":"(%d,64)u1"},'
     b'{"name":"queues","dtype":"(%d,)u1"}]}' % (CURSOR_BYTES // 8, PLACES, PLACES * PLACE_BYTES)
 )
-
-
-class Holder(NamedTuple):
-    """Who has a place, by its own word; pid 0: it does not say."""
-
-    pid: int
-    program: str
-
-    def reported(self, person: str = "", places: int = 1) -> str:
-        """In words; `person`: the program of the person that it acts for."""
-        more = [f"pid {self.pid}"] * bool(self.pid) + [f"{places} places"] * (places > 1)
-        name = (self.program or "a program") if self.pid else "a program that does not say its name"
-        through = f"{person} through " if person and not self.program.startswith(person) else ""
-        return through + name + (f" ({', '.join(more)})" if more else "")
-
-
-NAMELESS = Holder(0, "")
 
 
 def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *, wakes: bool = False) -> int:
@@ -139,7 +121,7 @@ class MailboxMap:
     def sign(self, place: int, pid: int, program: str) -> None:
         """Write down who has a place now."""
         at = self.first + HOLDERS_AT + place * HOLDER.size
-        HOLDER.pack_into(self.view, at, pid, cut_text(program, 60))
+        HOLDER.pack_into(self.view, at, pid, cut_text(program, PROGRAM))
 
     def holder(self, place: int) -> Holder:
         """Who signed for a place last."""
@@ -147,7 +129,5 @@ class MailboxMap:
         return Holder(pid, readable(program))
 
     def holders(self, places: list[int]) -> str:
-        """Who has these places, in words, each once; one that is dead has left its name to somebody without one."""
-        signed = [self.holder(place) for place in places]
-        found = Counter(who if start_time(who.pid) else NAMELESS for who in signed)
-        return ", ".join(who.reported(places=count) for who, count in found.items())
+        """Who has these places, in words."""
+        return in_words(self.holder(place) for place in places)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from shm.commands import CommandRow
 from shm.header import readable
-from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW, Holder
+from shm.holders import Holder
+from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
 from shm.origins import Origin
 
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
