@@ -1,24 +1,29 @@
 """The control page: one per instance, where it shows that it lives, how it keeps time, and whether it sleeps.
 
 One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except `wakeup`, which whoever has news sets back, and `state` and `error` before there is an instance: the supervisor
-shows CREATED when it starts one. Statistics are of the last full second.
+except `wakeup`, which whoever has news sets back, `state` and `error` before there is an instance: the supervisor
+shows CREATED when it starts one, and what clients want of it (shm/subscriptions.py). Statistics are of the last full
+second.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shm.holders import HOLDER
 from shm.layout import schema_of, shorten
 from shm.ring import attach
-from shm.segment import Make, Segment, create, segment_name
+from shm.segment import Make, Segment, SegmentError, create, segment_name
 from shm.topics import Field, Topic
 from shm.wakeup import Wakeup
 
 STATES = ("CREATED", "STARTING", "RUNNING", "STOPPING", "STOPPED", "FAILED")
+SUBSCRIBERS = 64
+CELL_BITS = 64  # bits of a cell
 
 CONTROL = Topic(
     "control",
@@ -55,14 +60,26 @@ CONTROL = Topic(
         Field("policy", "S32", "", "scheduling obtained, e.g. FIFO 80, other"),
         Field("error", "S400", "", "why setup failed"),
         Field("computes", "S120", "", "what computes for all axes: kernel, or numpy: and why; empty: nothing"),
+        Field("wanted", f"({SUBSCRIBERS},)<u8", "", "what each subscriber wants, a bit a thing (W: who has the place)"),
+        Field("place", f"({SUBSCRIBERS},)u1", "", "a subscriber locks its byte; never written"),
+        Field("holder", f"({SUBSCRIBERS},{HOLDER.size})u1", "", "process id, program (W: who has the place)"),
     ),
 )
 SCHEMA = schema_of(CONTROL)
 
 
-def create_control(system: str, instance: str, make: Make = create) -> int:
-    """Make the control page of an instance; returns its size."""
-    return make(segment_name(system, instance, "control"), "control", SCHEMA, 1, {})
+def create_control(system: str, instance: str, make: Make = create, topics: Iterable[Topic] = ()) -> int:
+    """Make the control page of an instance with these topics; returns its size."""
+    name = segment_name(system, instance, "control")
+    wanted = [wanted_name(topic.name, group) for topic in topics for group in ("", *topic.groups)]
+    if len(wanted) > CELL_BITS:
+        raise SegmentError(f"{name}: {len(wanted)} topics and groups of fields; allowed are {CELL_BITS}")
+    return make(name, "control", SCHEMA, 1, {"wanted": wanted})
+
+
+def wanted_name(topic: str, group: str = "") -> str:
+    """What a topic, or a group of its fields, is called in the list of what can be wanted."""
+    return f"{topic}/{group}" if group else topic
 
 
 class ControlPage:

@@ -53,7 +53,8 @@ def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
     """The schema of a topic with its named sizes filled in from `dims` (`axes=7`, …)."""
     sizes = dict(dims or {})
     fields = [
-        {"name": f.name, "dtype": _filled(f.dtype, sizes, topic.name, f.name), "unit": f.unit, "text": f.text}
+        {"name": f.name, "dtype": _filled(f.dtype, sizes, topic.name, f.name), "unit": f.unit, "text": f.text,
+         **({"group": f.group} if f.group else {})}
         for f in topic.fields
     ]
     document = {"topic": topic.name, "writer": topic.writer, "fields": fields}

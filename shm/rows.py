@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field: numpy dtype (with shape in front, names allowed), unit, one sentence."""
+    """One field: numpy dtype (with shape in front, names allowed), unit, one sentence.
+
+    Those of a `group` are computed while somebody wants it (shm/subscriptions.py), and NaN otherwise.
+    """
 
     name: str
     dtype: str
     unit: str
     text: str
+    group: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,3 +44,8 @@ class Topic:
     fields: tuple[Field, ...]
     views: tuple[View, ...] = ()
     depth: int = 0  # slots, where a depth in seconds makes no sense
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of fields that are computed on demand, each once."""
+        return tuple(dict.fromkeys(field.group for field in self.fields if field.group))

@@ -24,6 +24,7 @@ from procs.paths import log_folder
 from procs.realtime import in_words, lacking, realtime
 from procs.supervisor import memory
 from procs.supervisor.children import Child
+from procs.supervisor.clearing import Clearings
 from procs.supervisor.cores import core_time_ns
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.shared_pages import lock_shared
@@ -89,8 +90,7 @@ class Supervisor:
         self.page = ControlPage(system.name, "supervisor", write=True)
         self.page.segment.claim("supervisor")
         self.page.field("pid")[...] = os.getpid()
-        highest = max((p.priority for p in system.processes), default=0)
-        row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
+        row = Process("supervisor", "supervisor", BEAT_S, priority=max([0, *(p.priority for p in system.processes)]))
         self._granted = realtime(row, system.clock)
         self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
@@ -101,6 +101,7 @@ class Supervisor:
         self._state = self._writes("state")
         self._rows = tuple(row for row in system.processes if row.kind not in THIRD_PARTY)  # those are ours
         self.children = [self._child(row, folder) for row in self._rows]
+        self._clearings = Clearings(system)
 
     def _writes(self, topic: str) -> RingWriter:
         return directory.writer(self.system.name, "supervisor", topic, "supervisor")
@@ -136,8 +137,7 @@ class Supervisor:
             self._wait(lambda group=children: self._all_up(group), BARRIER_S)  # type: ignore[misc]  # bound default
             if self.stopping:
                 return
-            late = [c.row.name for c in children if not c.ready]
-            if late:
+            if late := [c.row.name for c in children if not c.ready]:
                 raise SetupFailed(f"{', '.join(late)}: not ready within {BARRIER_S:.0f} s")
         self.page.show("RUNNING")
         self._show()
@@ -180,6 +180,7 @@ class Supervisor:
             self._commands()
             self._watch()
             self._judge()
+            self._clearings.beat(monotonic_ns())
             self.let_time_pass()
             self.beat()
             if end is not None and monotonic_ns() >= end:
@@ -204,8 +205,7 @@ class Supervisor:
     def _watch(self) -> None:
         for child in self.children:
             child.kill_when_due()
-            how = child.reap()
-            if how:
+            if how := child.reap():
                 planned = "restarting" if child.restart_at_ns else "not restarted"
                 self.events.report(codes.PROCESS_ENDED, f"{child.row.name} ended: {how}; {planned}", child.row.name)
                 self._show()

@@ -162,7 +162,7 @@ def _no_room(name: str, total: int, free: int) -> str:
 
 
 def _create_rest(system: SystemConfig, make: Make) -> int:
-    total = create_control(system.name, "supervisor", make) + create_faults(system.name, components(system), make)
+    total = create_faults(system.name, components(system), make)
     supervisor = Process("supervisor", "supervisor", proc("supervisor").period_s)
     return total + sum(_create_instance(system, process, make) for process in (supervisor, *system.processes))
 
@@ -174,15 +174,13 @@ def components(system: SystemConfig) -> list[str]:
 
 
 def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
-    total, row = 0, proc(process.kind)
-    if process.name != "supervisor":
-        total += create_control(system.name, process.name, make)
-    audit = ("audit",) if process.kind in COMMANDS else ()
+    row, audit = proc(process.kind), ("audit",) if process.kind in COMMANDS else ()
+    topics = [directory.topic_of(process.kind, name) for name in (*row.topics, "events", *audit)]
+    total = create_control(system.name, process.name, make, topics)
     if audit:
         total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken)
     dims, info = row.sizes(system, process.name)
-    for name in (*row.topics, "events", *audit):
-        topic = directory.topic_of(process.kind, name)
+    for topic in topics:
         total += directory.create_ring(system.name, process.name, topic, {} if topic.writer == "*" else dims,
                                        {"kind": process.kind, **info}, make)
     return total

@@ -189,6 +189,7 @@ VICTIMS: dict[str, Callable[[str, Notes], Victim]] = {
     "client": senders.ClientVictim,
     "who stops": senders.StopVictim,
     "owner": senders.OwnerVictim,
+    "subscriber": victims.SubscriberVictim,
 }
 
 

@@ -17,6 +17,7 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.place import take_place
 from shm.segment import Segment
+from shm.subscriptions import Subscriber, Subscriptions
 from shm.topics import SETPOINT
 
 Ends = tuple[Any, ...]
@@ -37,6 +38,8 @@ ENDS: dict[str, Callable[[str], Ends]] = {
     "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
     "place": lambda system: (take_place(system, "PSM1"),),
     "wakeup": with_page(ControlPage.wakeup),
+    "subscriptions": with_page(Subscriptions),
+    "subscriber": lambda system: (Subscriber(system, "PSM1"),),
     "timekeeper": lambda system: (Timekeeper(system, TABLE),),
     "lock-step clock": lambda system: (Timekeeper(system, TABLE), LockstepClock(system, "PSM1")),
 }

@@ -16,7 +16,7 @@ from tests.shm.wrongs import WRONGS
 
 HARNESS = "from tests.shm.kills import main; main()"
 SEED = os.environ.get("TROCAR_SEED", "1")
-SHARE = 120  # deaths of each in the suite: 600 in all
+SHARE = 120  # deaths of each in the suite: 840 in all
 LONG_S = 7200.0
 
 

@@ -20,6 +20,8 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import QUEUES_AT, create_mailbox
 from shm.place import take_place
 from shm.segment import SegmentError, path_of, segment_name
+from shm.subscriptions import Clearing, Subscriptions
+from shm.topics import EVENTS
 from tests.shm.layout_page import TEXT, Row, records, table, tables
 
 ARM = [command.name for command in COMMANDS["arm"]]
@@ -138,4 +140,17 @@ def test_a_sleeper_made_from_the_page_is_woken(system: str) -> None:
     page.wakeup().wake()
     assert struct.unpack_from("<I", seen.map, word) == (0,)
     seen.close()
+    page.close()
+
+
+def test_a_subscriber_made_from_the_page_is_counted_while_it_lives(system: str) -> None:
+    create_control(system, "PSM1", topics=(EVENTS,))
+    page, seen = ControlPage(system, "PSM1", write=True), ByThePage(segment_name(system, "PSM1", "control"))
+    subscriptions, clearing, cells = Subscriptions(page), Clearing(page), records(0)
+    at = seen.first + offset(cells, "wanted") + 5 * 8
+    assert seen.lock(seen.first + offset(cells, "place") + 5)  # C1
+    seen.map[at : at + 8] = struct.pack("<Q", 1)  # C2, D1
+    assert clearing.clear() == 0 and subscriptions.look() and subscriptions.wanted == subscriptions.bits("events")
+    seen.close()
+    assert clearing.clear() == 1 and subscriptions.look() and not subscriptions.wanted
     page.close()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from shm import control_page as page
-from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring, wakeup
+from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring, subscriptions, wakeup
 from shm.commands import COMMANDS
 from shm.control_page import STATES
 from shm.directory import create_ring
@@ -121,7 +121,8 @@ SENTENCES = [
     "Mode 0600, or 0660", f".l_start = first + {LOCKS_AT} + k, .l_len = 1",
     f"It has {mailbox_map.CLIENTS} places for clients, and place {mailbox_map.RESERVED} for stops",
     f"lock the byte of a place, 0 to {mailbox_map.CLIENTS - 1};", f"lock the byte of place {mailbox_map.RESERVED};",
-    "With B = first + 16:",
+    "With B = first + 16:", f"There are {page.SUBSCRIBERS} places: a cell",
+    f"at first + {page.SCHEMA.offset('place')} + k",
     f"`sent` of places 0 to {LAST_PLACE} |", f"places 0 to {LAST_PLACE}: {mailbox_map.COMMANDS_DEPTH} command slots",
     f"command slots, behind them {mailbox_map.REPLIES_DEPTH} reply slots",
     f"command slot n mod {mailbox_map.COMMANDS_DEPTH}, {COMMAND_SCHEMA.stride} bytes each",
@@ -161,8 +162,8 @@ def test_names_are_as_long_as_the_page_says() -> None:
 
 
 def test_the_steps_are_those_of_the_modules() -> None:
-    modules: tuple[ModuleType, ...] = (ring, mailbox, wakeup)
-    steps = re.compile(r"\b(?:[WRVMNABPQL][1-9]|S1)\b")
+    modules: tuple[ModuleType, ...] = (ring, mailbox, wakeup, subscriptions)
+    steps = re.compile(r"\b(?:[WRVMNABPQLCDEFG][1-9]|S1)\b")
     assert set(steps.findall(TEXT)) == {step for module in modules for step in steps.findall(module.__doc__ or "")}
 
 

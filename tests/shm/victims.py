@@ -1,5 +1,5 @@
-"""The victims of kills.py that end at a ring, and what must hold when one has died: its writer, and a reader who also
-sleeps until it is woken. Those at a mailbox are in senders.py."""
+"""The victims of kills.py that end at a ring or a control page, and what must hold when one has died: a ring's
+writer, a reader who also sleeps until it is woken, and a subscriber. Those at a mailbox are in senders.py."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from collections.abc import Callable
 from shm.control_page import ControlPage, create_control
 from shm.directory import create_ring
 from shm.ring import RingReader, RingWriter
+from shm.rows import Field, Topic
 from shm.segment import Segment, segment_name
+from shm.subscriptions import Clearing, Subscriber, Subscriptions
 from tests.shm.witness import Author, Lives, Notes, RingViolation, Witness, holds, topic
 
 QUIET_NS = 100_000
@@ -185,3 +187,63 @@ class ReaderVictim:
             raise RingViolation("nobody has read anything")
         self._author.writer.close()
         self._page.close()
+
+
+class SubscriberVictim:
+    """A subscriber dies; another lives on in the parent, with the instance, and the supervisor who clears."""
+
+    TURNS = Notes.FREE
+
+    def __init__(self, system: str, notes: Notes) -> None:
+        fields = tuple(Field(group, "<f8", "", "", group) for group in ("first", "second", "third"))
+        create_control(system, "io", topics=(Topic("telling", "io", 0, 0, fields, depth=4),))
+        self._system, self._notes = system, notes.words
+        self._own, self._supervisors = (ControlPage(system, "io", write=True) for _ in range(2))
+        self._subscriptions, self._clearing = Subscriptions(self._own), Clearing(self._supervisors)
+        self._steady = Subscriber(system, "io", "steady")
+        self._steady.want("telling", "third")
+        self._always = self._subscriptions.bits("telling") | self._subscriptions.bits("telling", "third")
+        self.figures = {"turns": 0, "cleared": 0, "changes": 0}
+
+    def live(self, life: int, ready: Callable[[], None]) -> None:
+        """Come, want, drop and go for ever."""
+        first, begun = Subscriber(self._system, "io", "victim"), False
+        while True:
+            first.want("telling", "first")
+            if not begun:
+                ready()
+                begun = True
+            second = Subscriber(self._system, "io", "second")
+            second.want("telling", "first", "second")
+            second.drop("telling", "first")
+            first.drop("telling")
+            second.close()
+            first.close()
+            first = Subscriber(self._system, "io", "victim")
+            self._notes[self.TURNS] += 1
+
+    def serve(self) -> None:
+        """Look and clear; what the living want is never lost."""
+        self.figures["changes"] += self._subscriptions.look()
+        holds(self._subscriptions.wanted & self._always == self._always, "what somebody wants was lost")
+        self.figures["cleared"] += self._clearing.clear()
+
+    def inspect(self, life: int, pid: int) -> None:
+        """Nothing of what the dead wanted is left once it was cleared, and its place is free."""
+        self.figures["turns"] += self._notes[self.TURNS]
+        self.serve()
+        self._subscriptions.look()
+        holds(self._subscriptions.wanted == self._always, f"{self._subscriptions.wanted:b} is wanted by nobody alive")
+        heir = Subscriber(self._system, "io", "heir")
+        holds(heir.place == self._steady.place + 1, f"place {heir.place} is the first that is free")
+        heir.close()
+
+    def finish(self) -> None:
+        """Everybody goes."""
+        if not self.figures["cleared"]:
+            raise RingViolation("nothing was ever left to be cleared")
+        self._steady.close()
+        self._subscriptions.look()
+        holds(self._subscriptions.wanted == 0, "something is wanted by nobody")
+        self._own.close()
+        self._supervisors.close()

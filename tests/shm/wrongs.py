@@ -21,6 +21,7 @@ from shm.mailbox import (
 from shm.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
 from shm.place import MailboxFull, Place
 from shm.ring import HEAD, RingReader, RingWriter
+from shm.subscriptions import Clearing, Subscriber
 from shm.wakeup import Wakeup
 
 
@@ -134,6 +135,26 @@ def sent_first() -> None:
     Place.send = send  # type: ignore[method-assign]
 
 
+def clear_the_living() -> None:
+    """No F2: whatever is wanted is cleared."""
+
+    def clear(self: Clearing) -> int:
+        for place in range(2):
+            self._words[self._cells.at + place] = 0  # F3
+        return 1
+
+    Clearing.clear = clear  # type: ignore[method-assign]
+
+
+def come_as_the_dead() -> None:
+    """No lock in C1: the place of somebody who lives is taken."""
+
+    def come(self: Subscriber, instance: str) -> int:
+        return 0
+
+    Subscriber._come = come  # type: ignore[method-assign]
+
+
 # name: (the mistake, who must die, at which step to begin, and for how many lives at most, until it shows)
 WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
     "head first": (head_first, "writer", 1, 100),
@@ -145,6 +166,8 @@ WRONGS: dict[str, tuple[Callable[[], None], str, int, int]] = {
     "run, then taken": (run_then_taken, "owner", 100, 300),
     "silence": (silence, "owner", 100, 300),
     "half an answer": (half_an_answer, "owner", 200, 400),
+    "clear the living": (clear_the_living, "subscriber", 1, 10),
+    "come as the dead": (come_as_the_dead, "subscriber", 1, 100),
 }
 
 
