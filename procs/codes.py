@@ -146,6 +146,9 @@ HELD_UP: Final = Code(
 PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself",
     "trocar status says how and whether it is back, trocar logs NAME why")
+PROCESS_KILLED: Final = Code(
+    "process-killed", WARNING, "supervisor", "a process that was asked to end did not, and was killed",
+    "an io that is killed leaves switching off to the boards' watchdog; trocar logs NAME may say why")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process that should go on was silent for longer than its late_s",
     "often: the machine is too slow or too busy (trocar doctor, docs/operating.md)")

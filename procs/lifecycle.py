@@ -1,8 +1,9 @@
-"""The lifecycle of an instance as a table: (state, event) to state. The supervisor walks it, a test walks every pair.
+"""The lifecycle of an instance as a table: (state, event) to state, and what the supervisor does on the way.
 
 STOPPED –start→ RUNNING; RUNNING –stop→ STOPPING; STOPPING –quit→ STOPPED, –start→ RESTARTING; RESTARTING –quit→ RUNNING
-(a new process), –stop→ STOPPING. At most one process of an instance ever runs. A RUNNING process that ends by itself
-(`quit`) is restarted by the supervisor's policy, so the table sends it to STOPPED and the policy decides.
+(a new process), –stop→ STOPPING. At most one process of an instance ever runs: there is one in every state but STOPPED.
+A RUNNING process that ends by itself (`quit`) is started again by the supervisor's policy, so the table sends it to
+STOPPED and the policy decides.
 """
 
 from __future__ import annotations
@@ -11,23 +12,20 @@ STOPPED, RUNNING, STOPPING, RESTARTING = "STOPPED", "RUNNING", "STOPPING", "REST
 STATES = (STOPPED, RUNNING, STOPPING, RESTARTING)
 START, STOP, QUIT = "start", "stop", "quit"
 EVENTS = (START, STOP, QUIT)
+NOTHING, BEGIN, ASK = "", "begin", "ask"
+"""What is done: nothing, begin a new process, ask the one that runs to end."""
 
-TABLE: dict[tuple[str, str], str] = {
-    (STOPPED, START): RUNNING,
-    (RUNNING, STOP): STOPPING,
-    (RUNNING, QUIT): STOPPED,
-    (STOPPING, QUIT): STOPPED,
-    (STOPPING, START): RESTARTING,
-    (RESTARTING, QUIT): RUNNING,
-    (RESTARTING, STOP): STOPPING,
+TABLE: dict[tuple[str, str], tuple[str, str]] = {
+    (STOPPED, START): (RUNNING, BEGIN),
+    (RUNNING, STOP): (STOPPING, ASK),
+    (RUNNING, QUIT): (STOPPED, NOTHING),
+    (STOPPING, QUIT): (STOPPED, NOTHING),
+    (STOPPING, START): (RESTARTING, NOTHING),
+    (RESTARTING, QUIT): (RUNNING, BEGIN),
+    (RESTARTING, STOP): (STOPPING, NOTHING),
 }
 
 
-def after(state: str, event: str) -> str:
-    """The state after an event; events a state does not know leave it as it is."""
-    return TABLE.get((state, event), state)
-
-
-def starts_process(state: str, event: str) -> bool:
-    """Whether this step begins a new process."""
-    return (state, event) in {(STOPPED, START), (RESTARTING, QUIT)}
+def step(state: str, event: str) -> tuple[str, str]:
+    """The state after an event, and what is done; events that a state does not know change nothing."""
+    return TABLE.get((state, event), (state, NOTHING))

@@ -242,8 +242,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("clear_packet_faults", "", "", "end all faults of replies and datagrams", moves=False),
     ),
     "supervisor": (
-        CommandRow("stop", "", "", "stop the system", stops=("*",)),
-        CommandRow("restart", "", "instance", "stop an instance and start it again"),
+        CommandRow("stop", "", "instance or nothing", "stop an instance; without its name, the whole system",
+                   stops=("*",)),
+        CommandRow("start", "", "instance", "start an instance; done when it runs"),
+        CommandRow("restart", "", "instance", "stop an instance and start it again; done when it runs"),
     ),
 }
 

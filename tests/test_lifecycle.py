@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.lifecycle import EVENTS, STATES, TABLE, after, starts_process
+from procs.lifecycle import ASK, BEGIN, EVENTS, STATES, TABLE, step
 
 EXPECTED = {
     ("STOPPED", "start"): "RUNNING",
@@ -28,18 +28,19 @@ EXPECTED = {
 
 @pytest.mark.parametrize("pair", list(itertools.product(STATES, EVENTS)), ids="-".join)
 def test_every_pair_goes_where_the_design_says(pair: tuple[str, str]) -> None:
-    assert after(*pair) == EXPECTED[pair]
+    assert step(*pair)[0] == EXPECTED[pair]
 
 
 def test_the_table_holds_known_names_only() -> None:
-    assert {s for s, _ in TABLE} | set(TABLE.values()) == set(STATES)
+    assert {s for s, _ in TABLE} | {s for s, _ in TABLE.values()} == set(STATES)
     assert {e for _, e in TABLE} == set(EVENTS)
 
 
-def test_a_process_begins_exactly_on_entering_running() -> None:
+def test_a_process_begins_on_entering_running_and_is_asked_to_end_on_leaving_it_by_stop() -> None:
     for state, event in itertools.product(STATES, EVENTS):
-        entered = after(state, event) == "RUNNING" and state != "RUNNING"
-        assert starts_process(state, event) == entered
+        then, done = step(state, event)
+        assert (done == BEGIN) == (then == "RUNNING" and state != "RUNNING")
+        assert (done == ASK) == ((state, then) == ("RUNNING", "STOPPING"))
 
 
 @given(st.lists(st.sampled_from(EVENTS)))
@@ -49,6 +50,6 @@ def test_at_most_one_process_ever_runs(events: list[str]) -> None:
         if event == "quit" and not running:
             continue  # only what runs can end
         running -= event == "quit"
-        running += starts_process(state, event)
-        state = after(state, event)
+        state, done = step(state, event)
+        running += done == BEGIN
         assert running == (state != "STOPPED")

@@ -1,117 +1,169 @@
-"""The processes of a system: started fresh, watched, restarted by their policy, stopped step by step."""
+"""The life of one instance: what was asked of it, what became of it, and when it is started again.
+
+Pure: it acts on a process that it is given and reads a clock that it is given. The states are those of
+procs/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table.
+"""
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Protocol
 
 from procs import lifecycle
 from procs.document.system import Process
 from procs.manifest import proc
 from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
 
-ROOT = Path(__file__).resolve().parents[2]
-HEALTHY_NS = 10_000_000_000
+HEALTHY_NS: Final = 10_000_000_000
+SETUP_S: Final = 60.0
+
+
+class Running(Protocol):
+    """A process as the supervisor sees it; see procs/supervisor/os_process.py."""
+
+    @property
+    def pid(self) -> int:
+        """Process id, 0 when none runs."""
+
+    @property
+    def ready(self) -> bool:
+        """Setup has succeeded and it runs."""
+
+    def begin(self) -> None:
+        """Start one; OSError when there can be none."""
+
+    def ask_to_end(self) -> None:
+        """It may take its time."""
+
+    def kill(self) -> None:
+        """It ends at once."""
+
+    def ended(self) -> int | None:
+        """Its exit code when it has ended, negative a signal; once."""
+
+    def in_words(self, code: int) -> str:
+        """How it ended."""
+
+    def show_stopped(self) -> None:
+        """It was asked to end, and may have had no time to say that it has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """The end of one process: how, in words; whether it was asked for, killed because it took too long; its seconds."""
+
+    text: str
+    asked: bool
+    killed: bool
+    pid: int
+    ran_s: float
 
 
 @dataclass(slots=True)
 class Child:
     """One instance as the supervisor sees it; all times monotonic ns."""
 
-    system: str
     row: Process
-    page: ControlPage
-    log: Path
+    process: Running
+    now_ns: Callable[[], int] = monotonic_ns
     state: str = lifecycle.STOPPED
-    popen: subprocess.Popen[bytes] | None = None
-    restarts: int = 0
+    starts: int = 0  # how many processes it has had: the number of the one that runs
+    restarts: int = 0  # of them by the policy for deaths
     failures: int = 0  # deaths without a healthy while in between
-    reason: str = ""
-    started_ns: int = 0
+    reason: str = ""  # how the last one ended
+    begun_ns: int = 0
     restart_at_ns: int = 0  # 0: no restart planned
-    kill_at_ns: int = 0  # 0: nobody waits for its end
-    given_up: bool = field(default=False)
-    hung_s: float = 0.0  # so long it was silent when we killed it
+    kill_at_ns: int = 0  # 0: nobody waits for its end, nor for its setup
+    given_up: bool = False
+    verdict: str = ""  # why we killed it
+    refused: str = ""  # why there is no process where there should be one
 
     @property
-    def pid(self) -> int:
-        """Process id, 0 when none runs."""
-        return self.popen.pid if self.popen is not None else 0
+    def is_up(self) -> bool:
+        """It runs, its setup has succeeded, and nobody has asked it to end."""
+        return self.state == lifecycle.RUNNING and self.process.ready
 
     @property
-    def ready(self) -> bool:
-        """Setup has succeeded and the process runs."""
-        return self.popen is not None and self.page.state == "RUNNING"
+    def is_down(self) -> bool:
+        """There is no process, and nobody is going to start one."""
+        return self.state == lifecycle.STOPPED and not self.restart_at_ns
 
     def start(self) -> None:
-        """Begin a process, if the lifecycle allows it now."""
-        begins = lifecycle.starts_process(self.state, lifecycle.START)
-        self.state = lifecycle.after(self.state, lifecycle.START)
-        if begins:
-            self._spawn()
+        """A process is wanted: it begins now, or when the one before has ended, or it runs already."""
+        self._step_by_hand(lifecycle.START)
 
-    def _spawn(self) -> None:
-        self.page.show("CREATED")
-        self.started_ns, self.restart_at_ns = monotonic_ns(), 0
-        command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
-        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
-        with self.log.open("ab") as log:
-            self.popen = subprocess.Popen(
-                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                env={**os.environ, **threads},
-            )
-
-    def ask_to_stop(self) -> None:
-        """SIGTERM."""
-        self.state = lifecycle.after(self.state, lifecycle.STOP)
-        self.restart_at_ns = 0
-        if self.popen is not None:
-            self.popen.send_signal(signal.SIGTERM)
-            self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
-
-    def kill(self) -> None:
-        """SIGKILL."""
-        if self.popen is not None:
-            self.popen.kill()
+    def stop(self) -> None:
+        """No process is wanted."""
+        self._step_by_hand(lifecycle.STOP)
 
     def kill_hung(self, silent_s: float) -> None:
         """It lives, but does not go on: kill it; the policy for deaths decides about the next one."""
-        self.hung_s = silent_s
-        self.kill()
+        self._kill(f"hung for {silent_s:.1f} s, killed")
 
-    def kill_when_due(self) -> None:
-        """Kill what was asked to end and does not."""
-        if self.kill_at_ns and monotonic_ns() >= self.kill_at_ns:
-            self.kill_at_ns = 0
-            self.kill()
+    def look(self) -> Ending | None:
+        """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
+        if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready:
+            self.kill_at_ns = 0  # its setup has succeeded
+        if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
+            begins = self.state == lifecycle.RUNNING
+            self._kill(f"setup was not done within {SETUP_S:.0f} s, killed" if begins else
+                       f"did not end within {proc(self.row.kind).stop_s:g} s, killed")
+        pid, code = self.process.pid, self.process.ended()
+        if code is None and not self.refused:
+            return None
+        return self._ended(code, pid)
 
-    def reap(self) -> str:
-        """Notice that the process ended; returns how, in words, or an empty string."""
-        if self.popen is None or self.popen.poll() is None:
-            return ""
-        code = self.popen.returncode
-        self.kill_at_ns = 0
-        self.popen = None
-        asked = self.state != lifecycle.RUNNING
-        begins = lifecycle.starts_process(self.state, lifecycle.QUIT)
-        self.state = lifecycle.after(self.state, lifecycle.QUIT)
-        hung = f"hung for {self.hung_s:.1f} s, killed" if self.hung_s else ""
-        self.reason = "stopped" if asked and code == 0 else hung or _in_words(code, self.page)
-        self.hung_s = 0.0
-        if begins:
-            self._spawn()
-        elif not asked:
+    def restart_when_due(self) -> bool:
+        """Carry out a planned restart; True when a process was started."""
+        if not self.restart_at_ns or self.now_ns() < self.restart_at_ns:
+            return False
+        self.restart_at_ns, self.restarts = 0, self.restarts + 1
+        self._step(lifecycle.START)
+        return True
+
+    def _step_by_hand(self, event: str) -> None:
+        """What is asked for comes before what the policy for deaths has planned; it begins anew."""
+        self.restart_at_ns, self.failures, self.given_up = 0, 0, False
+        self._step(event)
+
+    def _step(self, event: str) -> None:
+        self.state, done = lifecycle.step(self.state, event)
+        if done == lifecycle.BEGIN:
+            self._begin()
+        elif done == lifecycle.ASK:
+            self.kill_at_ns = self.now_ns() + round(proc(self.row.kind).stop_s * 1e9)
+            self.process.ask_to_end()
+
+    def _begin(self) -> None:
+        self.starts, self.begun_ns = self.starts + 1, self.now_ns()
+        self.kill_at_ns = self.begun_ns + round(SETUP_S * 1e9)
+        try:
+            self.process.begin()
+        except OSError as error:
+            self.refused = f"could not be started: {error}"
+
+    def _kill(self, verdict: str) -> None:
+        self.kill_at_ns, self.verdict = 0, verdict
+        self.process.kill()
+
+    def _ended(self, code: int | None, pid: int) -> Ending:
+        asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
+        well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
+        self.reason = "stopped" if well else why or self.process.in_words(code or 0)
+        killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9
+        if asked:
+            self.process.show_stopped()
+        self.kill_at_ns, self.verdict, self.refused = 0, "", ""
+        self._step(lifecycle.QUIT)
+        if not asked:
             self._plan_restart()
-        return self.reason
+        return Ending(self.reason, asked, killed, pid, ran_s)
 
     def _plan_restart(self) -> None:
-        now = monotonic_ns()
-        self.failures = 1 if now - self.started_ns > HEALTHY_NS else self.failures + 1
+        now = self.now_ns()
+        self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if self.row.on_exit != "restart" or not proc(self.row.kind).restart:
             return
         if self.failures > self.row.restart_limit:
@@ -120,21 +172,3 @@ class Child:
             return
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)
-
-    def restart_when_due(self) -> bool:
-        """Carry out a planned restart; True when a process was started."""
-        if not self.restart_at_ns or monotonic_ns() < self.restart_at_ns:
-            return False
-        self.restarts += 1
-        self.start()
-        return True
-
-
-def _in_words(code: int, page: ControlPage) -> str:
-    if code < 0:
-        try:
-            return f"killed by {signal.Signals(-code).name}"
-        except ValueError:
-            return f"killed by signal {-code}"
-    reported = bytes(page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
-    return f"exit code {code}" + (f": {reported}" if reported else "")

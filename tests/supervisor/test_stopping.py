@@ -10,9 +10,11 @@ import pytest
 
 from procs import lifecycle
 from procs.document.system import Process, SystemConfig
-from procs.supervisor import loop, memory
+from procs.supervisor import memory
+from procs.supervisor import supervisor as running
 from procs.supervisor.children import Child
-from procs.supervisor.loop import Supervisor
+from procs.supervisor.os_process import OsProcess
+from procs.supervisor.supervisor import Supervisor
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage, create_control
 from shm.segment import SegmentError, names_of
@@ -28,15 +30,22 @@ signal.pause()
 """
 
 
+def process_of(supervisor: Supervisor) -> OsProcess:
+    """What runs for its only instance."""
+    process = supervisor.children[0].process
+    assert isinstance(process, OsProcess)
+    return process
+
+
 @pytest.fixture
 def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Supervisor]:
     """A supervisor of one process, which takes 0.3 s to end well."""
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
-    monkeypatch.setattr(loop, "realtime", lambda *_, **__: "other")
+    monkeypatch.setattr(running, "realtime", lambda *_, **__: "other")
     made = Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     child = world.start(SLOW)
     assert child.stdout.readline() == "up\n"
-    made.children[0].popen, made.children[0].state = child, lifecycle.RUNNING
+    process_of(made).popen, made.children[0].state = child, lifecycle.RUNNING
     yield made
     made.close()
 
@@ -87,12 +96,15 @@ def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeyp
 
 
 def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Supervisor) -> None:
-    child = supervisor.children[0]
+    child, popen = supervisor.children[0], process_of(supervisor).popen
+    assert popen is not None
+    child.stop()
     child.kill_at_ns = 1
-    child.kill_when_due()
-    assert child.popen is not None
-    child.popen.wait(10)
-    assert "SIGKILL" in child.reap()
+    ending = child.look()
+    popen.wait(10)
+    ending = ending or child.look()
+    assert ending is not None and ending.killed and ending.asked
+    assert child.state == lifecycle.STOPPED and child.reason == "did not end within 3 s, killed"
 
 
 def test_a_supervisor_that_cannot_begin_leaves_no_memory(
@@ -103,7 +115,7 @@ def test_a_supervisor_that_cannot_begin_leaves_no_memory(
     def full(*_: object, **__: object) -> str:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(loop, "realtime", full)
+    monkeypatch.setattr(running, "realtime", full)
     with pytest.raises(OSError, match="no space"):
         Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 1 / 1500),)))
     assert names_of(world.name) == []
@@ -113,13 +125,13 @@ def test_a_supervisor_that_was_held_up_ends_instead_of_starting_all_again(
     supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     supervisor.beat()
-    child = supervisor.children[0]
-    assert child.popen is not None
-    child.popen.kill()  # it has noticed that we were away
-    child.popen.wait(10)
-    monkeypatch.setattr(loop, "monotonic_ns", lambda: monotonic_ns() + 3_000_000_000)
+    child, popen = supervisor.children[0], process_of(supervisor).popen
+    assert popen is not None
+    popen.kill()  # it has noticed that we were away
+    popen.wait(10)
+    monkeypatch.setattr(running, "monotonic_ns", lambda: monotonic_ns() + 3_000_000_000)
     supervisor.run(None)
-    assert supervisor.lost and child.restarts == 0 and child.popen is None
+    assert supervisor.lost and child.restarts == 0 and process_of(supervisor).pid == 0
     assert supervisor.stopping.startswith("was held up for 3.0 s; its processes have ended")
 
 

@@ -20,6 +20,7 @@ TRIES = 5
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
+ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
@@ -53,6 +54,8 @@ class ProcessStatus:
     problem: str
     statistics: dict[str, dict[str, float]]
     simulation: str = ""
+    lifecycle: str = ""
+    """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/lifecycle.py)."""
     computes: str = ""
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
 
@@ -114,12 +117,14 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
 def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> ProcessStatus:
     kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
     state, lives_on = page.state, alive(page.segment.identity())
+    lifecycle = str(ledger.get("lifecycle", ""))
     counts = {count: page.get(count) for count in COUNTS}
     statistics = {which: {part: float(page.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(page.get("heartbeat_ns"))
     shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
+    shown = lifecycle if lifecycle in ENDING else shown
     return ProcessStatus(
         name=name, kind=kind, state=shown, pid=int(page.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
@@ -128,7 +133,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
-        computes=str(plain(page.get("computes"))),
+        computes=str(plain(page.get("computes"))), lifecycle=lifecycle,
         problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 

@@ -1,0 +1,81 @@
+"""What runs for an instance, as the operating system has it: a fresh interpreter with its output in a file."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from procs.document.system import Process
+from procs.manifest import proc
+from shm.control_page import ControlPage
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(slots=True)
+class OsProcess:
+    """The process of one instance, or none. Nobody is ever forked off the supervisor's memory: it is started anew."""
+
+    system: str
+    row: Process
+    page: ControlPage
+    log: Path
+    popen: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int:
+        """Process id, 0 when none runs."""
+        return self.popen.pid if self.popen is not None else 0
+
+    @property
+    def ready(self) -> bool:
+        """Setup has succeeded and it runs."""
+        return self.popen is not None and self.page.state == "RUNNING"
+
+    def begin(self) -> None:
+        """Start one; OSError when there can be none."""
+        self.page.show("CREATED")
+        command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
+        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+        with self.log.open("ab") as log:
+            self.popen = subprocess.Popen(
+                command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                env={**os.environ, **threads},
+            )
+
+    def ask_to_end(self) -> None:
+        """SIGTERM."""
+        if self.popen is not None:
+            self.popen.send_signal(signal.SIGTERM)
+            self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        if self.popen is not None:
+            self.popen.kill()
+
+    def ended(self) -> int | None:
+        """Its exit code when it has ended, negative a signal; once. None: it runs, or there was none."""
+        if self.popen is None or self.popen.poll() is None:
+            return None
+        code, self.popen = self.popen.returncode, None
+        return code
+
+    def in_words(self, code: int) -> str:
+        """How it ended, with what it said of its setup."""
+        if code < 0:
+            try:
+                return f"killed by {signal.Signals(-code).name}"
+            except ValueError:
+                return f"killed by signal {-code}"
+        reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+        return f"exit code {code}" + (f": {reported}" if reported else "")
+
+    def show_stopped(self) -> None:
+        """It was asked to end, and may have had no time to say that it has."""
+        if self.page.state not in ("STOPPED", "FAILED"):
+            self.page.show("STOPPED")

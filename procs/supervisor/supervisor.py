@@ -1,0 +1,286 @@
+"""One running system: its shared memory, its processes from start to stop, what is asked about them, who is silent."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from procs import codes, lifecycle
+from procs.document.system import WALL, Process, SystemConfig
+from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
+from procs.paths import log_folder
+from procs.realtime import in_words, lacking, realtime
+from procs.supervisor import memory
+from procs.supervisor.children import Child, Ending
+from procs.supervisor.clearing import Clearings
+from procs.supervisor.cores import core_time_ns
+from procs.supervisor.dependencies import waves
+from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
+from procs.supervisor.os_process import OsProcess
+from procs.supervisor.requests import Requests
+from procs.supervisor.shared_pages import lock_shared
+from shm import directory, loglines
+from shm.audit import Audit
+from shm.clock import monotonic_ns, pause
+from shm.control_page import ControlPage
+from shm.events import Events
+from shm.layout import shorten
+from shm.lockstep import Timekeeper
+from shm.mailbox import Mailbox
+from shm.ring import RingWriter
+from shm.segment import Make
+
+BEAT_S: Final = 0.02
+SIMULATED_LOST: Final = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
+GONE_S: Final = 5.0  # more than that nobody takes who was killed
+log = logging.getLogger("supervisor")
+
+
+class SetupFailed(Exception):
+    """A process did not come up; the message says which and why."""
+
+
+class Supervisor:
+    """One running system."""
+
+    def __init__(self, system: SystemConfig) -> None:
+        """Make all shared memory; SegmentError when the name is taken or memory is full."""
+        self.system = system
+        memory.trust(system.service_user)
+        self.stopping = ""
+        self.lost = False  # our processes have ended because we were held up
+        self.judge, self._beat_ns = Judge(), 0
+        self._name = memory.hold_name(system.name)
+        try:
+            self._make(memory.maker(system.group))
+        except BaseException:  # nobody has us yet to close us
+            self._name.close()
+            raise
+
+    def _make(self, make: Make) -> None:
+        system = self.system
+        left = memory.clear_left_over(system.name)
+        if left:
+            log.warning("cleared %d segments that a dead system left", left)
+        folder = log_folder(os.environ, system.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.size = memory.create_all(system, make)
+        try:
+            self._begin(folder, make)
+        except BaseException:
+            memory.remove_all(system.name)
+            raise
+
+    def _begin(self, folder: Path, make: Make) -> None:
+        """Take our places in the memory that is there now."""
+        system = self.system
+        self.page = ControlPage(system.name, "supervisor", write=True)
+        self.page.segment.claim("supervisor")
+        self.page.field("pid")[...] = os.getpid()
+        highest = max((p.priority for p in system.processes), default=0)
+        row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
+        self._granted = realtime(row, system.clock)
+        self.page.field("policy")[...] = in_words(self._granted)
+        self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
+        self.size += self.keeper.size if self.keeper is not None else 0
+        self.beat()
+        self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
+        self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
+        self._state = self._writes("state")
+        self._rows = tuple(row for row in system.processes if row.kind not in THIRD_PARTY)  # those are ours
+        self._pages: dict[str, ControlPage] = {}
+        self.children = [self._child(row, folder) for row in self._rows]
+        self._requests, self._clearings = Requests(self.children), Clearings(system)
+        self._shown: list[tuple[str, int, int, str]] = []
+        self.killed = 0  # who were asked to end and took too long
+
+    def _writes(self, topic: str) -> RingWriter:
+        return directory.writer(self.system.name, "supervisor", topic, "supervisor")
+
+    def _child(self, row: Process, folder: Path) -> Child:
+        path = folder / f"{row.name}.log"
+        if path.exists():
+            path.replace(path.with_suffix(".previous.log"))
+        page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
+        return Child(row, OsProcess(self.system.name, row, page, path))
+
+    def now_ns(self) -> int:
+        """The system's time."""
+        return self.keeper.now_ns() if self.keeper is not None else monotonic_ns()
+
+    def beat(self) -> None:
+        """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
+        now = monotonic_ns()
+        passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
+        lost_s = self.system.supervisor_lost_s * (1.0 if self.system.clock == WALL else SIMULATED_LOST)
+        if passed_s > lost_s and not self.stopping:
+            self.lost = True
+            self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
+        self.page.field("heartbeat_ns")[...] = now
+
+    def start_all(self) -> None:
+        """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
+        self.page.show("STARTING")
+        for wave in waves(self._rows):
+            children = [child for child in self.children if child.row in wave]
+            for child in children:
+                if self.stopping:
+                    return
+                child.start()
+                self.beat()
+            self._step_until(partial(_all_up, children), lambda: bool(self.stopping))
+            if self.stopping:
+                return
+        self.page.show("RUNNING")
+        self._show()
+        if self.keeper is None:  # simulated time needs no rights
+            shared = lock_shared(self.system.name, [child.process.pid for child in self.children])
+            self.page.field("policy")[...] = in_words([*self._granted, shared])
+            policies = {name: bytes(page.get("policy")).decode() for name, page in self._pages.items()}
+            if rights := lacking(policies):
+                log.warning("%s", rights)
+
+    def _step_until(self, done: Callable[[], bool], end: Callable[[], bool]) -> None:
+        while not done() and not end():
+            self.step()
+
+    def step(self) -> None:
+        """One beat: do what is asked, look at every process, judge those that run, let time pass."""
+        self._commands()
+        self._watch()
+        self._judge()
+        self._requests.answer()
+        self._clearings.beat(monotonic_ns())
+        self._show()
+        self.let_time_pass()
+        self.beat()
+
+    def let_time_pass(self) -> None:
+        """One beat's worth of real time. In simulated time say who takes part: whoever runs."""
+        if self.keeper is None:
+            pause(BEAT_S)
+            return
+        self.keeper.admit([child.row.name for child in self.children if child.process.ready])
+        self.keeper.let_pass(BEAT_S)
+
+    def run(self, seconds: float | None) -> None:
+        """Watch until asked to stop, or for so many seconds of real time."""
+        end = monotonic_ns() + round(seconds * 1e9) if seconds is not None else None
+        while not self.stopping:
+            self.step()
+            if end is not None and monotonic_ns() >= end:
+                self.stopping = f"{seconds:g} s are over"
+
+    def _commands(self) -> None:
+        for command in self.mailbox.drain():
+            if command.name == "stop" and not command.text:
+                self.stopping = self.stopping or "asked to stop"
+                command.accept()
+            elif self.stopping:
+                command.refuse(f"the system is stopping: {self.stopping}")
+            elif self.page.state == "STARTING" and command.name != "stop":
+                command.refuse("the system is starting; ask again when it is up")
+            else:
+                self._requests.take(command)
+
+    def _watch(self) -> None:
+        for child in self.children:
+            ending, name = child.look(), child.row.name
+            if ending is not None:
+                self._ended(child, ending)
+            if not self.stopping and child.restart_when_due():
+                log.info("%s started again (pid %d)", name, child.process.pid)
+                self.events.status(f"{name} started again", name)
+
+    def _ended(self, child: Child, ending: Ending) -> None:
+        name = child.row.name
+        if not ending.asked:
+            planned = "restarting" if child.restart_at_ns and not self.stopping else "not restarted"
+            self.events.report(codes.PROCESS_ENDED, f"{name} ended: {child.reason}; {planned}", name)
+        elif ending.killed:
+            self.killed += 1
+            self.events.report(codes.PROCESS_KILLED, f"{name} {ending.text}", name)
+        else:
+            log.info("%s ended: %s", name, ending.text)
+
+    def _judge(self) -> None:
+        """Report who is late, kill who hangs."""
+        for verdict in self.judge.beat(monotonic_ns(), self._members()):
+            child = next(c for c in self.children if c.row.name == verdict.name)
+            name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
+            if verdict.what == LATE:
+                text = f"{name} is late: silent for {seconds:.2f} s, allowed are {allowed_s:g} s"
+                self.events.report(codes.PROCESS_LATE, text, name, value=seconds, limit=allowed_s)
+            elif verdict.what == HUNG:
+                log.error("%s hangs: silent for %.2f s; killing it", name, seconds)
+                child.kill_hung(seconds)
+                if self.keeper is not None and name == self.keeper.table.server:
+                    self.judge.forget(self.keeper.table.asking)
+            else:
+                log.info("%s resumes after %.2f s", name, seconds)
+                self.events.status(f"{name} resumes after {seconds:.2f} s", name)
+
+    def _members(self) -> Iterator[JudgedProcess]:
+        """Who is to be judged: all that run. In simulated time nobody is late, and who has to wait does not hang."""
+        keeper = self.keeper
+        for child in self.children:
+            if not child.is_up or self.stopping or self.page.state != "RUNNING":
+                continue
+            name, hung_ns = child.row.name, hung_s(child.row) * 1e9
+            mark = int(self._pages[name].get("heartbeat_ns"))
+            if keeper is None:
+                yield JudgedProcess(name, mark, late_s(child.row) * 1e9, hung_ns)
+            else:
+                server = keeper.table.server if name in keeper.table.asking else ""
+                core_ns = partial(core_time_ns, child.process.pid)
+                yield JudgedProcess(name, mark, math.inf, hung_ns, core_ns, server)
+
+    def _show(self) -> None:
+        """Publish who is in which state, when that has changed."""
+        shown = [(child.state, child.process.pid, child.restarts, child.reason) for child in self.children]
+        if shown == self._shown:
+            return
+        self._shown = shown
+        for i, child in enumerate(self.children):
+            values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
+                      "lifecycle": child.state.encode(), "pid": child.process.pid, "restarts": child.restarts,
+                      "exit_reason": shorten(child.reason, 120)}
+            for name, value in values.items():
+                self._state.field(name)[i] = value
+        self._state.publish(self.now_ns())
+
+    def stop_all(self) -> bool:
+        """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
+        self.page.show("STOPPING")
+        self.stopping = self.stopping or "its supervisor ends"
+        self._requests.end(f"the system is stopping: {self.stopping}")
+        for wave in reversed(waves(self._rows)):
+            children = [child for child in self.children if child.row in wave]
+            for child in children:
+                child.stop()
+            # Asked twice, it takes no less time: an io that is killed has not switched anything off.
+            limit_s = max((proc(child.row.kind).stop_s for child in children), default=0.0) + GONE_S
+            end = monotonic_ns() + round(limit_s * 1e9)
+            self._step_until(partial(_all_ended, children), lambda end=end: monotonic_ns() >= end)  # type: ignore[misc]
+        return not self.killed
+
+    def close(self) -> None:
+        """Remove all shared memory, then give the name back."""
+        memory.remove_all(self.system.name)
+        self._name.close()
+
+
+def _all_up(children: Sequence[Child]) -> bool:
+    for child in children:
+        if child.state == lifecycle.STOPPED:
+            raise SetupFailed(f"{child.row.name}: {child.reason}; see trocar logs {child.row.name}")
+    return all(child.is_up for child in children)
+
+
+def _all_ended(children: Sequence[Child]) -> bool:
+    return all(child.state == lifecycle.STOPPED for child in children)

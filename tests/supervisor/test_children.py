@@ -1,0 +1,176 @@
+"""The life of one instance, and what those who ask for it are told, on a counted clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs import lifecycle
+from procs.supervisor.children import SETUP_S, Child
+from procs.supervisor.dependencies import Circle, waves
+from procs.supervisor.requests import Requests
+from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
+
+
+class IoAndArm:
+    """An io and an arm that needs it."""
+
+    def __init__(self) -> None:
+        self.clock = Clock()
+        self.io, self.io_process = played("IO1", "io", self.clock)
+        self.arm, self.process = played("PSM1", "arm", self.clock, ("IO1",))
+        self.requests = Requests([self.io, self.arm])
+
+    def asked(self, name: str, text: str = "PSM1") -> PlayedRequest:
+        """A command arrives."""
+        request = PlayedRequest(name, text)
+        self.requests.take(request)  # type: ignore[arg-type]  # what is not asked for is not played
+        return request
+
+    def goes_on(self) -> None:
+        """A beat: everybody gets time, the supervisor looks."""
+        for child, process in ((self.io, self.io_process), (self.arm, self.process)):
+            process.goes_on()
+            child.look()
+            child.restart_when_due()
+        self.requests.answer()
+
+
+@pytest.fixture
+def system() -> IoAndArm:
+    """Both are up."""
+    made = IoAndArm()
+    made.io.start()
+    made.arm.start()
+    made.goes_on()
+    assert made.io.is_up and made.arm.is_up
+    return made
+
+
+def test_who_starts_waits_for_setup_and_is_told_its_number(system: IoAndArm) -> None:
+    system.asked("stop")
+    system.goes_on()
+    started = system.asked("start")
+    system.requests.answer()
+    assert started.answers == [("accepted", "")], "setup is a barrier"
+    system.goes_on()
+    assert started.answers[1:] == [("done", "PSM1 runs (pid 102)")]
+    assert system.process.notes == ["setup", "main", "quit", "setup", "main"]
+
+
+def test_a_second_start_does_nothing_and_says_so(system: IoAndArm) -> None:
+    assert system.asked("start").answers == [("done", "PSM1 runs already (pid 101)")]
+    assert system.process.begun == 1
+
+
+def test_the_starter_hears_the_failures_own_text(system: IoAndArm) -> None:
+    system.asked("stop")
+    system.goes_on()
+    started = system.asked("start")
+    system.process.ends(3, "ValueError: no such tool")
+    system.goes_on()
+    assert started.answers[1:] == [("failed", "PSM1: exit code 3: ValueError: no such tool; it is tried again")]
+
+
+def test_what_cannot_even_begin_is_told_as_well(system: IoAndArm) -> None:
+    system.asked("stop")
+    system.goes_on()
+    system.process.lacks_memory = True
+    started = system.asked("start")
+    system.goes_on()
+    assert started.answers[1:] == [("failed", "PSM1: could not be started: no memory; it is tried again")]
+
+
+def test_a_start_while_stopping_gives_a_new_process_after_the_old_one(system: IoAndArm) -> None:
+    stopped, started = system.asked("stop"), system.asked("start")
+    assert system.arm.state == lifecycle.RESTARTING and system.process.begun == 1
+    system.goes_on()
+    assert stopped.answers[-1] == ("done", "PSM1: stopped") and system.process.begun == 2
+    system.goes_on()
+    assert started.answers[-1] == ("done", "PSM1 runs (pid 102)")
+
+
+def test_a_stop_while_restarting_leaves_nothing_and_the_starter_hears_it(system: IoAndArm) -> None:
+    restarted = system.asked("restart")
+    system.asked("stop")
+    system.goes_on()
+    assert system.arm.state == lifecycle.STOPPED and system.process.begun == 1
+    assert restarted.answers[-1] == ("failed", "PSM1 was stopped before it was up")
+
+
+def test_who_does_not_end_in_time_is_killed_and_that_is_said(system: IoAndArm) -> None:
+    system.process.hangs = True
+    stopped = system.asked("stop")
+    system.clock.passes(3.1)
+    ending = system.arm.look()
+    system.requests.answer()
+    assert ending is not None and ending.killed and ending.asked
+    assert stopped.answers[-1] == ("done", "PSM1: did not end within 3 s, killed")
+
+
+def test_who_does_not_get_through_setup_in_time_is_killed(system: IoAndArm) -> None:
+    system.asked("restart")
+    system.goes_on()
+    system.process.ready, system.process.hangs = False, True
+    system.arm.kill_at_ns = system.arm.begun_ns + round(SETUP_S * 1e9)
+    system.clock.passes(SETUP_S + 0.1)
+    ending = system.arm.look()
+    assert ending is not None and ending.text == "setup was not done within 60 s, killed" and not ending.asked
+
+
+def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAndArm) -> None:
+    waits = []
+    while not system.arm.given_up:
+        system.process.ends(4)
+        system.arm.look()
+        if system.arm.restart_at_ns:
+            waits.append((system.arm.restart_at_ns - system.clock.now_ns) * 1e-9)
+            system.clock.passes(waits[-1])
+            assert system.arm.restart_when_due()
+            system.process.goes_on()
+    assert waits == pytest.approx([0.2, 0.4, 0.8, 1.6, 3.2])
+    assert system.arm.reason.endswith("given up after 5 restarts")
+    system.asked("start")
+    system.goes_on()
+    assert system.arm.is_up and not system.arm.given_up
+
+
+def test_a_stop_ends_the_trying(system: IoAndArm) -> None:
+    system.process.ends(4)
+    system.arm.look()
+    assert system.asked("stop").answers == [("done", "PSM1 is not started again")]
+    system.clock.passes(60)
+    system.goes_on()
+    assert system.process.begun == 1
+    assert system.asked("stop").answers == [("done", "PSM1 does not run")]
+
+
+def test_nothing_starts_without_what_it_needs(system: IoAndArm) -> None:
+    for name in ("IO1", "PSM1"):
+        system.asked("stop", name)
+    system.goes_on()
+    assert system.asked("start").answers == [("refused", "PSM1 needs IO1, which does not run: trocar start IO1")]
+    assert system.asked("start", "PSM9").answers == [("refused", "no instance PSM9; there are IO1, PSM1")]
+
+
+def test_whoever_waits_is_told_when_the_system_ends(system: IoAndArm) -> None:
+    waiting = system.asked("restart")
+    system.requests.end("the system stops")
+    assert waiting.answers[-1] == ("failed", "the system stops")
+
+
+def test_processes_start_in_waves_and_circles_are_named() -> None:
+    clock = Clock()
+    rows = [child.row for child, _ in (played("PSM1", "arm", clock, ("IO1",)), played("IO1", "io", clock))]
+    assert [[row.name for row in wave] for wave in waves(rows)] == [["IO1"], ["PSM1"]]
+    rows = [played("A", "arm", clock, ("B",))[0].row, played("B", "arm", clock, ("A",))[0].row]
+    with pytest.raises(Circle, match="A, B: each waits"):
+        waves(rows)
+
+
+def test_an_end_by_the_signal_to_stop_is_a_good_end(system: IoAndArm) -> None:
+    child: Child = system.arm
+    process: PlayedProcess = system.process
+    child.stop()
+    process.ends(-15)
+    ending = child.look()
+    assert ending is not None and ending.text == "stopped"

@@ -1,0 +1,115 @@
+"""`trocar start|stop|restart NAME`: one process of a running system."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from procs.document.process import Process, processes_of
+from procs.manifest import THIRD_PARTY, proc
+from shm import directory
+from shm.segment import SegmentError
+from tools.errors import Misuse, Problem, Refused
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, progress
+from tools.remote import Remote
+from tools.running import SUPERVISOR
+from tools.systems import chosen_system, unknown
+
+PATIENCE_S = 80.0  # longer than the supervisor waits for a setup, and for the end of the one before
+
+
+def _names(unfinished: str) -> list[str]:
+    """For completion: the processes of the system that is up."""
+    try:
+        return [row.name for row in _rows(chosen_system()) if row.name.startswith(unfinished)]
+    except (Problem, SegmentError, ValueError):
+        return []
+
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="A process, as status names it.", autocompletion=_names)]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do it without asking.")]
+
+
+def start(name: Name, as_json: JsonOption = False, system: SystemOption = None) -> int:
+    """Start a process that was stopped, or that nobody tries to start any more; returns when it runs.
+
+    Nothing is powered and nothing moves by it. One that runs already goes on.
+
+    Example: trocar start PSM1
+    """
+    return _asked("start", name, as_json, chosen_system(system))
+
+
+def stop(name: Name, yes: Yes = False, as_json: JsonOption = False, system: SystemOption = None) -> int:
+    """Stop a process; it stays down until it is started. Names what depends on it, and asks.
+
+    An io switches its robots off in order. When an arm is stopped, io holds it where it is.
+
+    Example: trocar stop PSM1 --yes
+    """
+    chosen = chosen_system(system)
+    return _asked("stop", name, as_json, chosen) if _confirmed("stop", name, yes, chosen) else 1
+
+
+def restart(name: Name, yes: Yes = False, as_json: JsonOption = False, system: SystemOption = None) -> int:
+    """Stop a process and start it again; returns when it runs. Names what depends on it, and asks.
+
+    Example: trocar restart PSM1 --yes
+    """
+    chosen = chosen_system(system)
+    return _asked("restart", name, as_json, chosen) if _confirmed("restart", name, yes, chosen) else 1
+
+
+def _rows(system: str) -> list[Process]:
+    """The processes that the supervisor starts."""
+    return [row for row in processes_of(directory.document(system)) if row.kind not in THIRD_PARTY]
+
+
+def _row(system: str, name: str) -> Process:
+    rows = {row.name: row for row in _rows(system)}
+    if name not in rows:
+        raise unknown("process", name, rows)
+    return rows[name]
+
+
+def dependents(rows: list[Process], name: str) -> list[Process]:
+    """What needs it, directly or not, in start order."""
+    found, names = [], {name}
+    for row in rows:
+        if names & set(row.after):
+            found.append(row)
+            names.add(row.name)
+    return found
+
+
+def _confirmed(what: str, name: str, yes: bool, system: str) -> bool:
+    """Whether to go on; asks where something depends on it, or a robot may. Misuse where nobody can be asked."""
+    row, after = _row(system, name), dependents(_rows(system), name)
+    if yes or not (after or proc(row.kind).realtime):
+        return True
+    lines = [f"{what} {name}: {proc(row.kind).on_exit.split(';')[0]}"]
+    lines += [f"depends on it: {each.name} ({each.kind})" for each in after]
+    if not sys.stdin.isatty():
+        raise Misuse("\n".join([*lines, "here is no terminal to ask: --yes goes on without"]))
+    print("\n".join(lines), file=sys.stderr)
+    if typer.confirm("Go on?", err=True):
+        return True
+    print("nothing was done", file=sys.stderr)
+    return False
+
+
+def _asked(what: str, name: str, as_json: bool, system: str) -> int:
+    _row(system, name)
+    with Remote(system, SUPERVISOR) as remote, progress(f"{what} {name}") as say:
+        say(f"{what} {name}", None)
+        reply = remote.settled(what, text=name, timeout=PATIENCE_S)
+    if reply.outcome != "done":
+        raise Refused(reply.text or f"{what} {name} was {reply.outcome}")
+    if as_json:
+        emit({"process": name, "outcome": reply.outcome, "text": reply.text})
+    else:
+        print(reply.text)
+    return 0
