@@ -42,6 +42,7 @@ class Proc:
     `stop_s`: how long it may take to end when asked; `on_exit` is said in words for `trocar status`; `reserved` is the
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
+    `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -64,6 +65,7 @@ class Proc:
     budget_us: float = 0.0
     hung_s: float = 1.0
     rest: int = 1
+    start: Literal["always", "on-demand"] = "always"
 
     @property
     def realtime(self) -> bool:

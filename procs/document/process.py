@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from typing import Final
 
 from procs.document.decoding import decode
+
+ALWAYS: Final = "always"
+ON_DEMAND: Final = "on-demand"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +27,8 @@ class Process:
     backoff_s: float = 0.2
     late_s: float | None = None  # silence that is reported; None: as usual for its kind
     hung_s: float | None = None  # silence after which it is killed
+    start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it
+    linger_s: float = 5.0  # how long it goes on then, after the last one left
 
 
 def processes_of(data: bytes) -> tuple[Process, ...]:

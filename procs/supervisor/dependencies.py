@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from procs import lifecycle
 from procs.document.system import Process
+from procs.supervisor.children import Child
 
 
 class Circle(ValueError):
@@ -24,3 +26,10 @@ def waves(rows: Sequence[Process]) -> list[list[Process]]:
         up |= {row.name for row in wave}
         left = [row for row in left if row.name not in up]
     return found
+
+
+def missing(child: Child, children: Mapping[str, Child]) -> list[str]:
+    """What an instance needs and nobody is going to start; one that runs goes on without."""
+    if child.state != lifecycle.STOPPED:
+        return []
+    return [name for name in child.row.after if name in children and children[name].is_down]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from procs import lifecycle
 from procs.requests import Request
 from procs.supervisor.children import Child
+from procs.supervisor.dependencies import missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +74,9 @@ class Requests:
     def _start(self, request: Request, child: Child) -> None:
         if child.is_up:
             request.done(f"{child.row.name} runs already (pid {child.process.pid})")
-        elif missing := self._missing(child):
-            request.refuse(f"{child.row.name} needs {' and '.join(missing)}, which {_runs(missing)} not run: "
-                           f"trocar start {missing[0]}")
+        elif lacks := missing(child, self._children):
+            request.refuse(f"{child.row.name} needs {' and '.join(lacks)}, which {_runs(lacks)} not run: "
+                           f"trocar start {lacks[0]}")
         else:
             child.start()
             request.accept()
@@ -83,15 +84,9 @@ class Requests:
             self._pending.append(_Pending(request, child, number, lifecycle.RUNNING))
 
     def _restart(self, request: Request, child: Child) -> None:
-        if not self._missing(child):
+        if not missing(child, self._children):
             child.stop()
         self._start(request, child)
-
-    def _missing(self, child: Child) -> list[str]:
-        """What it needs and nobody is going to start; what runs goes on without."""
-        if child.state != lifecycle.STOPPED:
-            return []
-        return [name for name in child.row.after if name in self._children and self._children[name].is_down]
 
 
 def _runs(names: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from procs import codes, lifecycle
+from procs.document.process import ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.paths import log_folder
@@ -19,7 +20,8 @@ from procs.supervisor import memory
 from procs.supervisor.children import Child, Ending
 from procs.supervisor.clearing import Clearings
 from procs.supervisor.cores import core_time_ns
-from procs.supervisor.dependencies import waves
+from procs.supervisor.demand import Demand
+from procs.supervisor.dependencies import missing, waves
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.os_process import OsProcess
 from procs.supervisor.requests import Requests
@@ -34,6 +36,7 @@ from shm.lockstep import Timekeeper
 from shm.mailbox import Mailbox
 from shm.ring import RingWriter
 from shm.segment import Make
+from shm.subscriptions import Subscriptions
 
 BEAT_S: Final = 0.02
 SIMULATED_LOST: Final = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
@@ -95,6 +98,7 @@ class Supervisor:
         self._rows = tuple(row for row in system.processes if row.kind not in THIRD_PARTY)  # those are ours
         self._pages: dict[str, ControlPage] = {}
         self.children = [self._child(row, folder) for row in self._rows]
+        self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
         self._shown: list[tuple[str, int, int, str]] = []
         self.killed = 0  # who were asked to end and took too long
@@ -108,6 +112,15 @@ class Supervisor:
             path.replace(path.with_suffix(".previous.log"))
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
         return Child(row, OsProcess(self.system.name, row, page, path))
+
+    def _demand(self, child: Child) -> Demand:
+        subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
+
+        def is_wanted() -> bool:
+            subscriptions.look()
+            return bool(subscriptions.wanted)
+
+        return Demand(child, is_wanted, lambda: not missing(child, children))
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -127,7 +140,7 @@ class Supervisor:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.page.show("STARTING")
         for wave in waves(self._rows):
-            children = [child for child in self.children if child.row in wave]
+            children = [child for child in self.children if child.row in wave and child.row.start != ON_DEMAND]
             for child in children:
                 if self.stopping:
                     return
@@ -154,6 +167,9 @@ class Supervisor:
         self._commands()
         self._watch()
         self._judge()
+        if self.page.state == "RUNNING" and not self.stopping:
+            for demand in self._demands:
+                demand.beat()
         self._requests.answer()
         self._clearings.beat(monotonic_ns())
         self._show()

@@ -124,7 +124,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(page.get("heartbeat_ns"))
     shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
-    shown = lifecycle if lifecycle in ENDING else shown
+    shown = lifecycle if lifecycle in ENDING or (lifecycle, shown) == ("STOPPED", "CREATED") else shown
     return ProcessStatus(
         name=name, kind=kind, state=shown, pid=int(page.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,

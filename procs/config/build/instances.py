@@ -9,7 +9,8 @@ from procs.config.build.context import Context
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.source import SourceFile
 from procs.document import system as document
-from procs.manifest import PROCS
+from procs.document.process import ON_DEMAND
+from procs.manifest import PROCS, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
@@ -33,8 +34,13 @@ def build_processes(
         after = tuple(name for name in dict.fromkeys(row.after) if name in known)
         priority, cpu = _scheduled(kind.priority, options)
         rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after,
-                                     priority=priority, cpu=cpu))
-    return tuple(_with_options(row, options) for row in rows)
+                                     priority=priority, cpu=cpu, start=kind.start))
+    given = tuple(_with_options(row, options) for row in rows)
+    for each in given:
+        if each.start == ON_DEMAND and proc(each.kind).realtime:
+            text = "it drives a robot, and is always there"
+            context.error(source, ("trocar", "processes", each.name, "start"), text, "always")
+    return given
 
 
 def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:

@@ -25,6 +25,8 @@ class ProcessKeys(Section):
     backoff_s: float | None = Field(default=None, ge=0.0, le=60.0, description="s")
     late_s: float | None = Field(default=None, ge=0.01, le=60.0, description="s of silence, then it is reported")
     hung_s: float | None = Field(default=None, ge=0.1, le=86400.0, description="s of silence, then it is killed")
+    start: Literal["always", "on-demand"] | None = None
+    linger_s: float | None = Field(default=None, ge=0.0, le=3600.0, description="s after the last subscriber left")
 
 
 class IoOptions(Section):
