@@ -360,5 +360,10 @@ THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that is an arm reports an error",
     "see that program; teleoperations that use it stop")
 
+# processes of users' own
+USER_ERROR: Final = Code(
+    "user-error", ERROR, "user", "a process of a user's own reports that something is wrong with it",
+    "see what it says, and its log: trocar logs NAME")
+
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

@@ -43,6 +43,8 @@ class Proc:
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
     `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
+    `declared`: the system file says of each instance what it writes and what it can be asked; it goes by the system's
+    time, which does not wait for it.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -66,6 +68,7 @@ class Proc:
     hung_s: float = 1.0
     rest: int = 1
     start: Literal["always", "on-demand"] = "always"
+    declared: bool = False
 
     @property
     def realtime(self) -> bool:
@@ -115,8 +118,15 @@ PROCS: tuple[Proc, ...] = (
              row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
              ] if system.consoles else [],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
+    Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
+         instances=lambda system: [ProcessInstance(user.name, user.period_s, tuple(
+             row.name for rows in (system.ios, system.arms, system.carts, system.consoles) for row in rows))
+             for user in system.users],
+         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True),
 )
 
+IN_TIME: Final = frozenset(row.kind for row in PROCS if row.module and not row.declared)
+"""Kinds that simulated time waits for."""
 THIRD_PARTY: Final = frozenset(row.kind for row in PROCS if not row.module)
 """Kinds of programs that somebody else starts."""
 

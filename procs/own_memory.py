@@ -65,7 +65,9 @@ class OwnMemory:
 
     def writes(self, topic: str) -> RingWriter:
         """Claim one of our own rings."""
-        return self.hold(directory.writer(self.system, self.name, topic, self.kind))
+        user = self.document.user(self.name)
+        own = user is not None and topic not in ("events", "audit")  # its layout is what the system file declares
+        return self.hold(directory.writer(self.system, self.name, topic, None if own else self.kind))
 
     def mailbox(self, guard: Cell | None = None) -> Mailbox:
         """Our own mailbox; what waits in it when the loop begins is refused.

@@ -247,17 +247,13 @@ def _run_one(node: Node, make: Callable[[Node], Loop]) -> None:
 @contextlib.contextmanager
 def process(kind: str) -> Iterator[Node]:
     """The life of one process: arguments, attach, logging, signals, priority; an exit code on every path."""
-    arguments = argparse.ArgumentParser(prog=f"procs.{kind}.loop", description=f"One {kind}, started by trocar up.")
-    arguments.add_argument("--system", required=True)
-    arguments.add_argument("--name", required=True)
-    chosen = arguments.parse_args()
-    loglines.begin(sys.stderr)
+    chosen = arguments(kind)
     try:
         node = Node(kind, chosen.system, chosen.name)
     except (SegmentError, KeyError, ValueError) as error:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
-    _signals(node)
+    on_stop(node.stop)
     node.granted = realtime(node.row, node.document.clock, reserved=proc(kind).reserved)
     node.page.field("policy")[...] = in_words(node.granted)
     node.locks = proc(kind).realtime and not node.clock.simulated
@@ -279,9 +275,20 @@ def _spin_ns(system: SystemConfig, name: str) -> int:
     return round(min(spin_us, MAX_SPIN_US) * 1e3) if len(os.sched_getaffinity(0)) > 1 else 0
 
 
-def _signals(node: Node) -> None:
+def arguments(kind: str) -> argparse.Namespace:
+    """What every process is started with: its system and name; its log begins."""
+    parser = argparse.ArgumentParser(prog=f"procs.{kind}.loop", description=f"One {kind}, started by trocar up.")
+    parser.add_argument("--system", required=True)
+    parser.add_argument("--name", required=True)
+    chosen = parser.parse_args()
+    loglines.begin(sys.stderr)
+    return chosen
+
+
+def on_stop(stop: Callable[[str], None]) -> None:
+    """Call `stop` with the reason when the supervisor asks this process to end."""
     def asked(number: int, frame: FrameType | None) -> None:
-        node.stop("asked to stop")
+        stop("asked to stop")
 
     signal.signal(signal.SIGTERM, asked)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
 from shm.faults import Faults
 from shm.header import SegmentError
-from shm.origins import NOBODY, Origin, new_id, program_name
+from shm.origins import ACTING, NOBODY, Origin, new_id, program_name
 from shm.place import STOP_TRIES, MailboxFull, Place, Reply, StopPlace
 from shm.segment import path_of, segment_name
 
@@ -41,7 +40,7 @@ class MailboxShare:
         self.instance = instance
         self.place = Place(system, instance, program)
         self.file = self.place.file
-        self._rows = {row.name: row for row in COMMANDS.get(self.place.kind, ())}
+        self._rows = {row.name: row for row in self.place.table}
         self.streams = {row.name for row in self._rows.values() if row.streams}
         self._faults: Faults | None = None
         self._knows_faults = False
@@ -175,6 +174,8 @@ os.register_at_fork(after_in_child=DESKS.forked)
 
 def begin(system: str) -> Origin:
     """A person's command that takes several steps, see Client.on_behalf: after a fault none of them is carried out."""
+    if ACTING.origin is not None:
+        return ACTING.origin
     faults: Faults | None = None
     with contextlib.suppress(SegmentError):
         faults = Faults(system)
@@ -237,6 +238,9 @@ class Client:
 
     def _own_origin(self, streams: bool) -> Origin:
         """A stream is one command of a person: begun before a fault, it must not go on after it."""
+        if ACTING.origin is not None:
+            self.origin = ACTING.origin
+            return self.origin
         if self._whole is not None:
             return self._whole
         if streams:

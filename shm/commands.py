@@ -26,7 +26,8 @@ class CommandRow:
     For stops there is always room in a mailbox; what was asked before one is not done after it. With "frees" zeros let
     go of something that a person brought up: that must not come late, but nobody needs to have asked for it.
 
-    `types` of arms that have it, none: all; others refuse it, and it is not listed for them.
+    `types` of arms that have it, none: all; others refuse it, and it is not listed for them. `latest`: of several that
+    wait one behind the other only the newest is carried out (users' processes).
     """
 
     name: str
@@ -38,6 +39,7 @@ class CommandRow:
     zero: Literal["", "stops", "frees"] = ""
     level: bool = False
     types: tuple[str, ...] = ()
+    latest: bool = False
 
     def is_stop(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
         """Whether it stops something and starts nothing."""

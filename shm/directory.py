@@ -61,8 +61,8 @@ def reader(system: str, instance: str, topic: str, kind: str | None = None, *, o
         raise
 
 
-def writer(system: str, instance: str, topic: str, kind: str) -> RingWriter:
-    """Claim a ring; SegmentError names who has it."""
+def writer(system: str, instance: str, topic: str, kind: str | None) -> RingWriter:
+    """Claim a ring; SegmentError names who has it. Without `kind` its layout is what its header says."""
     segment = Segment(segment_name(system, instance, topic), write=True)
     try:
         return RingWriter(segment, instance, _expected(segment, kind, topic))

@@ -6,9 +6,10 @@ One "slot": cursors (arrays over the places, each cell with one writer), holders
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
-from shm.commands import COMMANDS
+from shm.commands import COMMANDS, CommandRow
 from shm.header import SegmentError, readable
 from shm.holders import HOLDER, PROGRAM, Holder, in_words
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
@@ -50,10 +51,15 @@ WHOLE = schema_from_json(
 )
 
 
-def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *, wakes: bool = False) -> int:
-    """Make the mailbox of an instance of `kind`; returns its size. `wakes`: who sends a command wakes it."""
+def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *, wakes: bool = False,
+                   own: Sequence[CommandRow] = ()) -> int:
+    """Make the mailbox of an instance of `kind`; returns its size. `wakes`: who sends a command wakes it.
+
+    `own`: its commands where its kind has no table of them.
+    """
     commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves, "stops": c.stops,
-                 "zero": c.zero == "stops", "types": c.types} for c in COMMANDS.get(kind, ())]
+                 "zero": c.zero == "stops", "types": c.types, **({"latest": True} if c.latest else {})}
+                for c in COMMANDS.get(kind, own)]
     info = {"kind": kind, "wakes": wakes, "commands": commands}
     return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 
@@ -76,11 +82,16 @@ class MailboxMap:
         self.view = self.segment.view
 
     def _compare(self, info: dict[str, Any]) -> None:
-        """A command travels as its place in the table: refuse another table than ours."""
+        """A command travels as its place in the table: refuse another table than ours.
+
+        A kind without a table has that of the mailbox: each instance its own.
+        """
         kind, rows = info.get("kind"), info.get("commands")
         listed = rows if isinstance(rows, list) else []
         theirs = [row.get("name") if isinstance(row, dict) else None for row in listed]
-        if not isinstance(kind, str) or theirs != [c.name for c in COMMANDS.get(kind, ())]:
+        known = COMMANDS.get(kind) if isinstance(kind, str) else ()
+        self.table = tuple(_row(row) for row in listed) if known is None else known
+        if not isinstance(kind, str) or theirs != [c.name for c in self.table]:
             raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
                                "same version")
         self.kind, self.wakes = kind, info.get("wakes") is True
@@ -131,3 +142,12 @@ class MailboxMap:
     def holders(self, places: list[int]) -> str:
         """Who has these places, in words."""
         return in_words(self.holder(place) for place in places)
+
+
+def _row(listed: object) -> CommandRow:
+    """A command as a mailbox lists it; it may say anything."""
+    row = listed if isinstance(listed, dict) else {}
+    values, text, doc = (str(row.get(key, "")) for key in ("values", "text", "doc"))
+    stops = ("*",) if row.get("stops") else ()
+    return CommandRow(str(row.get("name", "")), values, text, doc, row.get("moves") is True, stops,
+                      latest=row.get("latest") is True)

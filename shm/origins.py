@@ -32,6 +32,18 @@ class Origin:
 NOBODY: Final = Origin(0, 0, "")
 
 
+class Acting:
+    """For whom a process acts; None: it is a person's own program, and each of its commands is a person's.
+
+    Processes that the supervisor starts act for nobody, or for whom they were asked by; see procs/user/loop.py.
+    """
+
+    origin: Origin | None = None
+
+
+ACTING: Final = Acting()
+
+
 def new_id() -> int:
     """A number that no other command of a person has."""
     return os.getpid() << 32 | next(COUNT) & 0xFFFF_FFFF

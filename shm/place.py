@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns, pause
-from shm.commands import COMMANDS
+from shm.commands import CommandRow
 from shm.control_page import ControlPage
 from shm.header import SegmentError
 from shm.locks import AllTaken, Places
@@ -60,7 +60,7 @@ class Place:
         """Attach; SegmentError when the instance has no mailbox. `program`: what others are told who has the place."""
         self._map = places = MailboxMap(system, instance)
         self.instance, self.kind, self._program = instance, places.kind, program
-        self._codes = {command.name: code for code, command in enumerate(COMMANDS.get(self.kind, ()))}
+        self._codes = {command.name: code for code, command in enumerate(places.table)}
         self._words, self._view = places.words, places.view
         self._locks = Places(places.segment, places.locks, CLIENTS)
         self._page: ControlPage | None = None
@@ -114,6 +114,11 @@ class Place:
         # further out of step, wherever the owner's own copy stands: it looks where a cursor moves
         words[at] = sent + 2 * COMMANDS_DEPTH if FAR <= sent < LAST_NUMBER - 2 * COMMANDS_DEPTH else FAR
         return False
+
+    @property
+    def table(self) -> tuple[CommandRow, ...]:
+        """What the owner can be asked."""
+        return self._map.table
 
     @property
     def commands(self) -> list[dict[str, Any]]:

@@ -37,6 +37,7 @@ from procs.document.gains import PidAxis as PidAxis
 from procs.document.process import Process as Process
 from procs.document.tasks import TaskRow as TaskRow
 from procs.document.third_party import ThirdParty as ThirdParty
+from procs.document.user_process import UserProcess as UserProcess
 
 T = TypeVar("T")
 
@@ -232,6 +233,7 @@ class SystemConfig:
     teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
     third_parties: tuple[ThirdParty, ...] = ()
     focuses: tuple[Focus, ...] = ()  # one at most
+    users: tuple[UserProcess, ...] = ()  # processes of users' own
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
@@ -266,6 +268,10 @@ class SystemConfig:
     def focus_of(self, name: str) -> Focus:
         """The focus controller `name`; KeyError when there is none."""
         return _named(self.focuses, name)
+
+    def user(self, name: str) -> UserProcess | None:
+        """What the process `name` declares where it is a user's own; None where it is not."""
+        return next((row for row in self.users if row.name == name), None)
 
     def inputs(self, name: str) -> tuple[str, ...]:
         """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""

@@ -10,7 +10,8 @@ import socket
 from typing import Final
 
 from procs.document.system import PACED, WALL, Process, SystemConfig, to_json
-from procs.manifest import THIRD_PARTY, proc
+from procs.manifest import IN_TIME, THIRD_PARTY, proc
+from procs.user_tables import commands_of, topics_of
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -130,7 +131,7 @@ def needed(system: SystemConfig) -> int:
 
 def simulated(system: SystemConfig) -> Table:
     """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
-    members = [row.name for row in system.processes if row.kind not in THIRD_PARTY]
+    members = [row.name for row in system.processes if row.kind in IN_TIME]
     return Table(tuple(members), next((row.name for row in proc("boards").instances(system)), ""),
                  tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
@@ -174,11 +175,16 @@ def components(system: SystemConfig) -> list[str]:
 
 
 def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
-    row, audit = proc(process.kind), ("audit",) if process.kind in COMMANDS else ()
+    row, user = proc(process.kind), system.user(process.name)
+    audit = ("audit",) if process.kind in COMMANDS or user is not None else ()
+    declared = topics_of(user) if user is not None else ()
     topics = [directory.topic_of(process.kind, name) for name in (*row.topics, "events", *audit)]
-    total = create_control(system.name, process.name, make, topics)
+    total = create_control(system.name, process.name, make, [*topics, *declared])
     if audit:
-        total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken)
+        total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken,
+                                own=commands_of(user) if user is not None else ())
+    for own in declared:
+        total += directory.create_ring(system.name, process.name, own, {}, {"kind": process.kind}, make)
     dims, info = row.sizes(system, process.name)
     for topic in topics:
         total += directory.create_ring(system.name, process.name, topic, {} if topic.writer == "*" else dims,

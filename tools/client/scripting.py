@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
+from procs.user_process import OwnProcess as Process
 from tools.client.arm import Arm
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
@@ -35,6 +36,7 @@ __all__ = [
     "MoveHandle",
     "Mtm",
     "Problem",
+    "Process",
     "Provider",
     "Psm",
     "Refused",

@@ -145,7 +145,7 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
         return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, page, simulated):
         return "silent" if row.kind in THIRD_PARTY else "stalled"
-    return ""
+    return str(plain(page.get("error"))) if state == "RUNNING" else ""
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:

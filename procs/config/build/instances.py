@@ -14,6 +14,7 @@ from procs.manifest import PROCS, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
+_DECLARED: Final = {"module", "topics", "commands", "properties"}  # of a process of one's own
 
 
 def build_processes(
@@ -25,6 +26,10 @@ def build_processes(
     """
     found = [(kind, row) for kind in PROCS for row in kind.instances(system)]
     known = dict.fromkeys(row.name for _, row in found)
+    users = {row.name for row in system.users}
+    for name in users & {row.name for kind, row in found if not kind.declared}:
+        context.error(source, ("trocar", "processes", name), "this name is taken by a process of Trocar",
+                      "a name of its own")
     for name in options.processes:
         if name not in known:
             allowed = f"one of {', '.join(known)}"
@@ -66,5 +71,5 @@ def with_period(row: Row, options: TrocarSection) -> Row:
 
 def _with_options(row: document.Process, options: TrocarSection) -> document.Process:
     own = options.processes.get(row.name)
-    given = {name: value for name, value in own.model_dump().items() if value is not None} if own else {}
+    given = own.model_dump(exclude=_DECLARED, exclude_none=True) if own else {}
     return dataclasses.replace(row, **given)

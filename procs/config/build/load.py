@@ -25,6 +25,7 @@ from procs.config.build.overrides import SECTION, apply_overrides
 from procs.config.build.setup_joints import with_setup_joints
 from procs.config.build.tasks import with_tasks
 from procs.config.build.third_parties import load_third_parties
+from procs.config.build.user_processes import by_name, load_user_processes
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.problem import ERROR, WARNING, FileProblem
@@ -90,7 +91,7 @@ def _load(
                    f"trocar convert {source.path.name} makes one of it")
         context.problems.append(FileProblem(str(source.path), 1, "$id", "", text, allowed))
         return None
-    source, problems = apply_overrides(source, sets)
+    source, problems = apply_overrides(by_name(context, source), sets)
     context.problems += problems
     content, problems = validate(SystemFile, source)
     context.problems += problems
@@ -258,6 +259,7 @@ def _assemble(
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
         third_parties=operation.third_parties,
         focuses=operation.focuses,
+        users=load_user_processes(context, source, options),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 from collections.abc import Sequence
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
 from procs.config.build.context import Context
+from procs.config.build.modules import module_of
 from procs.config.read.problem import Key
-from procs.config.read.search import expanded
 from procs.config.read.source import SourceFile
 from procs.config.read.validate import Rows, Section
 from procs.document import system as document
@@ -58,7 +57,7 @@ def with_tasks(context: Context, source: SourceFile, ios: tuple[document.IoConfi
                rows: Sequence[TaskKeys]) -> tuple[document.IoConfig, ...]:
     """The buses with the tasks of their robots."""
     controlled = [pid.robot for io in ios for pid in io.pids]
-    modules = [_module(context, source, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
+    modules = [module_of(context, source, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
     for index, row in enumerate(rows):
         for place, robot in enumerate(row.robots):
             if robot not in controlled:
@@ -75,21 +74,6 @@ def with_tasks(context: Context, source: SourceFile, ios: tuple[document.IoConfi
         _check_budgets(context, source, io, tasks)
         whole.append(dataclasses.replace(io, tasks=tuple(tasks)))
     return tuple(whole)
-
-
-def _module(context: Context, source: SourceFile, key: Key, name: str) -> str:
-    """A file beside the system file as an absolute path, else the name of an installed module."""
-    folder = source.path.resolve().parent
-    path = folder / expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
-    if path.is_file():
-        return str(path)
-    if name.endswith(".py"):
-        context.error(source, key, "no such file", f"a file; relative paths are meant from {folder}")
-    elif not all(part.isidentifier() for part in name.split(".")):
-        context.error(source, key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
-    elif importlib.util.find_spec(name.split(".")[0]) is None:  # the first part alone: nothing is imported for it
-        context.error(source, key, "no such module", f"a file in {folder}, or an installed module")
-    return name
 
 
 def _check_budgets(context: Context, source: SourceFile, io: document.IoConfig, tasks: list[document.TaskRow]) -> None:

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from procs.config.build.tasks import TaskKeys
 from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
+from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from procs.config.read.validate import Rows, Section
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
@@ -15,7 +16,7 @@ OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
 class ProcessKeys(Section):
-    """One instance, by its name; what is absent comes from its kind."""
+    """One instance, by its name; what is absent comes from its kind. With a module it is a process of one's own."""
 
     period_s: Period | None = None
     priority: Priority | None = None
@@ -27,6 +28,10 @@ class ProcessKeys(Section):
     hung_s: float | None = Field(default=None, ge=0.1, le=86400.0, description="s of silence, then it is killed")
     start: Literal["always", "on-demand"] | None = None
     linger_s: float | None = Field(default=None, ge=0.0, le=3600.0, description="s after the last subscriber left")
+    module: str | None = Field(default=None, min_length=1, description="a .py file, or an importable module")
+    topics: Rows[TopicKeys] = ()
+    commands: Rows[CommandKeys] = ()
+    properties: Rows[PropertyKeys] = ()
 
 
 class IoOptions(Section):

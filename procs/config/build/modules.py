@@ -1,0 +1,27 @@
+"""Where users' own code is: found when the system file is read, and run by nobody there."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from procs.config.build.context import Context
+from procs.config.read.problem import Key
+from procs.config.read.search import expanded
+from procs.config.read.source import SourceFile
+
+
+def module_of(context: Context, source: SourceFile, key: Key, name: str) -> str:
+    """A file beside the system file, or in the working folder, as an absolute path; else an installed module's name."""
+    folder = source.path.resolve().parent
+    file = expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
+    for path in (folder / file, Path.cwd() / file):
+        if path.is_file():
+            return str(path)
+    if name.endswith(".py"):
+        context.error(source, key, "no such file", f"a file; relative paths are meant from {folder}")
+    elif not all(part.isidentifier() for part in name.split(".")):
+        context.error(source, key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
+    elif importlib.util.find_spec(name.split(".")[0]) is None:  # the first part alone: nothing is imported for it
+        context.error(source, key, "no such module", f"a file in {folder}, or an installed module")
+    return name

@@ -1,0 +1,129 @@
+"""`trocar.processes` with a `module`: processes of one's own. What they declare is checked, their code is not run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from procs.config.build.context import Context
+from procs.config.build.modules import module_of
+from procs.config.build.overrides import SECTION
+from procs.config.models.system_file import RESERVED
+from procs.config.models.trocar_section import ProcessKeys, TrocarSection
+from procs.config.models.user_section import CommandKeys, FieldKeys, PropertyKeys, TopicKeys
+from procs.config.read.problem import Key
+from procs.config.read.source import SourceFile
+from procs.document.user_process import (
+    PROPERTIES,
+    SAVE_PROPERTIES,
+    SET_PROPERTY,
+    Property,
+    UserCommand,
+    UserField,
+    UserProcess,
+    UserTopic,
+    shape_of,
+    size_of,
+)
+
+PERIOD_S: Final = 0.01
+_PROCESSES: Key = (SECTION, "processes")
+_TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
+_MAX_RECORD, _MAX_NUMBERS, _MAX_TEXT = 1_000_000, 64, 64
+
+
+def by_name(context: Context, source: SourceFile) -> SourceFile:
+    """A list of rows with names means the same as an object with these names as keys."""
+    rows = source.at(_PROCESSES)
+    section = source.at((SECTION,))
+    if not isinstance(rows, list) or not isinstance(section, dict):
+        return source
+    named: dict[str, object] = {}
+    names: dict[int, str] = {}
+    for index, row in enumerate(rows):
+        name = row.get("name") if isinstance(row, dict) else None
+        if not isinstance(row, dict) or not isinstance(name, str):
+            context.error(source, (*_PROCESSES, index), "a row without a name", "rows with name, module and so on")
+        elif name in named:
+            context.error(source, (*_PROCESSES, index, "name"), "this name occurs twice", "a name of its own")
+        else:
+            named[name], names[index] = {key: value for key, value in row.items() if key != "name"}, name
+    data = {**source.data, SECTION: {**section, "processes": named}}
+    depth = len(_PROCESSES)
+    lines: dict[Key, int] = {}
+    for key, line in source.lines.items():
+        row = key[depth] if key[:depth] == _PROCESSES and len(key) > depth else None
+        lines[(*_PROCESSES, names[row], *key[depth + 1 :]) if isinstance(row, int) and row in names else key] = line
+    return SourceFile(source.path, data, lines, source.overrides)
+
+
+def load_user_processes(context: Context, source: SourceFile, options: TrocarSection) -> tuple[UserProcess, ...]:
+    """Those with a module."""
+    found = []
+    for name, row in options.processes.items():
+        key = (*_PROCESSES, name)
+        if row.module is not None:
+            found.append(_process(context, source, key, name, row))
+        elif row.topics or row.commands or row.properties:
+            context.error(source, key, "what a process of ours has is not declared here", "a module, if it is yours")
+    return tuple(found)
+
+
+def _process(context: Context, source: SourceFile, key: Key, name: str, row: ProcessKeys) -> UserProcess:
+    if name in RESERVED:
+        context.error(source, key, "this name is taken by a process of Trocar", "a name of its own")
+    _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
+    _check_once(context, source, (*key, "commands"), [command.name for command in row.commands],
+                {SET_PROPERTY, SAVE_PROPERTIES})
+    _check_once(context, source, (*key, "properties"), [prop.name for prop in row.properties], set())
+    return UserProcess(
+        name, module_of(context, source, (*key, "module"), row.module or ""), row.period_s or PERIOD_S,
+        tuple(_topic(context, source, (*key, "topics", i), topic) for i, topic in enumerate(row.topics)),
+        tuple(_command(context, source, (*key, "commands", i), command) for i, command in enumerate(row.commands)),
+        tuple(_property(context, source, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)))
+
+
+def _check_once(context: Context, source: SourceFile, key: Key, names: Iterable[str], taken: set[str]) -> None:
+    seen = set(taken)
+    for index, name in enumerate(names):
+        if name in seen:
+            context.error(source, (*key, index, "name"), "this name is taken", f"none of {', '.join(sorted(seen))}")
+        seen.add(name)
+
+
+def _topic(context: Context, source: SourceFile, key: Key, row: TopicKeys) -> UserTopic:
+    _check_once(context, source, (*key, "fields"), [field.name for field in row.fields], {"sequence", "stamp_ns"})
+    size = sum(size_of(field.type) for field in row.fields)
+    if size > _MAX_RECORD:
+        context.error(source, key, f"a record of {size} bytes", f"at most {_MAX_RECORD}")
+    for index, field in enumerate(row.fields):
+        bare, shape = shape_of(field.type)
+        if bare == "text" and (len(shape) > 1 or (shape and shape[0] > 9999)):
+            context.error(source, (*key, "fields", index, "type"), "too long a text", "text[1] to text[9999]")
+    return UserTopic(row.name, row.rate_hz, row.depth, tuple(map(_field, row.fields)))
+
+
+def _command(context: Context, source: SourceFile, key: Key, row: CommandKeys) -> UserCommand:
+    _check_once(context, source, (*key, "arguments"), [field.name for field in row.arguments], set())
+    texts = [field for field in row.arguments if shape_of(field.type)[0] == "text"]
+    numbers = sum(_count(field.type) for field in row.arguments if field not in texts)
+    if numbers > _MAX_NUMBERS or len(texts) > 1 or any(size_of(field.type) > _MAX_TEXT for field in texts):
+        context.error(source, key, f"{numbers} numbers and {len(texts)} texts",
+                      f"{_MAX_NUMBERS} numbers and one text of {_MAX_TEXT} bytes at most")
+    return UserCommand(row.name, tuple(map(_field, row.arguments)), row.text, row.moves, row.stops, row.latest)
+
+
+def _count(word: str) -> int:
+    shape = shape_of(word)[1]
+    return shape[0] * (shape[1] if len(shape) > 1 else 1) if shape else 1
+
+
+def _property(context: Context, source: SourceFile, key: Key, row: PropertyKeys) -> Property:
+    made = Property(row.name, row.type, float(row.default), row.min, row.max, row.unit, row.text)
+    if wrong := made.objection(made.default):
+        context.error(source, (*key, "default"), wrong, "a value of its type, within its bounds")
+    return made
+
+
+def _field(row: FieldKeys) -> UserField:
+    return UserField(**row.model_dump())

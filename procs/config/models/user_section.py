@@ -1,0 +1,55 @@
+"""What a process of one's own declares in `trocar.processes`: topics, commands, properties."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from procs.config.read.validate import Rows, Section
+from procs.document.user_process import BYTES, TYPE
+
+Word = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,31}$",
+                            description="letters, digits and _, not a digit first, at most 32")]
+Type = Annotated[str, Field(pattern=TYPE, description=f"{', '.join(BYTES)}; so many of them: float[6], text[24]")]
+
+
+class FieldKeys(Section):
+    """A field of a topic, or an argument of a command."""
+
+    name: Word
+    type: Type = "float"
+    unit: str = Field(default="", max_length=40)
+    text: str = Field(default="", max_length=400)
+
+
+class TopicKeys(Section):
+    """A topic of its own."""
+
+    name: Word
+    rate_hz: float = Field(default=0.0, ge=0.0, le=10000.0, description="Hz as a rule; 0: now and then")
+    depth: int = Field(default=256, ge=2, le=65536, description="records that are kept")
+    fields: Rows[FieldKeys] = Field(min_length=1)
+
+
+class CommandKeys(Section):
+    """A command that it carries out."""
+
+    name: Word
+    arguments: Rows[FieldKeys] = ()
+    text: str = Field(default="", max_length=400)
+    moves: bool = False
+    stops: bool = False
+    latest: bool = False
+
+
+class PropertyKeys(Section):
+    """A number that can be set while it runs."""
+
+    name: Word
+    type: Literal["float", "int", "bool"] = "float"
+    default: float | bool = 0.0
+    min: float | None = None
+    max: float | None = None
+    unit: str = Field(default="", max_length=40)
+    text: str = Field(default="", max_length=400)

@@ -1,0 +1,392 @@
+"""The base of a process of one's own: setup, then main or an update each period, quit. docs/write-a-process.md.
+
+It is a single thread. What it is asked, what it subscribes to and the files that it watches are looked at where it
+waits: in `tick` and `wait`. There, and nowhere else, it learns that it has to end.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import select
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from procs import codes
+from procs.document.system import SystemConfig, from_json
+from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, Property, UserCommand, shape_of
+from procs.own_memory import OwnMemory
+from procs.pacing import Pacing
+from procs.paths import log_folder
+from shm import directory, loglines
+from shm.clock import monotonic_ns
+from shm.layout import shorten
+from shm.origins import ACTING
+from shm.received import Received
+from shm.ring import RingReader, RingWriter
+from shm.subscriptions import Subscriber, Subscriptions
+from shm.system_time import SystemTime
+
+SLICE_NS: Final = 2_000_000  # between two looks at rings, or at commands while files are watched
+BEAT_NS: Final = 50_000_000
+CHECK_NS: Final = 100_000_000
+SIMULATED_LOST: Final = 10
+READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
+
+
+class Watchable(Protocol):
+    """An open file, serial line or socket."""
+
+    def fileno(self) -> int:
+        """Its descriptor."""
+
+
+class Subscription:
+    """A topic of another process: the newest record, after `look`."""
+
+    def __init__(self, ring: RingReader, subscriber: Subscriber, topic: str) -> None:
+        self.ring, self.subscriber, self.topic = ring, subscriber, topic
+        self._seen = 0
+        names = (name for name in ring.dtype.names or () if name != "sequence")
+        self._fields = {name: ring.field(name) for name in names}
+
+    @property
+    def has_news(self) -> bool:
+        """A record that was not looked at."""
+        return self.ring.head > self._seen
+
+    def look(self) -> bool:
+        """Take the newest record; False when there is none."""
+        if self.ring.newest():
+            self._seen = self.ring.sequence
+            return True
+        return False
+
+    def __getitem__(self, field: str) -> Any:
+        """A field of the record that was looked at last."""
+        return self._fields[field][()]
+
+
+class Properties(Mapping[str, float]):
+    """Its numbers by name; setting one that is out of bounds is a ValueError, and what is set is shown at once."""
+
+    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
+        self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
+        self._values = {row.name: row.default for row in rows}
+        self._show()
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __setitem__(self, name: str, value: float) -> None:
+        if name not in self._rows:
+            raise ValueError(f"no property {name}; there are {', '.join(self._rows) or 'none'}")
+        if wrong := self._rows[name].objection(value):
+            raise ValueError(wrong)
+        self._values[name] = float(value)
+        self._show()
+
+    def _show(self) -> None:
+        if self._ring is not None:
+            for name, value in self._values.items():
+                self._ring.field(name)[...] = value
+            self._ring.publish(max(self._time.now_ns(), self._ring.stamp_ns + 1))
+
+
+class OwnProcess:
+    """Make a subclass of it: `setup`, `update` (or `main`), `quit`, and `on_NAME` for each command NAME."""
+
+    LATER: Final = object()
+    """What a handler returns that answers `self.request` later itself, by `done` or `fail`."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not declared."""
+        document: SystemConfig = from_json(directory.document(system))
+        declared = document.user(name)
+        if declared is None:
+            raise ValueError(f"{name} is no process that the system file declares with a module")
+        self.system, self.name, self.declared = system, name, declared
+        self.time = SystemTime(system)
+        self.log = logging.getLogger(name)
+        self.own = own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log))
+        self.own.page.show("STARTING")
+        self._rings = {row.name: own.writes(row.name) for row in declared.topics}
+        self._fields = {topic: {f.name: ring.field(f.name) for f in row.fields} for row in declared.topics
+                        for topic, ring in ((row.name, self._rings[row.name]),)}
+        self.properties = Properties(declared.properties, own.writes(PROPERTIES) if declared.properties else None,
+                                     self.time)
+        self._load_properties()
+        self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
+        self._commands = {row.name: row for row in declared.commands}
+        self._subscriptions: list[Subscription] = []
+        self._wanted = Subscriptions(own.page)
+        self._poll, self._files, self._ready = select.poll(), set[int](), dict[int, int]()
+        self._stop, self._check_at = "", 0
+        self.request: Received | None = None
+        """The command that is being carried out."""
+        self._period_ns = round(own.row.period_s * 1e9)
+        self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
+
+    # what it is to do
+
+    def setup(self) -> None:
+        """Open what it needs; an error here is reported to whoever starts it, and `quit` comes all the same."""
+
+    def main(self) -> None:
+        """Its work, until `tick` or `wait` is False; as it is, `update` once a period."""
+        while self.tick():
+            self.update()
+
+    def update(self) -> None:
+        """Once a period."""
+
+    def quit(self) -> None:
+        """Close what `setup` has opened; comes once, whatever happened before but kill -9."""
+
+    # when it does so
+
+    def tick(self) -> bool:
+        """End this period, carry out what it is asked meanwhile; False: it has to end. Periods are system time."""
+        deadline = self._pacing.end_of_work(self.time.now_ns())
+        while not self._stopped() and (left := deadline - self.time.now_ns()) > 0:
+            if self._mailbox.has_news:
+                self.process_messages()
+            else:
+                self._rest(max(left, 200_000) if self.time.simulated else left, False)
+        self.process_messages()
+        self._pacing.begin_work(self.time.now_ns())
+        return not self._stop
+
+    def wait(self, timeout: float) -> bool:
+        """Until there is news (a command, a subscribed record, a watched file) or so many s; False: it has to end."""
+        end = monotonic_ns() + round(timeout * 1e9)
+        while not self._stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
+            self._rest(left, True)
+        return not self._stop
+
+    def has_news(self) -> bool:
+        """Whether a command, a subscribed record or a watched file waits to be looked at."""
+        return self._mailbox.has_news or bool(self._ready) or any(s.has_news for s in self._subscriptions)
+
+    def stop(self, reason: str) -> None:
+        """It ends at the next `tick` or `wait`."""
+        self._stop = self._stop or reason
+
+    @property
+    def stop_reason(self) -> str:
+        """Why it ends; empty while it runs."""
+        return self._stop
+
+    def _rest(self, left_ns: int, looks: bool) -> None:
+        """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
+        if looks and self._files:
+            self._ready |= dict(self._poll.poll(min(left_ns, SLICE_NS) / 1e6))
+        else:
+            most = SLICE_NS if looks and self._subscriptions else BEAT_NS
+            simulated = SLICE_NS if self.time.simulated and not looks else BEAT_NS
+            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self._stop), min(left_ns, most, simulated))
+
+    def _stopped(self) -> bool:
+        self._beat[...] = now = monotonic_ns()
+        if now >= self._check_at:
+            self._check_at = now + CHECK_NS
+            allowed_s = self.own.document.supervisor_lost_s * (SIMULATED_LOST if self.time.simulated else 1)
+            if (silent_s := self.own.lost_s()) > allowed_s:
+                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
+        return bool(self._stop)
+
+    # what it says
+
+    def publish(self, topic: str, **fields: Any) -> None:
+        """Write a record of one of its topics; fields that are not given stay as they were."""
+        cells, ring = self._fields[topic], self._rings[topic]
+        for name, value in fields.items():
+            cells[name][...] = value.encode() if isinstance(value, str) else value
+        ring.publish(max(self.time.now_ns(), ring.stamp_ns + 1))
+
+    def is_wanted(self, topic: str) -> bool:
+        """Whether somebody subscribes to one of its topics; what nobody wants need not be computed."""
+        self._wanted.look()
+        return bool(self._wanted.wanted & self._wanted.bits(topic))
+
+    def status(self, text: str) -> None:
+        """Tell people something."""
+        self.own.events.status(text, self.name)
+
+    def event(self, name: str, text: str = "", value: float = float("nan")) -> None:
+        """Tell programs something: an event of this name."""
+        self.own.events.emit(name, text, code=name, component=self.name, value=value)
+
+    @property
+    def error(self) -> str:
+        """What is wrong with it, as `trocar status` shows it; empty: nothing."""
+        return bytes(self.own.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+
+    @error.setter
+    def error(self, text: str) -> None:
+        if text and text != self.error:
+            self.own.events.report(codes.USER_ERROR, text, self.name)
+        self.own.page.field("error")[...] = shorten(text, 399)
+
+    # what it hears
+
+    def subscribe(self, topic: str) -> Subscription:
+        """A topic of another process, INSTANCE/TOPIC; its records are news to `wait`. SegmentError: there is none."""
+        instance, _, ring = topic.partition("/")
+        subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
+        subscriber.want(ring)
+        found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, ring)
+        self._subscriptions.append(found)
+        return found
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Its records are no news any more."""
+        self._subscriptions.remove(subscription)
+        subscription.subscriber.drop(subscription.topic)
+
+    def watch(self, file: int | Watchable, events: int = READ) -> None:
+        """`wait` ends when the file can be read (or written, or has a condition: READ | WRITE | EXCEPT)."""
+        self._files.add(number := _number(file))
+        self._poll.register(number, events)
+
+    def unwatch(self, file: int | Watchable) -> None:
+        """Stop watching it; before it is closed."""
+        self._files.discard(number := _number(file))
+        self._poll.unregister(number)
+        self._ready.pop(number, None)
+
+    def is_ready(self, file: int | Watchable) -> bool:
+        """Whether the last wait found it ready; asked once, then it is looked at anew."""
+        return bool(self._ready.pop(_number(file), 0))
+
+    def process_messages(self, most: int = 64) -> int:
+        """Carry out what it was asked meanwhile, so many commands at most; how many there were. `tick` does it, too."""
+        count, waiting = 0, None
+        while count < most and self._mailbox.has_news:
+            for request in self._mailbox.drain(0 if self.time.simulated else monotonic_ns()):
+                count += 1
+                if waiting is not None and waiting.name == request.name:
+                    waiting.done("a newer one took its place")
+                elif waiting is not None:
+                    self._carry_out(waiting)
+                waiting = None
+                if request.command.latest:
+                    request.accept()  # a successor has to find it answered
+                    waiting = request
+                else:
+                    self._carry_out(request)
+                if count >= most:
+                    break
+        if waiting is not None:
+            self._carry_out(waiting)
+        return count
+
+    def _carry_out(self, request: Received) -> None:
+        if request.command.moves and ACTING.origin is not None:
+            ACTING.origin = request.origin  # what comes of it is asked for by who asked for it
+        self.request = request
+        answer: object = None
+        try:
+            answer = self._answer(request)
+        except ValueError as error:
+            request.refuse(str(error))
+        except Exception as error:
+            self.log.exception("%s ended by an error", request.name)
+            request.refuse(f"{type(error).__name__}: {error}")
+        else:
+            request.accept() if answer is self.LATER else request.done("" if answer is None else str(answer))
+        finally:
+            self.request = None
+
+    def _answer(self, request: Received) -> object:
+        if request.name == SET_PROPERTY:
+            if len(request.values) != 1:
+                raise ValueError("it takes one number")
+            self.properties[request.text] = float(request.values[0])
+            return self.property_changed(request.text)
+        if request.name == SAVE_PROPERTIES:
+            return self._save_properties()
+        handler = getattr(self, f"on_{request.name}", None)
+        if handler is None:
+            raise ValueError(f"{self.name} does not carry out {request.name}")
+        return handler(*arguments_of(self._commands[request.name], request))
+
+    def property_changed(self, name: str) -> str | None:
+        """A property was set from outside."""
+
+    def _save_properties(self) -> str:
+        path = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(dict(self.properties)))
+        return str(path)[-100:]
+
+    def _load_properties(self) -> None:
+        """What was saved counts where it is still a property, within its bounds."""
+        path = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
+        try:
+            saved = json.loads(path.read_text())
+            for name in [name for name in self.properties if name in saved]:
+                self.properties[name] = float(saved[name])
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, TypeError) as error:
+            self.log.warning("%s: not all of it counts: %s", path, error)
+
+    # its life
+
+    def run(self) -> None:
+        """Setup, main, quit; quit also after an error of those two, which is raised again."""
+        try:
+            self.setup()
+            self.own.begin()
+            now = self.time.now_ns()
+            self._pacing.begin(now, self.time.simulated)
+            self.main()
+        finally:
+            self.quit()
+
+    def close(self) -> None:
+        """Give the place back."""
+        self.time.close()
+        self.own.leave()
+
+
+def arguments_of(command: UserCommand, request: Received) -> list[Any]:
+    """The arguments as they were declared: float, int, bool, text, or arrays; ValueError: too few or too many numbers.
+    """
+    made: list[Any] = []
+    at, values = 0, request.values
+    for row in command.arguments:
+        bare, shape = shape_of(row.type)
+        if bare == "text":
+            made.append(request.text)
+            continue
+        count = int(np.prod(shape)) if shape else 1
+        part = values[at : at + count]
+        at += count
+        if len(part) < count or not np.isfinite(part).all():
+            raise ValueError(f"{request.name} takes {_takes(command)}")
+        if shape:
+            made.append(part.reshape(shape))
+        else:
+            made.append(bool(part[0]) if bare == "bool" else float(part[0]) if "float" in bare else int(part[0]))
+    if at != len(values):
+        raise ValueError(f"{request.name} takes {_takes(command)}")
+    return made
+
+
+def _takes(command: UserCommand) -> str:
+    return ", ".join(f"{row.name} ({f'{row.type} {row.unit}'.rstrip()})" for row in command.arguments) or "nothing"
+
+
+def _number(file: int | Watchable) -> int:
+    return file if isinstance(file, int) else file.fileno()

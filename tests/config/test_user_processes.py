@@ -1,0 +1,71 @@
+"""Processes of users' own in the system file: what they become, and mistakes told with their place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from procs.document import system as document
+from procs.document.user_process import BYTES
+from shm.type_words import DTYPES, dtype_of
+from tests.config.conftest import SYSTEM, Home
+
+
+@pytest.fixture
+def beside(home: Home) -> Path:
+    file = home.path / "systems/mine.py"
+    file.write_text("raise SystemExit('nobody runs this here')\n")
+    return file
+
+
+def declare(home: Home, *rows: str) -> int:
+    """The demo with these processes; returns the line of the first."""
+    lines = "".join(f"\n    - {row}" for row in rows)
+    return home.edit(SYSTEM, "boards: emulated", f"boards: emulated\n  processes:{lines}") + 2
+
+
+def test_a_process_is_what_its_row_declares(home: Home, beside: Path) -> None:
+    declare(home, "{name: mine, module: mine.py, period_s: 0.02, restart_limit: 1, "
+                  "commands: [{name: go, moves: true}], "
+                  "topics: [{name: depth, fields: [{name: x, unit: m}]}], properties: [{name: gain, max: 2}]}",
+            "{name: PSM1, cpu: 1}")
+    loaded = home.load()
+    assert loaded.errors == () and loaded.system is not None
+    mine = loaded.system.user("mine")
+    assert mine is not None and mine.module == str(beside) and mine.commands[0].moves
+    assert mine.topics[0].fields[0].type == "float" and mine.properties[0].upper == 2
+    assert loaded.system.process("mine").restart_limit == 1 and loaded.system.process("PSM1").cpu == 1
+    assert loaded.system.process("mine").kind == "user" and loaded.system.process("mine").period_s == 0.02
+    assert document.from_json(document.to_json(loaded.system)) == loaded.system
+
+
+@pytest.mark.parametrize(("row", "key", "text", "allowed"), [
+    ("{module: mine.py}", "[0]", "a row without a name", "rows with name"),
+    ("{name: mine, module: yours.py}", ".mine.module", "no such file", "systems"),
+    ("{name: mine, module: mine.py, topic: []}", ".mine.topic", 'did you mean "topics"', "commands"),
+    ("{name: mine, topics: [{name: a, fields: [{name: x}]}]}", ".mine", "", ""),
+    ("{name: PSM1, module: mine.py}", ".PSM1", "taken by a process of Trocar", "a name of its own"),
+    ("{name: mine, module: mine.py, topics: [{name: events, fields: [{name: x}]}]}", ".mine.topics[0].name",
+     "this name is taken", "none of audit"),
+    ("{name: mine, module: mine.py, topics: [{name: a, fields: [{name: x, type: double}]}]}",
+     ".mine.topics[0].fields[0].type", "not allowed", "float[6]"),
+    ("{name: mine, module: mine.py, topics: [{name: a, fields: [{name: x, type: 'float[999999]'}]}]}",
+     ".mine.topics[0]", "a record of 7999992 bytes", "at most"),
+    ("{name: mine, module: mine.py, commands: [{name: go, arguments: [{name: q, type: 'float[65]'}]}]}",
+     ".mine.commands[0]", "65 numbers", "64 numbers"),
+    ("{name: mine, module: mine.py, properties: [{name: gain, default: 3, max: 2}]}", ".mine.properties[0].default",
+     "3 is out of range", "within its bounds"),
+])
+def test_mistake_is_named_with_its_place(home: Home, beside: Path, row: str, key: str, text: str, allowed: str) -> None:
+    line = declare(home, row)
+    loaded = home.load()
+    assert loaded.system is None
+    problem = loaded.errors[0]
+    assert problem.key.startswith(f"trocar.processes{key}") and problem.line in (line - 1, line)
+    assert text in problem.text and allowed in problem.allowed
+
+
+def test_every_type_has_its_layout() -> None:
+    assert set(BYTES) == {*DTYPES, "text"}
+    assert dtype_of("float", (6,)) == "(6,)<f8" and dtype_of("text", (24,)) == "S24" and dtype_of("bool", ()) == "?"

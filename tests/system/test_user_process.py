@@ -1,0 +1,63 @@
+"""The examples of docs/write-a-process.md in a running system: what they do, and what their deaths do."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import tty
+from pathlib import Path
+
+import pytest
+
+from procs.config.read.yamltext import parse_yaml
+from shm import directory
+from tests.system.robot import ROOT, Robot, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+PAGE = (ROOT / "docs/write-a-process.md").read_text()
+
+
+def system_of_the_page(folder: Path) -> Path:
+    """A kinematic PSM1, and the processes of the page beside it."""
+    programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    sections = [parse_yaml(text).data["trocar"] for text in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]  # type: ignore[index,call-overload]
+    assert all(len(program.splitlines()) <= 40 for program in programs)
+    for name, program in zip(("box.py", "sensor.py"), programs, strict=True):
+        (folder / name).write_text(program)
+    arms = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
+    rows = [row for section in sections for row in section["processes"]]
+    file = folder / "lab.json"
+    file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "arms": arms,
+                                "trocar": {"processes": rows}}))
+    return file
+
+
+def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot: Robot, tmp_path: Path) -> None:
+    line, device = pty.openpty()
+    tty.setraw(device)
+    robot.environment["FORCE_SENSOR"] = os.ttyname(device)
+    robot.up(system_of_the_page(tmp_path))
+    wrench = directory.reader(robot.name, "force", "wrench")
+    os.write(line, b"1 2.5 -3\n")
+    wait_for(lambda: wrench.newest() and wrench.field("force").tolist() == [1.0, 2.5, -3.0], 20, "the sensor's record")
+
+    robot.home("PSM1")
+    push = directory.reader(robot.name, "box", "push")
+    robot.trocar("send", "box", "set_property", "0", "z")
+    wait_for(lambda: push.newest() and bool(push.field("outside")), 20, "the tip is outside of the box")
+    assert "push" in robot.trocar("list") and "force" in robot.trocar("echo", "box/push", "--once")
+    assert "done" in robot.trocar("send", "box", "keep_in", "1")
+    arm = directory.reader(robot.name, "PSM1", "state", "arm")
+    wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 20, "the arm is pushed")
+
+    before, arm_before = robot.kill("box"), robot.pid("PSM1")
+    wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 20, "the box is back")
+    robot.pids.add(robot.pid("box"))
+    assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
+    for part in (wrench, push, arm):
+        part.close()
+    assert robot.down() == 0
+    os.close(line)
+    os.close(device)
