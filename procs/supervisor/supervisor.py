@@ -26,6 +26,7 @@ from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.os_process import OsProcess
 from procs.supervisor.requests import Requests
 from procs.supervisor.shared_pages import lock_shared
+from procs.supervisor.systemd import Notifier
 from shm import directory, loglines
 from shm.audit import Audit
 from shm.clock import monotonic_ns, pause
@@ -58,6 +59,7 @@ class Supervisor:
         self.stopping = ""
         self.lost = False  # our processes have ended because we were held up
         self.judge, self._beat_ns = Judge(), 0
+        self._systemd = Notifier(os.environ)
         self._name = memory.hold_name(system.name)
         try:
             self._make(memory.maker(system.group))
@@ -100,7 +102,7 @@ class Supervisor:
         self.children = [self._child(row, folder) for row in self._rows]
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
-        self._shown: list[tuple[str, int, int, str]] = []
+        self._shown: list[tuple[str, int, int, str, bool]] = []
         self.killed = 0  # who were asked to end and took too long
 
     def _writes(self, topic: str) -> RingWriter:
@@ -135,6 +137,7 @@ class Supervisor:
             self.lost = True
             self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"
         self.page.field("heartbeat_ns")[...] = now
+        self._systemd.beat(now)
 
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
@@ -151,6 +154,7 @@ class Supervisor:
                 return
         self.page.show("RUNNING")
         self._show()
+        self._systemd.tell("READY=1")
         if self.keeper is None:  # simulated time needs no rights
             shared = lock_shared(self.system.name, [child.process.pid for child in self.children])
             self.page.field("policy")[...] = in_words([*self._granted, shared])
@@ -258,10 +262,12 @@ class Supervisor:
 
     def _show(self) -> None:
         """Publish who is in which state, when that has changed."""
-        shown = [(child.state, child.process.pid, child.restarts, child.reason) for child in self.children]
+        shown = [(child.state, child.process.pid, child.restarts, child.reason, child.is_up) for child in self.children]
         if shown == self._shown:
             return
         self._shown = shown
+        up = sum(child.is_up for child in self.children)
+        self._systemd.tell(f"STATUS=system {self.system.name}: {up} of {len(self.children)} processes run")
         for i, child in enumerate(self.children):
             values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
                       "lifecycle": child.state.encode(), "pid": child.process.pid, "restarts": child.restarts,
@@ -273,6 +279,7 @@ class Supervisor:
     def stop_all(self) -> bool:
         """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
         self.page.show("STOPPING")
+        self._systemd.tell("STOPPING=1")
         self.stopping = self.stopping or "its supervisor ends"
         self._requests.end(f"the system is stopping: {self.stopping}")
         for wave in reversed(waves(self._rows)):
@@ -289,6 +296,7 @@ class Supervisor:
         """Remove all shared memory, then give the name back."""
         memory.remove_all(self.system.name)
         self._name.close()
+        self._systemd.close()
 
 
 def _all_up(children: Sequence[Child]) -> bool:
