@@ -20,6 +20,7 @@ from shm.events import Events, Log
 from shm.faults import Cell, FaultCell, Faults
 from shm.mailbox import DIED, Mailbox
 from shm.ring import RingReader, RingWriter
+from shm.subscriptions import Subscriptions
 from shm.wakeup import Wakeup
 
 
@@ -46,6 +47,7 @@ class OwnMemory:
         with contextlib.ExitStack() as stack:
             self.page = stack.enter_context(contextlib.closing(ControlPage(self.system, name, write=True)))
             self.page.segment.claim(name)
+            self.subscriptions = Subscriptions(self.page)
             self._supervisor = stack.enter_context(contextlib.closing(ControlPage(self.system, "supervisor")))
             events = stack.enter_context(contextlib.closing(directory.writer(self.system, name, "events", self.kind)))
             self._place = stack.pop_all()

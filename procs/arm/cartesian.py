@@ -17,12 +17,13 @@ from procs.kinematics.forward import Kinematics
 from procs.kinematics.frames import (
     Frame,
     Rows,
+    body_jacobian,
     dot,
     finite,
-    jacobians,
     pose_of,
     product,
     shortest,
+    spatial_jacobian,
     times,
     transposed,
     turned_back,
@@ -38,10 +39,15 @@ class Cartesian:
 
     `tip` and `rotation` are the measured tip's pose (4, 4) and axes (3, 3), in the arm's base and in the reference
     frame, `twist` (6,) its own in the reference frame; `jacobian` (6, count) is the body Jacobian, `spatial` that at
-    the base's origin. They hold while `valid`, and are this cycle's.
+    the base's origin. They hold while `valid`, and are this cycle's. Of the record, wrenches and the spatial Jacobian
+    are filled while they are wanted, and NaN otherwise.
     """
 
     DAMPING: Final = 1e-12  # of wrenches and rates where the Jacobian is singular: only a finite number is right there
+    WRENCHES: Final = 1
+    SPATIAL: Final = 2
+    EVERYTHING: Final = WRENCHES | SPATIAL
+    """What may be wanted."""
 
     def __init__(self, field: Fields, io: ArmReadings) -> None:
         """`field` gives the arrays of the arm's own record."""
@@ -72,11 +78,14 @@ class Cartesian:
         self._shown_absolute = False
         self.why_numpy = ""
         """Why the kernel does not do it; empty: it does."""
+        self._count = self._wanted = 0
 
     def use(self, joints: JointSpace) -> None:
         """Another joint space; `ArmReadings` must have it already."""
         n, io = joints.count, self.io
+        self._count = n
         self.shown_body[...] = self.shown_spatial[...] = 0.0
+        self._blank(self.EVERYTHING)
         self._setpoint_motion = io.rows[3:5]
         self.size = io.rows.shape[1]
         self.has_free = int(joints.free is not None)
@@ -90,10 +99,10 @@ class Cartesian:
 
     def _bind(self, kinematics: Kinematics) -> None:
         self.kinematics = kinematics
-        self.tip, self.jacobian, self.spatial = kinematics.tip, kinematics.body, kinematics.spatial
+        self.tip, self.jacobian = kinematics.tip, kinematics.body
         bound = bind(CARTESIAN, self)
         self.why_numpy = bound if isinstance(bound, str) else ""
-        self._show: Callable[[int, int], int] = self.by_numpy_show
+        self._show: Callable[[int, int, int], int] = self.by_numpy_show
         self._rates: Callable[[], int] = self.by_numpy_rates
         if not isinstance(bound, str):
             self._show, self._rates = map(bound.function, CARTESIAN.functions)
@@ -110,6 +119,24 @@ class Cartesian:
             pose_from_matrix(self.base, self._base_pose)
             if self.valid:
                 self.update()  # no record is without poses that were known before and after
+
+    def want(self, wanted: int) -> None:
+        """Which of WRENCHES and SPATIAL somebody wants from now on; the others are NaN until then."""
+        if wanted != self._wanted:
+            self._blank(self._wanted & ~wanted)
+            self._wanted = wanted
+            self._is_done = False
+
+    def _blank(self, unwanted: int) -> None:
+        if unwanted & self.WRENCHES:
+            self.body_wrench[...] = self.spatial_wrench[...] = math.nan
+        if unwanted & self.SPATIAL:
+            self.shown_spatial[:, : self._count] = math.nan
+
+    @property
+    def spatial(self) -> Array:
+        """See above; found when asked for."""
+        return self.kinematics.spatial_jacobian(self.io.rows[0, : self.kinematics.n])
 
     def to_local(self, pose: Array) -> Array:
         """A pose (4, 4) of the reference frame, in the arm's base."""
@@ -143,7 +170,7 @@ class Cartesian:
         self._base_valid[...] = self.base_known
         self._setpoint_done = wanted
         kinematics.forget()
-        self._show(is_new, self.absolute)
+        self._show(is_new, self.absolute, self._wanted)
 
     def rates(self, twist: Array) -> Array:
         """Joint velocities (count,) for a twist (6,) of the measured tip in the reference frame: pinv(J) · twist.
@@ -156,9 +183,10 @@ class Cartesian:
 
     # the reference of the kernel
 
-    def by_numpy_show(self, is_new: int, absolute: int) -> int:
-        """All of the record, that of the setpoint where it `is_new`."""
+    def by_numpy_show(self, is_new: int, absolute: int, parts: int) -> int:
+        """All of the record, that of the setpoint where it `is_new`, and of the rest what is wanted."""
         kinematics, n = self.kinematics, self.kinematics.n
+        slides = kinematics.is_prismatic.tolist()
         position, velocity, effort, wanted, wanted_velocity = self.io.rows[:5, :n].tolist()
         if is_new:
             frames = kinematics.links.frames(finite(wanted))
@@ -166,23 +194,30 @@ class Cartesian:
             reference = self._show_pose(tip, self.local_setpoint, self.setpoint)
             self.setpoint_twist[...] = 0.0
             if any(wanted_velocity):
-                body, _ = jacobians(frames, kinematics.is_prismatic.tolist(), tip)
+                body = body_jacobian(frames, slides, tip)
                 self.setpoint_twist[...] = turned_twist(reference, times(transposed(body), wanted_velocity))
-        kinematics.q[...] = position
-        kinematics.by_numpy_update()
-        self.shown_body[:, :n], self.shown_spatial[:, :n] = kinematics.body, kinematics.spatial
-        tip = kinematics.tip[:3].reshape(12).tolist()
+        frames = kinematics.links.frames(finite(position))
+        tip = kinematics.tip_after(frames)
+        kinematics.tip[:3].reshape(12)[...] = tip
+        kinematics.body_columns[...] = body_jacobian(frames, slides, tip)
+        self.shown_body[:, :n] = kinematics.body
+        if parts & self.SPATIAL:
+            self.shown_spatial[:, :n] = np.transpose(spatial_jacobian(frames, slides))
         reference = self._show_pose(tip, self.local_measured, self.measured)
         self.reference_tip[:3].reshape(12)[...] = reference
         twist = times(kinematics.body.tolist(), velocity)
         self.body_twist[...] = twist
         self.twist[...] = turned_twist(reference, twist)
+        if parts & self.WRENCHES:
+            self._show_wrenches(tip, reference, effort, absolute)
+        return 0
+
+    def _show_wrenches(self, tip: Frame, reference: Frame, effort: list[float], absolute: int) -> None:
         wrench = self._wrench(effort)
         self.body_wrench[...] = turned_twist(reference, wrench) if absolute else wrench
         a, b, c, d, e, f = turned_twist(tip, wrench)
         x, y, z = tip[3], tip[7], tip[11]
         self.spatial_wrench[...] = (a, b, c, d + y * c - z * b, e + z * a - x * c, f + x * b - y * a)
-        return 0
 
     def by_numpy_rates(self) -> int:
         """`found_rates` for `wanted_twist`."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from procs import codes, runtime
 from procs.arm.arm import ArmLogic, Surroundings
+from procs.arm.cartesian import Cartesian
 from procs.arm.effort_limits import motor_efforts
 from procs.arm.psm.detection import ToolReading
 from procs.arm.setup_base import SetupBase, place_of
@@ -180,6 +181,15 @@ class ArmLoop(runtime.Loop):
         self._unchanged = 0
         self._events, self._name, self._warn_ns = node.events, node.name, 0
         self._most_periods = most_periods(node.row.period_s)
+        self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
+        self._parts = ((bits("state", "wrench"), Cartesian.WRENCHES),
+                       (bits("state", "spatial_jacobian"), Cartesian.SPATIAL))
+        self._show_wanted()
+
+    def _show_wanted(self) -> None:
+        """Of what is computed on demand, what somebody wants."""
+        wanted = self._subscriptions.wanted
+        self.arm.control.cartesian.want(sum(part for bit, part in self._parts if wanted & bit))
 
     @property
     def may_rest(self) -> bool:
@@ -210,6 +220,8 @@ class ArmLoop(runtime.Loop):
         if self.arm.io.changed or self._mailbox.has_news or not self.arm.control.is_kinematic:
             self._unchanged = 0
         io.take()
+        if self._subscriptions.look():
+            self._show_wanted()
         self.arm.step(now_ns, io.stamp_ns, io.epoch, self._mailbox.drain(wall_ns))
         self._setpoint.publish(now_ns)
         self._state.publish(now_ns)

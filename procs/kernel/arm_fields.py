@@ -44,7 +44,7 @@ CARTESIAN: Final = CStruct("Cartesian", (
     *links("kinematics.links"),
     *rows("f8", "3 4", end="kinematics.end"),
     *rows("f8", "4 4", tip="kinematics.tip", reference_tip="reference_tip", base="base"),
-    *rows("f8", "n 6", body="kinematics.body_columns", spatial="kinematics.spatial_columns"),
+    *rows("f8", "n 6", body="kinematics.body_columns"),
     *rows("i8", "", m="m", size="size", columns="columns"),
     *rows("f8", "n m", free="free"),
     *rows("f8", "6 size", readings="io.rows"),
@@ -55,7 +55,7 @@ CARTESIAN: Final = CStruct("Cartesian", (
     *rows("f8", "6 columns", shown_body="shown_body", shown_spatial="shown_spatial"),
     *rows("f8", "n", found_rates="found_rates"),
     *rows("f8", "", damping="DAMPING"),
-), {"show": ("i8", "i8"), "rates": ()})
+), {"show": ("i8", "i8", "i8"), "rates": ()})
 """From `procs.arm.cartesian.Cartesian`."""
 
 GRAVITY: Final = CStruct("Gravity", (

@@ -3,6 +3,7 @@
 
 static const int64_t ALL[6] = {0, 1, 2, 3, 4, 5};
 
+enum { WRENCHES = 1, SPATIAL = 2 };
 enum { POSITION, VELOCITY, EFFORT, SETPOINT, SETPOINT_VELOCITY };
 
 static void show_pose(const Cartesian *k, const double *local, double *local_out, double *out, double *reference) {
@@ -40,38 +41,47 @@ static void wrench_of(const Cartesian *k, const double *effort, double *out) {
   any_shortest(columns, k->m, 6, own, k->damping, out);
 }
 
-int64_t Cartesian_show(const Cartesian *k, int64_t is_new, int64_t absolute) {
-  double frames[k->n][12], tip[12], reference[12], v[6];
+static void show_columns(const Cartesian *k, const double *columns, double *out) {
+  for (int r = 0; r < 6; r++)
+    for (int64_t i = 0; i < k->n; i++) out[k->columns * r + i] = columns[6 * i + r];
+}
+
+static void show_wrenches(const Cartesian *k, const double *tip, const double *reference, int64_t absolute) {
+  double v[6], *w = k->spatial_wrench;
+  wrench_of(k, k->readings + EFFORT * k->size, v);
+  if (absolute) turn_twist(reference, v, k->body_wrench);
+  else memcpy(k->body_wrench, v, sizeof v);
+  turn_twist(tip, v, w);
+  w[3] = w[3] + tip[7] * w[2] - tip[11] * w[1];
+  w[4] = w[4] + tip[11] * w[0] - tip[3] * w[2];
+  w[5] = w[5] + tip[3] * w[1] - tip[7] * w[0];
+}
+
+int64_t Cartesian_show(const Cartesian *k, int64_t is_new, int64_t absolute, int64_t wanted) {
+  double frames[k->n][12], tip[12], reference[12], v[6], spatial[6 * k->n];
   const Links links = LINKS(k);
   if (is_new) {
     joint_frames(&links, k->readings + SETPOINT * k->size, frames);
     product(frames[k->n - 1], k->end, tip);
     show_pose(k, tip, k->local_setpoint, k->setpoint, reference);
-    jacobians(&links, frames, tip, k->body, k->spatial);
+    body_jacobian(&links, frames, tip, k->body);
     twist_of(k->body, k->readings + SETPOINT_VELOCITY * k->size, k->n, v);
     turn_twist(reference, v, k->setpoint_twist);
   }
   joint_frames(&links, k->readings + POSITION * k->size, frames);
   product(frames[k->n - 1], k->end, tip);
-  jacobians(&links, frames, tip, k->body, k->spatial);
+  body_jacobian(&links, frames, tip, k->body);
   memcpy(k->tip, tip, sizeof tip);
-  for (int r = 0; r < 6; r++)
-    for (int64_t i = 0; i < k->n; i++) {
-      k->shown_body[k->columns * r + i] = k->body[6 * i + r];
-      k->shown_spatial[k->columns * r + i] = k->spatial[6 * i + r];
-    }
+  show_columns(k, k->body, k->shown_body);
+  if (wanted & SPATIAL) {
+    spatial_jacobian(&links, frames, spatial);
+    show_columns(k, spatial, k->shown_spatial);
+  }
   show_pose(k, tip, k->local_measured, k->measured, reference);
   memcpy(k->reference_tip, reference, sizeof reference);
   twist_of(k->body, k->readings + VELOCITY * k->size, k->n, k->body_twist);
   turn_twist(reference, k->body_twist, k->twist);
-  wrench_of(k, k->readings + EFFORT * k->size, v);
-  if (absolute) turn_twist(reference, v, k->body_wrench);
-  else memcpy(k->body_wrench, v, sizeof v);
-  double *w = k->spatial_wrench;
-  turn_twist(tip, v, w);
-  w[3] = w[3] + tip[7] * w[2] - tip[11] * w[1];
-  w[4] = w[4] + tip[11] * w[0] - tip[3] * w[2];
-  w[5] = w[5] + tip[3] * w[1] - tip[7] * w[0];
+  if (wanted & WRENCHES) show_wrenches(k, tip, reference, absolute);
   return 0;
 }
 

@@ -5,7 +5,8 @@ int64_t Chain_update(const Chain *k) {
   double frames[k->n][12], tip[12];
   joint_frames(&LINKS(k), k->q, frames);
   product(frames[k->n - 1], k->end, tip);
-  jacobians(&LINKS(k), frames, tip, k->body, k->spatial);
+  body_jacobian(&LINKS(k), frames, tip, k->body);
+  spatial_jacobian(&LINKS(k), frames, k->spatial);
   memcpy(k->tip, tip, sizeof tip);
   return 0;
 }

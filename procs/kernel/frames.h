@@ -54,20 +54,29 @@ static inline void joint_frames(const Links *c, const double *q, double (*frames
 }
 
 /* Columns (n, 6) of both. */
-static inline void jacobians(const Links *c, double (*frames)[12], const double *tip, double *body, double *spatial) {
-  for (int64_t i = 0; i < c->n; i++, body += 6, spatial += 6) {
-    const double *f = frames[i], z[3] = {f[2], f[6], f[10]}, o[3] = {f[3], f[7], f[11]};
+static inline void body_jacobian(const Links *c, double (*frames)[12], const double *tip, double *body) {
+  for (int64_t i = 0; i < c->n; i++, body += 6) {
+    const double *f = frames[i], z[3] = {f[2], f[6], f[10]};
     if (c->slides[i]) {
       turn_back(tip, z, body);
       memset(body + 3, 0, sizeof(double[3]));
+      continue;
+    }
+    double away[3] = {tip[3] - f[3], tip[7] - f[7], tip[11] - f[11]}, v[3];
+    cross(z, away, v);
+    turn_back(tip, v, body);
+    turn_back(tip, z, body + 3);
+  }
+}
+
+static inline void spatial_jacobian(const Links *c, double (*frames)[12], double *spatial) {
+  for (int64_t i = 0; i < c->n; i++, spatial += 6) {
+    const double *f = frames[i], z[3] = {f[2], f[6], f[10]}, o[3] = {f[3], f[7], f[11]};
+    if (c->slides[i]) {
       memcpy(spatial, z, sizeof z);
       memset(spatial + 3, 0, sizeof(double[3]));
       continue;
     }
-    double away[3] = {tip[3] - o[0], tip[7] - o[1], tip[11] - o[2]}, v[3];
-    cross(z, away, v);
-    turn_back(tip, v, body);
-    turn_back(tip, z, body + 3);
     cross(o, z, spatial);
     memcpy(spatial + 3, z, sizeof z);
   }

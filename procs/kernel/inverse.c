@@ -6,11 +6,11 @@ static const double PI = 3.141592653589793, FULL_TURN = 2.0 * 3.141592653589793;
 
 /* The twist from the tip at q to the goal, and what coordinates do to its rows; weighed for the nearest. */
 static void miss(const Inverse *k, const double *q, int is_weighed, double *error, double *rows) {
-  double frames[k->n][12], tip[12], twist[6], body[6 * k->n], spatial[6 * k->n];
+  double frames[k->n][12], tip[12], twist[6], body[6 * k->n];
   joint_frames(&LINKS(k), q, frames);
   product(frames[k->n - 1], k->end, tip);
   twist_between(tip, k->goal, twist);
-  jacobians(&LINKS(k), frames, tip, body, spatial);
+  body_jacobian(&LINKS(k), frames, tip, body);
   for (int part = 0; part < 6 && is_weighed; part += 3) {
     double furthest = part ? k->furthest_turn : k->furthest_place, weight = part ? k->turn_weight : 1.0;
     double size = sqrt(dot(twist + part, twist + part, 3)), scale = (size > furthest ? furthest / size : 1.0) * weight;

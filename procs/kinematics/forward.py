@@ -15,7 +15,7 @@ from procs.document.system import Chain, DhLink, Tool
 from procs.kernel.arm_fields import CHAIN
 from procs.kernel.library import bind
 from procs.kinematics.denavit import split_row
-from procs.kinematics.frames import Frame, finite, jacobians, moved, product
+from procs.kinematics.frames import Frame, body_jacobian, finite, moved, product, spatial_jacobian
 from procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
@@ -141,7 +141,9 @@ class Kinematics:
         """At `q`."""
         frames = self.links.frames(finite(self.q.tolist()))
         tip = self.tip_after(frames)
-        self.body_columns[...], self.spatial_columns[...] = jacobians(frames, self.is_prismatic.tolist(), tip)
+        slides = self.is_prismatic.tolist()
+        self.body_columns[...] = body_jacobian(frames, slides, tip)
+        self.spatial_columns[...] = spatial_jacobian(frames, slides)
         self.tip[:3].reshape(12)[...] = tip
         return 0
 

@@ -47,22 +47,30 @@ def moved(f: Frame, slides: bool, q: float) -> Frame:
             i * cosine + j * sine, j * cosine - i * sine, k, z)
 
 
-def jacobians(frames: Sequence[Frame], slides: Sequence[bool], tip: Frame) -> tuple[Rows, Rows]:
-    """Columns (n, 6) of the body and of the spatial Jacobian of joints that move along or about z of `frames`."""
+def body_jacobian(frames: Sequence[Frame], slides: Sequence[bool], tip: Frame) -> Rows:
+    """Columns (n, 6) of the body Jacobian of joints that move along or about z of `frames`."""
     a, b, c, px, d, e, h, py, i, j, k, pz = tip
-    body, spatial = [], []
+    body = []
     for f, along in zip(frames, slides, strict=True):
         x, y, z, ox, oy, oz = f[2], f[6], f[10], f[3], f[7], f[11]
         turned = [a * x + d * y + i * z, b * x + e * y + j * z, c * x + h * y + k * z]
         if along:
             body.append([*turned, 0.0, 0.0, 0.0])
-            spatial.append([x, y, z, 0.0, 0.0, 0.0])
             continue
         u, v, w = px - ox, py - oy, pz - oz
         q, r, s = y * w - z * v, z * u - x * w, x * v - y * u
         body.append([a * q + d * r + i * s, b * q + e * r + j * s, c * q + h * r + k * s, *turned])
-        spatial.append([oy * z - oz * y, oz * x - ox * z, ox * y - oy * x, x, y, z])
-    return body, spatial
+    return body
+
+
+def spatial_jacobian(frames: Sequence[Frame], slides: Sequence[bool]) -> Rows:
+    """Columns (n, 6) of the spatial Jacobian of such joints."""
+    spatial = []
+    for f, along in zip(frames, slides, strict=True):
+        x, y, z, ox, oy, oz = f[2], f[6], f[10], f[3], f[7], f[11]
+        spatial.append([x, y, z, 0.0, 0.0, 0.0] if along else
+                       [oy * z - oz * y, oz * x - ox * z, ox * y - oy * x, x, y, z])
+    return spatial
 
 
 def twist_between(f: Frame, g: Frame) -> list[float]:

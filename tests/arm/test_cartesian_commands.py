@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.arm.cartesian import Cartesian
 from procs.arm.impedance import COUNT
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 from tests.arm.arm_configs import fixed_arm
@@ -203,12 +204,19 @@ def test_the_published_wrench_is_the_one_that_is_applied(harness: ArmHarness) ->
     actuator[:] = coupling.T @ np.append(jacobian.T @ wrench, 0.0)
     harness.io.record["effort"][2:] = actuator
     harness.run(0.01)
+    for name in ("body_measured_cf", "spatial_measured_cf"):
+        assert np.isnan(harness.state[name]).all(), "nobody wants it"
+    harness.arm.control.cartesian.want(Cartesian.WRENCHES)
+    harness.step()
     assert harness.state["body_measured_cf"] == pytest.approx(wrench, abs=1e-6)
     tip = matrix_from_pose(pose(harness, "local_measured_cp"))
     force = tip[:3, :3] @ wrench[:3]
     assert harness.state["spatial_measured_cf"][:3] == pytest.approx(force, abs=1e-6)
     assert harness.state["spatial_measured_cf"][3:] == pytest.approx(
         tip[:3, :3] @ wrench[3:] + np.cross(tip[:3, 3], force), abs=1e-6)
+    harness.arm.control.cartesian.want(0)
+    harness.step()
+    assert np.isnan(harness.state["body_measured_cf"]).all() and np.isnan(harness.state["spatial_measured_cf"]).all()
 
 
 def test_servo_cs_follows_what_is_marked_as_meant(harness: ArmHarness) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.arm.cartesian import Cartesian
 from procs.arm.joints import joints
 from procs.document.system import ArmConfig, ArmInputs
 from procs.kinematics.poses import pose_from_matrix
@@ -249,6 +250,7 @@ def test_efforts_of_a_snake_amount_to_the_wrench_that_was_asked_for(snake: ArmHa
     wrench = np.array((0.3, -0.2, 1.0, 0.001, 0.002, -0.003))
     assert snake.send("body/servo_cf", wrench).outcomes == ["done"]
     snake.io.record["effort"][2:] = snake.setpoint["effort"][:7]
+    snake.arm.control.cartesian.want(Cartesian.WRENCHES)
     snake.step()
     assert snake.state["body_measured_cf"] == pytest.approx(wrench, abs=1e-6)
 

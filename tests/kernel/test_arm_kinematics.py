@@ -227,9 +227,10 @@ def cartesian(name: str, rows: np.ndarray, base: np.ndarray) -> tuple[Cartesian,
 
 
 @pytest.mark.parametrize("name", ARMS)
-@given(seeds, st.booleans(), st.sampled_from((0.0, 1e-9, 1.0)))
+@given(seeds, st.booleans(), st.sampled_from((0.0, 1e-9, 1.0)), st.sampled_from((0, 1, 2, 3)))
 @settings(max_examples=30, deadline=None)
-def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolute: bool, speed: float) -> None:
+def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolute: bool, speed: float, parts: int
+                                                   ) -> None:
     rng = np.random.default_rng(seed)
     quick, _, truth = chains(name)
     rows = rng.normal(0.0, 1.0, (6, quick.n + 1))
@@ -245,12 +246,18 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
     twist = rng.normal(0.0, 1.0, 6)
     for each in (made, python):
         each.absolute = absolute
+        each.want(parts)
         each.update()
         np.testing.assert_allclose(each.tip, truth.frame(rows[0, : quick.n]), atol=TRUE, rtol=0)
         np.testing.assert_allclose(each.rotation, (base @ each.tip)[:3, :3], atol=TRUE, rtol=0)
         np.testing.assert_allclose(each.body_twist, truth.body(rows[0, : quick.n]) @ rows[1, : quick.n], atol=TRUE)
-        if not absolute and name != "NEEDLE_DRIVER_400117" and quick.n >= 6:  # pinv(Jᵀ) · effort
-            wrench = each.jacobian @ each.jacobian.T @ each.body_wrench
+        np.testing.assert_allclose(each.spatial, truth.spatial(rows[0, : quick.n]), atol=TRUE)
+        shown = each.shown_spatial[:, : quick.n]
+        assert np.array_equal(shown, each.spatial) if parts & each.SPATIAL else np.isnan(shown).all()
+        for wrench in (each.body_wrench, each.spatial_wrench):
+            assert (np.isfinite if parts & each.WRENCHES else np.isnan)(wrench).all()
+        if parts & each.WRENCHES and not absolute and name != "NEEDLE_DRIVER_400117" and quick.n >= 6:
+            wrench = each.jacobian @ each.jacobian.T @ each.body_wrench  # pinv(Jᵀ) · effort
             np.testing.assert_allclose(wrench, each.jacobian @ rows[2, : quick.n], atol=1e-6)
     for key, array in record.items():
         np.testing.assert_allclose(array, python_record[key], atol=SAME, rtol=SAME, err_msg=key)

@@ -101,6 +101,7 @@ class ScriptedRobot:
         self.arm.field("names")[:6] = [joint.encode() for joint in JOINTS]
         self.arm.field("position")[:6] = position
         self.arm.field("velocity")[:6] = np.nan
+        self.arm.field("spatial_jacobian")[...] = self.arm.field("body_measured_cf")[...] = np.nan
         self.arm.field("measured_cp")[...] = (1, 2, 3, 0, 0, 0, 1)
         self.arm.publish(monotonic_ns() - round(age_s * 1e9))
 

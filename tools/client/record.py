@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from procs.kinematics.poses import matrix_from_pose
 from tools.errors import Problem
+from tools.inspect.demand import OnDemand, wait_until_computed
 from tools.inspect.topics import EVENT, catalogue
 from tools.inspect.views import OpenTopic
 from tools.inspect.watch import Watch
@@ -34,6 +35,7 @@ class InstanceRecord:
         """Attach; SegmentError when there is no such record."""
         self.watch = Watch(system, instance)
         self._system, self._name = system, instance
+        self._demand = OnDemand(system, instance)
         self._events: dict[str, OpenTopic] = {}  # opened when asked for
         try:
             entries = [entry for entry in catalogue(system) if entry.instance == instance]
@@ -54,7 +56,10 @@ class InstanceRecord:
         return self.watch.look() and self.watch.age_s < FRESH_S
 
     def part(self, view: str, name: str) -> Stamped:
-        """A part of a view; TimeoutError when it is too old or not valid now."""
+        """A part of a view; TimeoutError when it is too old, not valid now, or not computed in time.
+
+        What is computed on demand is wanted from the first call until `close`.
+        """
         source = self._newest(view)
         value: Array = source.part(name)
         return value, source.stamp_ns
@@ -88,10 +93,15 @@ class InstanceRecord:
         self.look()
         if not source.valid:
             raise TimeoutError(f"{source.entry.name} is not valid now (is the arm powered and homed?)")
+        if source.groups:
+            self._demand.want(source)
+            if not wait_until_computed(source, FRESH_S):
+                raise TimeoutError(f"{source.entry.name} was not computed within {FRESH_S:g} s")
         return source
 
     def close(self) -> None:
-        """Unmap."""
+        """Unmap, and want nothing more."""
+        self._demand.close()
         self.watch.close()
         for event in self._events.values():
             event.close()

@@ -131,4 +131,5 @@ def _of_each(
 
 
 def _field(row: dict[str, Any]) -> Field:
-    return Field(str(row["name"]), str(row["dtype"]), str(row.get("unit", "")), str(row.get("text", "")))
+    return Field(str(row["name"]), str(row["dtype"]), str(row.get("unit", "")), str(row.get("text", "")),
+                 str(row.get("group", "")))

@@ -37,6 +37,10 @@ class OpenTopic:
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
+        on_demand = [row for row in entry.fields if row.group]
+        self.groups = tuple(dict.fromkeys(row.group for row in on_demand))
+        """What of it is computed on demand (shm/subscriptions.py)."""
+        self._on_demand = [row.name for row in on_demand]
 
     @property
     def stamp_ns(self) -> int:
@@ -120,13 +124,21 @@ class OpenTopic:
         flag = self._fields.get(self.entry.view.where if self.entry.view else "valid")
         return True if flag is None else bool(flag[self.entry.row] if self.entry.row >= 0 else flag[()])
 
+    @property
+    def is_computed(self) -> bool:
+        """Whether no value on demand is missing; with those that are not valid nobody can tell."""
+        return not self.valid or not any(
+            np.isnan(self._cut(np.atleast_1d(self._fields[name]))).any() for name in self._on_demand)
+
     def part(self, name: str) -> NDArray[Any]:
         """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty: not there."""
         view = self.entry.view
         where = dict(view.fields).get(name) if view is not None else name
         if where is None:
             return np.zeros(0)
-        value = np.atleast_1d(self._fields[where])
+        return self._cut(np.atleast_1d(self._fields[where]))
+
+    def _cut(self, value: NDArray[Any]) -> NDArray[Any]:
         if self.entry.row >= 0:
             of_joints = self.entry.kind == "js"
             return value[self.entry.row, : self.entry.count if of_joints else None].copy()

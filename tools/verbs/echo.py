@@ -9,7 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from shm.clock import monotonic_ns, pause
+from shm.segment import SegmentError
 from tools.errors import Misuse, Problem
+from tools.inspect.demand import OnDemand, wait_until_computed
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
 from tools.inspect.topics import RECORD
@@ -20,6 +22,7 @@ from tools.systems import chosen_system
 
 POLL_S = 0.005
 FIRST_S = 2.0  # to wait for the first record, and with --count for each one
+COMPUTED_S = 0.2  # to wait for values on demand
 HISTORY = 100  # events shown of those from before
 
 
@@ -35,6 +38,8 @@ def echo(
 ) -> int:
     """Print the values of a topic: a whole record, a CRTK view, or events, with the last ones from before.
 
+    What is computed on demand is wanted while this runs, and empty (null) where it is not to be had.
+
     Events are lines with the time of day. Exit code 1: nothing came in time.
 
     Example: trocar echo PSM1/measured_js --once --json
@@ -44,7 +49,11 @@ def echo(
     if once and count:
         raise Misuse("--once and --count say different things")
     name, most = chosen_system(system), 1 if once else count
-    with open_topic(name, topic) as source:
+    with open_topic(name, topic) as source, OnDemand(name, source.entry.instance) as demand:
+        try:
+            demand.want(source)
+        except SegmentError as error:
+            note(f"{topic}: what is computed on demand may be missing ({error})")
         try:
             if source.entry.ring == "events":
                 return _events(name, source, most, timeout, as_json)
@@ -128,6 +137,7 @@ def _first(source: OpenTopic, timeout: float) -> dict[str, Any]:
             raise Problem(f"{source.entry.name}: {'no record is whole' if source.head else 'nothing yet'}"
                           + (f" ({printed})" if printed else ""))
         pause(POLL_S)
+    wait_until_computed(source, min(COMPUTED_S, timeout))
     return source.as_dict()
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from procs.kernel.arm_fields import INVERSE
 from procs.kernel.library import bind
 from procs.kinematics.forward import Kinematics
-from procs.kinematics.frames import Rows, dot, finite, jacobians, shortest, solve, times, twist_between
+from procs.kinematics.frames import Rows, body_jacobian, dot, finite, shortest, solve, times, twist_between
 from procs.kinematics.inverse.shaft import TINY
 
 Array = NDArray[np.float64]
@@ -215,7 +215,7 @@ class InverseSolver:
         frames = kinematics.links.frames(finite(q))
         tip = kinematics.tip_after(frames)
         error = twist_between(tip, self.goal.reshape(16).tolist()[:12])
-        body, _ = jacobians(frames, kinematics.is_prismatic.tolist(), tip)
+        body = body_jacobian(frames, kinematics.is_prismatic.tolist(), tip)
         if turn_weight:
             for part, furthest, weight in ((0, self.FURTHEST_PLACE, 1.0), (3, self.FURTHEST_TURN, turn_weight)):
                 size = math.sqrt(dot(error[part : part + 3], error[part : part + 3]))
