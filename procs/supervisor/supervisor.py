@@ -149,7 +149,8 @@ class Supervisor:
                     return
                 child.start()
                 self.beat()
-            self._step_until(partial(_all_up, children), lambda: bool(self.stopping))
+            ours = [child for child in children if not proc(child.row.kind).declared]  # nobody waits for a user's
+            self._step_until(partial(_all_up, ours), lambda: bool(self.stopping))
             if self.stopping:
                 return
         self.page.show("RUNNING")
