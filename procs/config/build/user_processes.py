@@ -72,6 +72,8 @@ def load_user_processes(context: Context, source: SourceFile, options: TrocarSec
 def _process(context: Context, source: SourceFile, key: Key, name: str, row: ProcessKeys) -> UserProcess:
     if name in RESERVED:
         context.error(source, key, "this name is taken by a process of Trocar", "a name of its own")
+    if row.priority:
+        context.error(source, (*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
     _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
     _check_once(context, source, (*key, "commands"), [command.name for command in row.commands],
                 {SET_PROPERTY, SAVE_PROPERTIES})
