@@ -46,6 +46,9 @@ VERBS: tuple[Verb, ...] = (
     Verb("home", "tools.verbs.power:home", "Power on where needed and home the arms.", moves=True),
     Verb("power-off", "tools.verbs.power:power_off", "Disable the arms.", moves=True),
     Verb("send", "tools.verbs.send:send", "Send any command to a component.", moves=True, raw=True),
+    Verb("get", "tools.verbs.properties:get", "Properties of processes of your own."),
+    Verb("set", "tools.verbs.properties:set_property", "Set a property of a process of your own.", moves=True,
+         raw=True),
     Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "tools.verbs.pid:show", "Print the gains in use."),

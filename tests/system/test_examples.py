@@ -23,7 +23,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything w
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
-ALONE = re.compile(r"trocar (demo|bench|commission|up|down)\b")  # those that start a system, or end one
+# Those that start a system, or end one; and what needs a process of a user's own: test_user_process.py.
+ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set)\b")
 # demo, bench and commission have tests of their own: test_robot.py, test_bench_system.py, test_commission.py
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
@@ -112,7 +113,7 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
     "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
-    "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
+    "get": "get", "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
     "doctor": "doctor", "power-off": "power-off PSM1",
 }

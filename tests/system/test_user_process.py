@@ -45,7 +45,8 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
 
     robot.home("PSM1")
     push = directory.reader(robot.name, "box", "push")
-    robot.trocar("send", "box", "set_property", "0", "z")
+    assert "box.z = 0.0" in robot.trocar("set", "box.z", "0") and "box.x = 0.05" in robot.trocar("get", "box")
+    assert "out of range" in robot.trocar("set", "box.stiffness", "-1", code=1)
     wait_for(lambda: push.newest() and bool(push.field("outside")), 20, "the tip is outside of the box")
     assert "push" in robot.trocar("list") and "force" in robot.trocar("echo", "box/push", "--once")
     assert "done" in robot.trocar("send", "box", "keep_in", "1")

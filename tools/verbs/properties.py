@@ -1,0 +1,82 @@
+"""`trocar get|set NAME.property`: properties of users' processes."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from procs.document.user_process import PROPERTIES, SET_PROPERTY
+from shm import directory
+from tools.errors import Misuse
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, plain
+from tools.remote import Remote
+from tools.systems import chosen_system, unknown
+
+HIDDEN = ("sequence", "stamp_ns")
+
+
+def get(
+    name: Annotated[str, typer.Argument(help="NAME or NAME.property; without it, all there are.")] = "",
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Print properties of processes of your own.
+
+    Example: trocar get
+    """
+    chosen = chosen_system(system)
+    owner, _, wanted = name.partition(".")
+    owners = _owners(chosen)
+    if owner and owner not in owners:
+        raise unknown("process with properties", owner, owners)
+    for instance in [owner] if owner else owners:
+        values = _values(chosen, instance)
+        if wanted and wanted not in values:
+            raise unknown(f"property of {instance}", wanted, values)
+        for key in [wanted] if wanted else values:
+            if as_json:
+                emit({"name": instance, "property": key, "value": values[key]})
+            else:
+                print(f"{instance}.{key} = {values[key]}")
+    return 0
+
+
+def set_property(
+    name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Which one.")],
+    value: Annotated[float, typer.Argument(help="Its value from now on, within its bounds.")],
+    save: Annotated[bool, typer.Option("--save", help="Keep all of them for the next start.")] = False,
+    system: SystemOption = None,
+) -> int:
+    """Set a property of a process of your own, at once.
+
+    Example: trocar set box.stiffness 200 --save
+    """
+    chosen = chosen_system(system)
+    owner, dot, wanted = name.partition(".")
+    if not dot:
+        raise Misuse(f"{name}: it takes NAME.PROPERTY")
+    owners = _owners(chosen)
+    if owner not in owners:
+        raise unknown("process with properties", owner, owners)
+    with Remote(chosen, owner) as remote:
+        remote.ask(SET_PROPERTY, (value,), wanted)
+        if save:
+            remote.ask("save_properties")
+    print(f"{name} = {_values(chosen, owner)[wanted]}")
+    return 0
+
+
+def _owners(system: str) -> list[str]:
+    return [instance for instance, ring in directory.rings(system) if ring == PROPERTIES]
+
+
+def _values(system: str, instance: str) -> dict[str, float]:
+    """What its newest record says; nothing before it has begun."""
+    reader = directory.reader(system, instance, PROPERTIES, often=False)
+    try:
+        names = [name for name in reader.dtype.names or () if name not in HIDDEN]
+        return {name: plain(reader.field(name)[()]) for name in names} if reader.newest() else {}
+    finally:
+        reader.close()
