@@ -13,10 +13,17 @@ import pytest
 
 from procs.config.read.yamltext import parse_yaml
 from shm import directory
+from shm.subscriptions import Subscriber
 from tests.system.robot import ROOT, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PAGE = (ROOT / "docs/write-a-process.md").read_text()
+
+ASLEEP = """
+def main(process):
+    while process.tick():
+        process.publish("count", count=1)
+"""
 
 
 def system_of_the_page(folder: Path) -> Path:
@@ -28,6 +35,9 @@ def system_of_the_page(folder: Path) -> Path:
         (folder / name).write_text(program)
     arms = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
     rows = [row for section in sections for row in section["processes"]]
+    rows.append({"name": "asleep", "module": "asleep.py", "start": "on-demand", "linger_s": 0.0,
+                 "topics": [{"name": "count", "fields": [{"name": "count", "type": "int"}]}]})
+    (folder / "asleep.py").write_text(ASLEEP)
     file = folder / "lab.json"
     file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "arms": arms,
                                 "trocar": {"processes": rows}}))
@@ -59,6 +69,13 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
     for part in (wrench, push, arm):
         part.close()
+    assert robot.state("asleep") != "RUNNING"
+    somebody = Subscriber(robot.name, "asleep")
+    somebody.want("count")
+    wait_for(lambda: robot.state("asleep") == "RUNNING", 20, "it starts for whoever wants its topic")
+    robot.pids.add(robot.pid("asleep"))
+    somebody.close()
+    wait_for(lambda: robot.state("asleep") == "STOPPED", 20, "it ends when nobody does any more")
     assert robot.down() == 0
     os.close(line)
     os.close(device)
