@@ -350,6 +350,10 @@ class RobotIo:
             self._stranger, self._stranger_ns = stranger, now_ns
             self.reports.warn(codes.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
 
+    def want(self, wanted: int) -> None:
+        """What is to be computed on demand from now on, see `Samples`."""
+        self.samples.want(wanted)
+
     def shutdown(self) -> None:
         """Zero every output: amplifiers and power off, relays open; then the books. On every path out.
 

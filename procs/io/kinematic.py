@@ -213,6 +213,9 @@ class KinematicIo:
                 np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
             self._stamps_ns[robot] = stamp_ns
 
+    def want(self, wanted: int) -> None:
+        """Nothing is computed on demand: nobody measures velocities."""
+
     def shutdown(self) -> None:
         """Everything off, in the books. On every path out."""
         now_ns = self._now_ns()

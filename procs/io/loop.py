@@ -17,7 +17,7 @@ from procs.io.cycle import RobotIo
 from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
-from procs.io.robots import Robots
+from procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
 from procs.io.setpoint_tracker import WishFields
 from procs.io.start import POWER_OFF, prepare
 from shm.events import ERROR, STATUS, WARNING
@@ -73,6 +73,15 @@ class IoLoop(runtime.Loop):
                                  instruments=self._others["instruments"].field, cells=cells, is_over=node.is_over,
                                  report=report)
             node.computes(self._core.stages.why_numpy)
+        self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
+        self._parts = ((bits("state", "software_velocity"), SOFTWARE_VELOCITY),
+                       (bits("state", "acceleration"), ACCELERATION))
+        self._show_wanted()
+
+    def _show_wanted(self) -> None:
+        """Of what is computed on demand, what somebody wants."""
+        wanted = self._subscriptions.wanted
+        self._core.want(sum(part for bit, part in self._parts if wanted & bit))
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
         """The port of this io, ours alone."""
@@ -87,6 +96,8 @@ class IoLoop(runtime.Loop):
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         core, port = self._core, self._port
+        if self._subscriptions.look():
+            self._show_wanted()
         core.cycle(self._mailbox.drain(wall_ns) if self._mailbox.has_news else ())
         events = core.reports.events
         if events:  # before the record: who sees a fault there finds what is reported of it

@@ -36,6 +36,9 @@ PERIOD: Final = 8
 ROWS: Final = 9
 CHECKED: Final = 5
 
+SOFTWARE_VELOCITY: Final = 1
+ACCELERATION: Final = 2
+"""What may be wanted."""
 NO_TABLE: Final = -1
 NO_ENCODER: Final = Encoder(Linear(), 0.0, 0.0, "FIRMWARE")
 
@@ -171,6 +174,23 @@ class Samples:
         self.softly = SoftwareVelocity(n)
         self.no_pot = ~robots.has_pot
         self.first_axis = np.array([s.start for s in robots.slices], dtype=np.intp)
+        self.wanted = np.zeros(1, dtype=np.int64)
+        """Which of SOFTWARE_VELOCITY and ACCELERATION somebody wants; see `want`."""
+        self._blank(SOFTWARE_VELOCITY | ACCELERATION)
+
+    def want(self, wanted: int) -> None:
+        """Compute these for the record from now on; the others are NaN, but for what is used for control."""
+        before = int(self.wanted[0])
+        self.wanted[0] = wanted
+        self._blank(before & ~wanted)
+        if wanted & ~before & SOFTWARE_VELOCITY and not self.any_software:
+            self.softly.forget()  # what it last saw was long ago
+
+    def _blank(self, unwanted: int) -> None:
+        if unwanted & SOFTWARE_VELOCITY and not self.any_software:
+            self._record.software_velocity[...] = np.nan
+        if unwanted & ACCELERATION:
+            self._record.acceleration[...] = np.nan
 
     def decode(self) -> None:
         """The port's blocks to SI units, with velocities."""
@@ -213,15 +233,23 @@ class Samples:
         record.pot_position[...] = self.pot_position
         scale = self._robots.position_scale
         np.multiply(self.firmware.predicted, scale, record.firmware_velocity)
-        np.multiply(self.firmware.accelerations(record.acceleration), scale, record.acceleration)
-        if not self.any_software:
-            self._estimate_softly()
+        self._show_wanted()
         if len(self.no_pot):
             np.putmask(record.pot_position, self.no_pot, np.nan)
         np.subtract(self._counts, registers.ENCODER_MIDRANGE, record.encoder_bits)
         np.greater(self.amp_on, 0.5, record.amp_on)
         if len(self.first_axis):
             self.period_s.take(self.first_axis, out=record.board_period, mode="clip")
+
+    def _show_wanted(self) -> None:
+        wanted, record, scale = int(self.wanted[0]), self._record, self._robots.position_scale
+        if wanted & SOFTWARE_VELOCITY and not self.any_software:
+            known = bool(self.softly.known[0])
+            self._estimate_softly()
+            if not known:  # nothing to compare with yet
+                record.software_velocity[...] = np.nan
+        if wanted & ACCELERATION:
+            np.multiply(self.firmware.accelerations(record.acceleration), scale, record.acceleration)
 
 
 def _where(robots: Robots, columns: Columns,

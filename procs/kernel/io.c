@@ -234,9 +234,21 @@ int64_t Io_at_once(const Io *k, double share) {
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/
 
+enum { SOFTWARE_VELOCITY = 1, ACCELERATION = 2 };
+
+static void show_wanted(const Io *k) {
+  if (!k->any_software && *k->wanted & SOFTWARE_VELOCITY) {
+    int known = *k->soft_known;
+    estimate_softly(k);
+    for (int64_t i = 0; i < k->n && !known; i++) k->software_velocity[i] = NAN;
+  }
+  for (int64_t i = 0; i < k->n && *k->wanted & ACCELERATION; i++)
+    k->acceleration[i] = k->rate[i] * k->sign[i] * (8.0 * k->hz[i] * k->hz[i]) * k->position_scale[i];
+}
+
 /* The rest of the record; 1: an input is, or was, not as its value says. */
 int64_t Io_show(const Io *k) {
-  if (!k->any_software) estimate_softly(k);
+  show_wanted(k);
   memcpy(k->position, k->values + POSITION * k->d, sizeof(double) * k->n);
   memcpy(k->current, k->values + CURRENT * k->d, sizeof(double) * k->d);
   memcpy(k->temperature, k->values + TEMPERATURE * k->d, sizeof(double) * k->d);
@@ -246,7 +258,6 @@ int64_t Io_show(const Io *k) {
     k->pot_bits[i] = (uint16_t)k->words[VOLTAGE * k->d + i];
     k->shown_pot[i] = k->no_pot[i] ? NAN : k->pot_position[i];
     k->firmware_velocity[i] = k->predicted[i] * k->position_scale[i];
-    k->acceleration[i] = k->rate[i] * k->sign[i] * (8.0 * k->hz[i] * k->hz[i]) * k->position_scale[i];
     k->encoder_bits[i] = (int32_t)k->words[POSITION * k->d + i] - MIDRANGE;
   }
   for (int64_t i = 0; i < k->d; i++) k->amp_on[i] = k->values[AMP_ON * k->d + i] > 0.5;

@@ -30,6 +30,7 @@ IO: Final = CStruct("Io", (
           soft="samples.softly.velocity", soft_previous="samples.softly.previous", soft_since="samples.softly.since",
           soft_slope="samples.softly.slope", software_velocity="record.software_velocity"),
     *rows("b1", "1", soft_known="samples.softly.known"),
+    *rows("i8", "1", wanted="samples.wanted"),
     *rows("b1", "n", software="robots.software"),
     # watch: status words and amplifiers that changed
     *rows("u4", "boards", status_mask="power.mask", status_now="power.now", status_before="power.before"),

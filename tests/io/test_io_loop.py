@@ -20,6 +20,7 @@ def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:
     loop._mailbox = SimpleNamespace(has_news=False)
     loop._out = SimpleNamespace(publish=lambda stamp_ns: seen.append("record"))
     loop._port, loop._others = None, {}
+    loop._subscriptions = SimpleNamespace(look=lambda: False)
     loop._consoles = [SimpleNamespace(wake=lambda: seen.append("console woken"))]
     loop.cycle(1, 0)
     assert seen == ["error", "record", "button", "console woken"] and not events

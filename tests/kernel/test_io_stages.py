@@ -81,6 +81,7 @@ def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, r
             stages.check()
             stages.control()
             stages.encode(float(rng.choice((1.0, 0.5, 0.0))), int(rng.integers(2)))
+            core.samples.wanted[0] = rng.integers(4)
             stages.show()
             stages.at_once(float(rng.choice((1.0, 0.5))))
 
