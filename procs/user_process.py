@@ -129,7 +129,7 @@ class OwnProcess:
         self._commands = {row.name: row for row in declared.commands}
         self._subscriptions: list[Subscription] = []
         self._wanted = Subscriptions(own.page)
-        self._poll, self._files, self._ready = select.poll(), set[int](), dict[int, int]()
+        self._poll, self._files = select.poll(), set[int]()
         self._stop, self._check_at = "", 0
         self.request: Received | None = None
         """The command that is being carried out."""
@@ -175,7 +175,9 @@ class OwnProcess:
 
     def has_news(self) -> bool:
         """Whether a command, a subscribed record or a watched file waits to be looked at."""
-        return self._mailbox.has_news or bool(self._ready) or any(s.has_news for s in self._subscriptions)
+        if self._mailbox.has_news or any(s.has_news for s in self._subscriptions):
+            return True
+        return bool(self._files) and bool(self._poll.poll(0))
 
     def stop(self, reason: str) -> None:
         """It ends at the next `tick` or `wait`."""
@@ -189,7 +191,7 @@ class OwnProcess:
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
         if looks and self._files:
-            self._ready |= dict(self._poll.poll(min(left_ns, SLICE_NS) / 1e6))
+            self._poll.poll(min(left_ns, SLICE_NS) / 1e6)
         else:
             most = SLICE_NS if looks and self._subscriptions else BEAT_NS
             simulated = SLICE_NS if self.time.simulated and not looks else BEAT_NS
@@ -262,11 +264,10 @@ class OwnProcess:
         """Stop watching it; before it is closed."""
         self._files.discard(number := _number(file))
         self._poll.unregister(number)
-        self._ready.pop(number, None)
 
     def is_ready(self, file: int | Watchable) -> bool:
-        """Whether the last wait found it ready; asked once, then it is looked at anew."""
-        return bool(self._ready.pop(_number(file), 0))
+        """Whether a watched file can be read now, or what else it is watched for."""
+        return _number(file) in dict(self._poll.poll(0))
 
     def process_messages(self, most: int = 64) -> int:
         """Carry out what it was asked meanwhile, so many commands at most; how many there were. `tick` does it, too."""

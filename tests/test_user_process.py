@@ -186,6 +186,20 @@ def test_a_watched_file_ends_a_wait(make: Callable[..., Mine]) -> None:
     os.close(writing)
 
 
+def test_a_watched_file_is_ready_as_long_as_something_waits_in_it(make: Callable[..., Mine]) -> None:
+    mine = make()
+    reading, writing = os.pipe()
+    mine.watch(reading)
+    mine.own.begin()
+    os.write(writing, b"xy")
+    assert mine.is_ready(reading)  # who has an update and waits for nothing sees it, too
+    assert mine.wait(30.0) and os.read(reading, 1) == b"x" and mine.is_ready(reading)
+    assert os.read(reading, 1) == b"y" and not mine.is_ready(reading) and not mine.has_news()
+    mine.unwatch(reading)
+    os.close(reading)
+    os.close(writing)
+
+
 def test_properties_are_set_within_bounds_and_saved(make: Callable[..., Mine], client: Client, world: World,
                                                     tmp_path: Path) -> None:
     mine = make()
