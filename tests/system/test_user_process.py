@@ -9,6 +9,7 @@ import re
 import tty
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from procs.config.read.yamltext import parse_yaml
@@ -31,7 +32,7 @@ def system_of_the_page(folder: Path) -> Path:
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     sections = [parse_yaml(text).data["trocar"] for text in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]  # type: ignore[index,call-overload]
     assert all(len(program.splitlines()) <= 40 for program in programs)
-    for name, program in zip(("box.py", "sensor.py"), programs, strict=True):
+    for name, program in zip(("box.py", "sensor.py", "smooth.py"), programs, strict=True):
         (folder / name).write_text(program)
     arms = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
     rows = [row for section in sections for row in section["processes"]]
@@ -50,24 +51,29 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     robot.environment["FORCE_SENSOR"] = os.ttyname(device)
     robot.up(system_of_the_page(tmp_path))
     wrench = directory.reader(robot.name, "force", "wrench")
-    os.write(line, b"1 2.5 -3\n")
+    os.write(line, b"1 2.5 -3\n4 5 ")  # and the beginning of another
     wait_for(lambda: wrench.newest() and wrench.field("force").tolist() == [1.0, 2.5, -3.0], 20, "the sensor's record")
 
+    os.write(line, b"6\n")
+    wait_for(lambda: wrench.newest() and wrench.field("force").tolist() == [4.0, 5.0, 6.0], 20, "a line in two parts")
+
     robot.home("PSM1")
+    arm, smooth = (directory.reader(robot.name, *names) for names in (("PSM1", "state"), ("smooth", "measured")))
+    wait_for(lambda: arm.newest() and smooth.newest()
+             and np.allclose(arm.field("position"), smooth.field("position"), atol=1e-6), 20, "the filter has settled")
     push = directory.reader(robot.name, "box", "push")
     assert "box.z = 0.0" in robot.trocar("set", "box.z", "0") and "box.x = 0.05" in robot.trocar("get", "box")
     assert "out of range" in robot.trocar("set", "box.stiffness", "-1", code=1)
     wait_for(lambda: push.newest() and bool(push.field("outside")), 20, "the tip is outside of the box")
     assert "push" in robot.trocar("list") and "force" in robot.trocar("echo", "box/push", "--once")
     assert "done" in robot.trocar("send", "box", "keep_in", "1")
-    arm = directory.reader(robot.name, "PSM1", "state", "arm")
     wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 20, "the arm is pushed")
 
     before, arm_before = robot.kill("box"), robot.pid("PSM1")
     wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 20, "the box is back")
     robot.pids.add(robot.pid("box"))
     assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
-    for part in (wrench, push, arm):
+    for part in (wrench, push, arm, smooth):
         part.close()
     assert robot.state("asleep") != "RUNNING"
     somebody = Subscriber(robot.name, "asleep")
