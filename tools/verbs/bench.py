@@ -26,7 +26,7 @@ BENCHES = {
     "ring": Measurement("tools.bench.ring"), "io": Measurement("tools.bench.io_loop"),
            "boards": Measurement("tools.bench.boards"),
     "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
-    "start": Measurement("tools.bench.start"),
+    "start": Measurement("tools.bench.start"), "lifecycle": Measurement("tools.bench.lifecycle"),
     "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
 }
 

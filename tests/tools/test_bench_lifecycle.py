@@ -1,0 +1,20 @@
+"""`trocar bench lifecycle`: one measurement, which leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from shm.segment import names_of
+from tools.bench import lifecycle
+
+
+@pytest.mark.slow
+def test_processes_come_and_go_and_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lifecycle, "TRIES", 2)
+    figures = lifecycle.run()["figures"]
+    assert set(figures) == {"up_s", "up_to_homed_s", "first_subscription_to_running_s", "last_left_to_stopped_s",
+                            "restart_s", "down_s"}
+    assert 0.0 < figures["up_s"] < figures["up_to_homed_s"] and all(seconds > 0.0 for seconds in figures.values())
+    assert not names_of(f"bench-lifecycle-{os.getpid()}")
