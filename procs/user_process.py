@@ -241,11 +241,14 @@ class OwnProcess:
 
     # what it hears
 
-    def subscribe(self, topic: str) -> Subscription:
-        """A topic of another process, INSTANCE/TOPIC; its records are news to `wait`. SegmentError: there is none."""
+    def subscribe(self, topic: str, *groups: str) -> Subscription:
+        """A topic of another process, INSTANCE/TOPIC; its records are news to `wait`. SegmentError: there is none.
+
+        Fields that are computed on demand (docs/topics.md) are NaN until their group is wanted, as one of `groups`.
+        """
         instance, _, ring = topic.partition("/")
         subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
-        subscriber.want(ring)
+        subscriber.want(ring, *groups)
         found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, ring)
         self._subscriptions.append(found)
         return found

@@ -20,8 +20,11 @@ from procs.user_process import OwnProcess, Subscription
 from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
+from shm.control_page import ControlPage, create_control
 from shm.origins import ACTING, NOBODY
+from shm.segment import SegmentError
+from shm.subscriptions import Subscriptions
+from shm.topics import ARM_STATE
 from tests.conftest import World
 from tools.inspect.processes import statuses
 from tools.inspect.topics import catalogue
@@ -170,6 +173,21 @@ def test_it_knows_whether_somebody_wants_a_topic(make: Callable[..., Mine]) -> N
     assert other.is_wanted("wrench") and not other.is_wanted("properties")
     mine.unsubscribe(wrench)
     assert not other.is_wanted("wrench")
+
+
+def test_what_is_computed_on_demand_is_wanted_by_its_group(make: Callable[..., Mine], world: World) -> None:
+    mine = make()
+    create_control(world.name, "PSM1", topics=(ARM_STATE,))
+    directory.create_ring(world.name, "PSM1", ARM_STATE, {}, {"kind": "arm"})
+    page = ControlPage(world.name, "PSM1")
+    arm = Subscriptions(page)
+    state = mine.subscribe("PSM1/state", "wrench")
+    assert arm.look() and arm.wanted == arm.bits("state") | arm.bits("state", "wrench")
+    mine.unsubscribe(state)
+    assert arm.look() and not arm.wanted
+    with pytest.raises(SegmentError, match="nothing called state/colour"):
+        mine.subscribe("PSM1/state", "colour")
+    page.close()
 
 
 def test_a_watched_file_ends_a_wait(make: Callable[..., Mine]) -> None:
