@@ -22,6 +22,7 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     figures = result["figures"]
     assert result["bench"] == "arm" and all(figures[key] > 0.0 for key in KEYS)
     assert figures["cycle_following_cpu_us_p50"] > figures["cycle_holding_cpu_us_p50"] > 0.0
+    assert figures["cycle_wanted_cpu_us_p50"] > 0.0
     assert figures["ik_unreachable_poses"] > 10
     if result["conditions"]["computed_by"] == "the kernel":
         assert all(figures[f"{key}_numpy"] > 0.0 for key in KEYS) and figures["kernel_ratio"] > 0.0

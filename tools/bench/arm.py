@@ -8,6 +8,7 @@ the compiled kernel and then without, arm by arm; keys that end in _numpy are wi
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 import time
@@ -28,6 +29,7 @@ from procs.kernel.library import kernel
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from procs.supervisor import memory
 from shm.client import Client
+from shm.subscriptions import Subscriber
 from tools.bench.kernel_switch import without_kernel
 from tools.cleanup import Keeper
 from tools.errors import Problem
@@ -83,6 +85,7 @@ class ArmBench:
         self._system = loaded.system
         self.now_ns = 1_000_000_000
         row = self._system.arms[0]
+        self.arm_name = row.name
         self._keeper = Keeper(self.name)
         memory.create_all(self._system)
         self._io_process = runtime.Node("io", self.name, row.io)
@@ -147,6 +150,9 @@ class ArmBench:
 def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     holding = [bench.step() for _ in range(cycles)]
     measuring = [bench.step(SWAY if cycle % 2 else -SWAY) for cycle in range(cycles)]
+    with contextlib.closing(Subscriber(bench.name, bench.arm_name, "bench")) as subscriber:
+        subscriber.want("state", "wrench", "spatial_jacobian")
+        wanted = [bench.step(SWAY if cycle % 2 else -SWAY) for cycle in range(cycles)]
     n = bench.arm.joints.count
     wave = np.full(n, AMPLITUDE)
     centre = bench.arm.io.setpoint[:n].copy()
@@ -172,6 +178,7 @@ def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     return {
         "cycle_cpu_us_p50": _us(moving, 50), "cycle_cpu_us_p99": _us(moving, 99),
         "cycle_holding_cpu_us_p50": _us(holding, 50), "cycle_measuring_cpu_us_p50": _us(measuring, 50),
+        "cycle_wanted_cpu_us_p50": _us(wanted, 50),
         "cycle_following_cpu_us_p50": _us(following, 50), "cycle_following_cpu_us_p99": _us(following, 99),
     }
 
