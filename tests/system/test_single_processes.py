@@ -58,6 +58,8 @@ def test_one_process_is_stopped_and_started_by_a_person(robot: Robot) -> None:
     before = robot.pid("PSM1")
     robot.trocar("restart", "PSM1", "--yes")
     assert robot.pid("PSM1") != before and len(processes(robot, "PSM1")) == 1
+    ended = row(robot, "PSM1")["endings"]
+    assert [(each["pid"], each["text"]) for each in ended] == [(first, "stopped"), (before, "stopped")]
     assert "no process PSM9" in robot.trocar("start", "PSM9", code=1)
     assert robot.down() == 0
 

@@ -12,11 +12,13 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.segment import Segment, SegmentError, segment_name
+from tools.inspect.endings import PastProcess, endings
 from tools.printing import number, plain
 from tools.systems import alive, is_simulated
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
+ALL = 1 << 16  # records: more than any ring has
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
@@ -56,6 +58,8 @@ class ProcessStatus:
     simulation: str = ""
     lifecycle: str = ""
     """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/lifecycle.py)."""
+    endings: tuple[PastProcess, ...] = ()
+    """The processes that it had before, as far as the supervisor's records go back."""
     computes: str = ""
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
 
@@ -108,10 +112,12 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
             return {}
         names = ("instance", "kind", "lifecycle", "restarts", "exit_reason")
         columns = {name: plain(reader.field(name)) for name in names}
+        ended = endings(reader.last(ALL))
     finally:
         reader.close()
     rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
-    return {str(row["instance"]): row for row in rows if row["instance"]}
+    return {str(row["instance"]): {**row, "endings": ended.get(str(row["instance"]), ())} for row in rows
+            if row["instance"]}
 
 
 def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> ProcessStatus:
@@ -133,7 +139,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
-        computes=str(plain(page.get("computes"))), lifecycle=lifecycle,
+        computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
         problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 
