@@ -18,8 +18,8 @@ from tools.systems import ROOT
 
 SUPERVISOR = """
 import sys
-from procs.supervisor import loop
-loop.BUS_PORT = int(sys.argv.pop(1))
+from procs.supervisor import addresses, loop
+addresses.BUS_PORT = int(sys.argv.pop(1))
 loop.main()
 """
 
