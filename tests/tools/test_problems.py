@@ -188,6 +188,23 @@ def test_the_bench_of_io_takes_no_torn_record(kinematic: ScriptedRobot, first: b
         bench_io._watch(kinematic.name, 3e-9)
 
 
+def test_the_bench_of_io_tells_that_io_began_anew(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def publish(*_: object) -> None:
+        kinematic.io.field("valid")[...] = True
+        kinematic.io.publish(monotonic_ns())
+
+    def died(*_: object) -> None:
+        kinematic.io.close()
+        kinematic.io = directory.writer(kinematic.name, "IO1", "state", "io")
+        publish()
+
+    publish()
+    monkeypatch.setattr(bench_io, "pause", died)
+    monkeypatch.setattr(bench_io, "monotonic_ns", itertools.count().__next__)
+    with pytest.raises(Problem, match="io began anew while it was measured"):
+        bench_io._watch(kinematic.name, 3e-9)
+
+
 def test_a_head_that_goes_backwards_is_told(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     def meanwhile(seconds: float) -> None:
         with Segment(segment_name(kinematic.name, "PSM1", "state"), write=True) as hand:

@@ -185,7 +185,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
     reader = directory.reader(system, "IO1", "state")
     try:
         _look(reader)
-        first, begin, missed = int(reader.field("cycle")), reader.stamp_ns, _io(system).missed
+        first, begin, missed, life = int(reader.field("cycle")), reader.stamp_ns, _io(system).missed, reader.epoch
         packets, process = _packets(), psutil.Process(_io(system).pid)
         cpu_s = sum(process.cpu_times()[:2])
         seen = begin
@@ -201,6 +201,8 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
         if not sum(len(rows) for rows in stamps):
             raise Problem("io got no good sample from the emulated boards; is the machine busy? (trocar logs)")
         _look(reader)
+        if reader.epoch != life:
+            raise Problem("io began anew while it was measured; is the machine busy? (trocar logs)")
         packets, cpu_s = _packets() - packets, sum(process.cpu_times()[:2]) - cpu_s
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
