@@ -17,11 +17,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ProcessInstance:
-    """One that a system has; without a period it has that of its kind. It starts after those of `after` there are."""
+    """One that a system has; without a period it has that of its kind. It starts after those of `after` there are.
+
+    With addresses to `listen` at it starts when somebody connects, unless the system file says otherwise.
+    """
 
     name: str
     period_s: float = 0.0
     after: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
 
 
 def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from procs.document.system import WALL, SystemConfig, from_json
+from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
@@ -69,6 +70,8 @@ class Node(OwnMemory):
         self.held_up_ns = 0
         """How long it was held up, when that was too long: the loop is to be made anew."""
         self.now_ns = self.clock.now_ns()
+        self.listening = handed()
+        """The sockets of its `listen`, not blocking: the supervisor holds them, also while we are down."""
 
     def commands(self, instance: str) -> LoopClient:
         """A handle for the mailbox of another instance; all of ours share one place there.

@@ -18,6 +18,7 @@ import numpy as np
 from procs import codes
 from procs.document.system import SystemConfig, from_json
 from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, Property, UserCommand, shape_of
+from procs.listening import handed
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
 from procs.paths import log_folder
@@ -133,6 +134,8 @@ class OwnProcess:
         self._stop, self._check_at = "", 0
         self.request: Received | None = None
         """The command that is being carried out."""
+        self.listening = handed()
+        """The sockets of its `listen`, not blocking: `watch` them, and accept."""
         self._period_ns = round(own.row.period_s * 1e9)
         self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
 

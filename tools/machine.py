@@ -15,8 +15,8 @@ from typing import Any, Final
 import psutil
 
 from procs.kernel.library import kernel as library
+from procs.port_holders import SocketHolder, holders
 from procs.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
-from procs.udp_holders import SocketHolder, holders
 from shm.segment import FOLDER
 from tools.running import running
 from tools.systems import ROOT, environment, left_over

@@ -25,7 +25,7 @@ from procs.boards.frames import FrameSocket
 from procs.boards.packet_faults import PacketFaults
 from procs.document.system import BusConfig
 from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
-from procs.udp_holders import holders
+from procs.port_holders import holders
 from shm.lockstep import wait_for_wakeup
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from ipaddress import ip_address
 from typing import Final
 
 from procs.document.decoding import decode
@@ -29,6 +30,7 @@ class Process:
     hung_s: float | None = None  # silence after which it is killed
     start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it
     linger_s: float = 5.0  # how long it goes on then, after the last one left
+    listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of sockets that it is started with
 
 
 def processes_of(data: bytes) -> tuple[Process, ...]:
@@ -40,3 +42,14 @@ def processes_of(data: bytes) -> tuple[Process, ...]:
         return tuple(decode(Process, row) for row in json.loads(data)["processes"])
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError(f"the document is not readable: {type(error).__name__}: {error}") from None
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Of an address in `listen`; ValueError when it is none."""
+    host, _, port = address.rpartition(":")
+    bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    if (ip_address(bare).version == 6) is (bare == host) or not (port.isascii() and port.isdecimal()):
+        raise ValueError(f"{address} is no address")
+    if not 1 <= int(port) <= 65535:
+        raise ValueError(f"{port} is no port")
+    return bare, int(port)

@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable
 from typing import Final
 
-from procs.udp_holders import holders
+from procs.port_holders import holders
 
 BUS_PORT: Final = 1394
 

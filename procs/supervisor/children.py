@@ -52,7 +52,10 @@ class Running(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one process: how, in words; whether it was asked for, killed because it took too long; its seconds."""
+    """The end of one process: how, in words; whether it was asked for, killed because it took too long; its seconds.
+
+    Who ends well while nobody wants it was not asked, but meant to.
+    """
 
     text: str
     asked: bool
@@ -79,6 +82,8 @@ class Child:
     given_up: bool = False
     verdict: str = ""  # why we killed it
     refused: str = ""  # why there is no process where there should be one
+    is_wanted: bool = True  # if not, it may end by itself: that is no death
+    is_done: bool = False  # it has done so
 
     @property
     def is_up(self) -> bool:
@@ -137,7 +142,7 @@ class Child:
             self.process.ask_to_end()
 
     def _begin(self) -> None:
-        self.starts, self.begun_ns = self.starts + 1, self.now_ns()
+        self.starts, self.begun_ns, self.is_done = self.starts + 1, self.now_ns(), False
         self.kill_at_ns = self.begun_ns + round(SETUP_S * 1e9)
         try:
             self.process.begin()
@@ -151,15 +156,16 @@ class Child:
     def _ended(self, code: int | None, pid: int) -> Ending:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
         well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
-        self.reason = "stopped" if well else why or self.process.in_words(code or 0)
+        self.is_done = not asked and not why and code == 0 and not self.is_wanted
+        self.reason = "stopped" if well else "done" if self.is_done else why or self.process.in_words(code or 0)
         killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9
         if asked:
             self.process.show_stopped()
         self.kill_at_ns, self.verdict, self.refused = 0, "", ""
         self._step(lifecycle.QUIT)
-        if not asked:
+        if not asked and not self.is_done:
             self._plan_restart()
-        return Ending(self.reason, asked, killed, pid, ran_s)
+        return Ending(self.reason, asked or self.is_done, killed, pid, ran_s)
 
     def _plan_restart(self) -> None:
         now = self.now_ns()

@@ -1,7 +1,8 @@
 """Processes on demand: the first who wants something of one starts it, after the last one left it stops. Pure.
 
 What a person has asked for by hand stands: one that was stopped while somebody wants it is started again when somebody
-wants it anew, one that was started while nobody does runs until somebody has wanted it, or it is stopped.
+wants it anew, one that was started while nobody does runs until somebody has wanted it, or it is stopped. One that ends
+by itself while nobody wants it may do so.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ class Demand:
 
     def beat(self) -> None:
         """Start it, or stop it, as is wanted now."""
-        if self._is_wanted():
+        if self._child.is_done:
+            self._is_served = False
+        self._child.is_wanted = self._is_wanted()
+        if self._child.is_wanted:
             self._left_ns = 0
             if not self._is_served and self._is_possible():
                 self._is_served = True

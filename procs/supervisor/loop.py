@@ -15,6 +15,7 @@ from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
 from procs.supervisor.addresses import NoAddress, free_address
 from procs.supervisor.dependencies import Circle
+from procs.supervisor.listening import AddressTaken
 from procs.supervisor.supervisor import SetupFailed, Supervisor
 from shm import loglines
 from shm.segment import SegmentError
@@ -98,7 +99,7 @@ def _run(system: SystemConfig, seconds: float | None) -> int:
                 log.error("%s", error)
                 failed = True
             clean = supervisor.stop_all()
-    except SegmentError as error:
+    except (SegmentError, AddressTaken) as error:
         log.error("%s", error)
         return 1
     return 1 if failed or not clean else 0

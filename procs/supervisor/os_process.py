@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,16 +16,21 @@ from procs.manifest import proc
 from shm.control_page import ControlPage
 
 ROOT = Path(__file__).resolve().parents[2]
+HANDOVER = Path(__file__).with_name("handover.py")
 
 
 @dataclass(slots=True)
 class OsProcess:
-    """The process of one instance, or none. Nobody is ever forked off the supervisor's memory: it is started anew."""
+    """The process of one instance, or none. Nobody is ever forked off the supervisor's memory: it is started anew.
+
+    It is given `sockets` at which it listens; they stay ours.
+    """
 
     system: str
     row: Process
     page: ControlPage
     log: Path
+    sockets: Sequence[socket.socket] = ()
     popen: subprocess.Popen[bytes] | None = None
 
     @property
@@ -40,11 +47,15 @@ class OsProcess:
         """Start one; OSError when there can be none."""
         self.page.show("CREATED")
         command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
-        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+        environ = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+        given = [each.fileno() for each in self.sockets]
+        if given:
+            command = [sys.executable, "-I", "-S", str(HANDOVER), ",".join(map(str, given)), *command]
+            environ |= {"LISTEN_FDS": str(len(given)), "LISTEN_FDNAMES": ":".join([self.row.name] * len(given))}
         with self.log.open("ab") as log:
             self.popen = subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-                env={**os.environ, **threads},
+                env={**os.environ, **environ}, pass_fds=given,
             )
 
     def ask_to_end(self) -> None:

@@ -6,6 +6,7 @@ import logging
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,7 @@ from procs.supervisor.cores import core_time_ns
 from procs.supervisor.demand import Demand
 from procs.supervisor.dependencies import missing, waves
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
+from procs.supervisor.listening import Listening
 from procs.supervisor.os_process import OsProcess
 from procs.supervisor.requests import Requests
 from procs.supervisor.shared_pages import lock_shared
@@ -53,19 +55,18 @@ class Supervisor:
     """One running system."""
 
     def __init__(self, system: SystemConfig) -> None:
-        """Make all shared memory; SegmentError when the name is taken or memory is full."""
+        """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken."""
         self.system = system
         memory.trust(system.service_user)
         self.stopping = ""
         self.lost = False  # our processes have ended because we were held up
         self.judge, self._beat_ns = Judge(), 0
         self._systemd = Notifier(os.environ)
-        self._name = memory.hold_name(system.name)
-        try:
+        with ExitStack() as held:
+            held.enter_context(memory.hold_name(system.name))
+            self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
-        except BaseException:  # nobody has us yet to close us
-            self._name.close()
-            raise
+            self._held = held.pop_all()  # before, nobody had us yet to close us
 
     def _make(self, make: Make) -> None:
         system = self.system
@@ -113,14 +114,15 @@ class Supervisor:
         if path.exists():
             path.replace(path.with_suffix(".previous.log"))
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
-        return Child(row, OsProcess(self.system.name, row, page, path))
+        return Child(row, OsProcess(self.system.name, row, page, path, self._listening[row.name].sockets))
 
     def _demand(self, child: Child) -> Demand:
         subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
+        listening = self._listening[child.row.name]
 
         def is_wanted() -> bool:
             subscriptions.look()
-            return bool(subscriptions.wanted)
+            return bool(subscriptions.wanted) or listening.is_wanted(monotonic_ns(), child.is_up)
 
         return Demand(child, is_wanted, lambda: not missing(child, children))
 
@@ -294,9 +296,9 @@ class Supervisor:
         return not self.killed
 
     def close(self) -> None:
-        """Remove all shared memory, then give the name back."""
+        """Remove all shared memory, then give addresses and the name back."""
         memory.remove_all(self.system.name)
-        self._name.close()
+        self._held.close()
         self._systemd.close()
 
 

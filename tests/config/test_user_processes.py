@@ -55,6 +55,11 @@ def test_a_process_is_what_its_row_declares(home: Home, beside: Path) -> None:
      ".mine.topics[0]", "a record of 7999992 bytes", "at most"),
     ("{name: mine, module: mine.py, commands: [{name: go, arguments: [{name: q, type: 'float[65]'}]}]}",
      ".mine.commands[0]", "65 numbers", "64 numbers"),
+    ("{name: mine, module: mine.py, listen: 'localhost:80'}", ".mine.listen[0]", "'localhost' does not appear to be",
+     "127.0.0.1:8080"),
+    ("{name: mine, module: mine.py, listen: ['127.0.0.1:1', '127.0.0.1:1']}", ".mine.listen", "mine listens at",
+     "one of its own"),
+    ("{name: PSM1, listen: '127.0.0.1:80'}", ".PSM1.listen", "it takes no connections", "no address"),
     ("{name: mine, module: mine.py, properties: [{name: gain, default: 3, max: 2}]}", ".mine.properties[0].default",
      "3 is out of range", "within its bounds"),
 ])
@@ -70,3 +75,13 @@ def test_mistake_is_named_with_its_place(home: Home, beside: Path, row: str, key
 def test_every_type_has_its_layout() -> None:
     assert set(BYTES) == {*DTYPES, "text"}
     assert dtype_of("float", (6,)) == "(6,)<f8" and dtype_of("text", (24,)) == "S24" and dtype_of("bool", ()) == "?"
+
+
+def test_who_listens_starts_for_whoever_connects_unless_it_is_said(home: Home, beside: Path) -> None:
+    declare(home, "{name: mine, module: mine.py, listen: '127.0.0.1:8080'}",
+            "{name: other, module: mine.py, start: always, listen: ['127.0.0.1:8081', '[::1]:8081']}")
+    loaded = home.load()
+    assert loaded.errors == () and loaded.system is not None
+    mine, other = map(loaded.system.process, ("mine", "other"))
+    assert (mine.start, mine.listen) == ("on-demand", ("127.0.0.1:8080",))
+    assert (other.start, len(other.listen)) == ("always", 2)

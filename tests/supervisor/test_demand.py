@@ -74,3 +74,16 @@ def test_one_that_dies_while_it_is_wanted_comes_back() -> None:
     force.goes_on(0.1, True)
     force.process.ends(3)
     assert force.goes_on(0.5, True) == "RUNNING" and force.process.begun == 2
+
+
+def test_one_that_ends_by_itself_while_nobody_wants_it_has_not_died() -> None:
+    force = Wanted()
+    force.goes_on(0.1, True)
+    assert force.goes_on(0.1, False) == "RUNNING"
+    force.process.ends(0)
+    assert force.goes_on(0.1, False) == "STOPPED" and force.child.reason == "done" and force.child.is_down
+    assert force.goes_on(0.1, True) == "RUNNING", "who comes within its linger time gets a new one"
+    force.goes_on(0.1, False)
+    force.process.ends(0)
+    force.wanted = True  # just then
+    assert force.goes_on(0.1, True) == "RUNNING" and force.process.begun == 3 and force.child.restarts == 0

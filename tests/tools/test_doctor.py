@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from procs.udp_holders import SocketHolder
+from procs.port_holders import SocketHolder
 from tools import cli, machine
 from tools.machine import BAD, NOTE, OK, Busy, MachineFinding
 

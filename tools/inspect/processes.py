@@ -60,6 +60,8 @@ class ProcessStatus:
     """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/lifecycle.py)."""
     endings: tuple[PastProcess, ...] = ()
     """The processes that it had before, as far as the supervisor's records go back."""
+    listen: tuple[str, ...] = ()
+    """Addresses at which it is connected to; who connects starts it where it runs on demand."""
     computes: str = ""
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
 
@@ -140,6 +142,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
+        listen=row.listen if row is not None else (),
         problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 
@@ -183,6 +186,7 @@ def remarks(process: ProcessStatus) -> str:
     """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
     parts = [f"{process.simulation}, there is no robot"] if process.simulation else []
     parts += [process.scheduling] if process.scheduling else []
+    parts += [f"listens at {' and '.join(process.listen)}"] if process.listen else []
     parts += [process.computes] if process.computes not in ("", "kernel") else []
     latency = process.statistics.get("latency")
     if latency:

@@ -10,7 +10,7 @@ from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.source import SourceFile
 from procs.document import system as document
 from procs.document.process import ON_DEMAND
-from procs.manifest import PROCS, proc
+from procs.manifest import PROCS, THIRD_PARTY, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
@@ -39,13 +39,25 @@ def build_processes(
         after = tuple(name for name in dict.fromkeys(row.after) if name in known)
         priority, cpu = _scheduled(kind.priority, options)
         rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after,
-                                     priority=priority, cpu=cpu, start=kind.start))
+                                     priority=priority, cpu=cpu, start=kind.start, listen=row.listen))
     given = tuple(_with_options(row, options) for row in rows)
-    for each in given:
-        if each.start == ON_DEMAND and proc(each.kind).realtime:
-            text = "it drives a robot, and is always there"
-            context.error(source, ("trocar", "processes", each.name, "start"), text, "always")
+    _check_demand(context, source, given)
     return given
+
+
+def _check_demand(context: Context, source: SourceFile, rows: tuple[document.Process, ...]) -> None:
+    """What drives a robot is always there, and takes no connections; an address is one process's."""
+    taken: dict[str, str] = {}
+    for row in rows:
+        key = ("trocar", "processes", row.name)
+        if proc(row.kind).realtime and row.start == ON_DEMAND:
+            context.error(source, (*key, "start"), "it drives a robot, and is always there", "always")
+        if row.listen and (proc(row.kind).realtime or row.kind in THIRD_PARTY):
+            context.error(source, (*key, "listen"), "it takes no connections", "no address")
+        for address in row.listen:
+            if address in taken:
+                context.error(source, (*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
+            taken[address] = row.name
 
 
 def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
@@ -71,5 +83,7 @@ def with_period(row: Row, options: TrocarSection) -> Row:
 
 def _with_options(row: document.Process, options: TrocarSection) -> document.Process:
     own = options.processes.get(row.name)
-    given = own.model_dump(exclude=_DECLARED, exclude_none=True) if own else {}
+    given = own.model_dump(exclude=_DECLARED, exclude_none=True, exclude_defaults=True) if own else {}
+    if "start" not in given and (row.listen or "listen" in given) and not proc(row.kind).realtime:
+        given["start"] = ON_DEMAND  # the first who connects starts it
     return dataclasses.replace(row, **given)

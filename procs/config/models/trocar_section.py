@@ -4,14 +4,28 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from procs.config.build.tasks import TaskKeys
 from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from procs.config.read.validate import Rows, Section
+from procs.document.process import host_and_port
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
+
+def _as_addresses(value: object) -> object:
+    """One address stands for a list of one."""
+    return (value,) if isinstance(value, str) else value
+
+
+def _known_address(address: str) -> str:
+    host_and_port(address)
+    return address
+
+
+Address = Annotated[str, AfterValidator(_known_address), Field(description="IP address and port: 127.0.0.1:8080")]
+Addresses = Annotated[Rows[Address], BeforeValidator(_as_addresses)]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
@@ -28,6 +42,7 @@ class ProcessKeys(Section):
     hung_s: float | None = Field(default=None, ge=0.1, le=86400.0, description="s of silence, then it is killed")
     start: Literal["always", "on-demand"] | None = None
     linger_s: float | None = Field(default=None, ge=0.0, le=3600.0, description="s after the last subscriber left")
+    listen: Addresses = Field(default=(), max_length=8)
     module: str | None = Field(default=None, min_length=1, description="a .py file, or an importable module")
     topics: Rows[TopicKeys] = ()
     commands: Rows[CommandKeys] = ()

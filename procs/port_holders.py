@@ -1,4 +1,7 @@
-"""Which programs have a UDP port of this machine, as the kernel lists its sockets: for messages to people."""
+"""Which programs have a port of this machine, as the kernel lists its sockets: for messages to people.
+
+And how many connections stand to it.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ from pathlib import Path
 from typing import Final
 
 PROC: Final = Path("/proc")
+UDP, TCP = "udp", "tcp"
+_ESTABLISHED, _LISTEN = "01", "0A"
 _MAPPED: Final = b"\0" * 10 + b"\xff\xff"  # before an IPv4 address in an IPv6 one
 
 
@@ -29,28 +34,43 @@ class SocketHolder:
         return f"{who} has {self.address}:{self.port}"
 
 
-def holders(port: int, address: str = "0.0.0.0") -> tuple[SocketHolder, ...]:
+def holders(port: int, address: str = "0.0.0.0", protocol: str = UDP) -> tuple[SocketHolder, ...]:
     """Who is in the way of a socket at this address and port; for 0.0.0.0 all that have the port."""
-    found = [row for table in ("udp", "udp6") for row in _sockets(table, port) if _meet(row[0], address)]
-    owners = dict(_owners({inode for _, inode, _ in found})) if found else {}
-    return tuple(SocketHolder(at, port, _user(uid), *owners.get(inode, ())) for at, inode, uid in found)
+    found = [row for row in _sockets(protocol, port) if _meet(row.address, address)
+             and (protocol == UDP or row.state == _LISTEN)]
+    owners = dict(_owners({row.inode for row in found})) if found else {}
+    return tuple(SocketHolder(row.address, port, _user(row.uid), *owners.get(row.inode, ())) for row in found)
+
+
+def connections(port: int) -> int:
+    """How many TCP connections stand to this port, at any of our addresses."""
+    return sum(row.state == _ESTABLISHED for row in _sockets(TCP, port))
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    address: str
+    state: str
+    inode: str
+    uid: int
 
 
 def _meet(one: str, other: str) -> bool:
     return one == other or any(ip_address(address).is_unspecified for address in (one, other))
 
 
-def _sockets(table: str, port: int) -> Iterator[tuple[str, str, int]]:
-    """Address, inode and user of every socket with this port."""
-    try:
-        lines = (PROC / "net" / table).read_text().splitlines()[1:]
-    except OSError:  # no IPv6
-        return
-    for line in lines:
-        words = line.split()
-        address, _, number = words[1].partition(":")
-        if int(number, 16) == port:
-            yield _address(address), words[9], int(words[7])
+def _sockets(protocol: str, port: int) -> Iterator[_Row]:
+    """Every socket with this port of ours, of both families."""
+    ending = f":{port:04X}"
+    for table in (protocol, f"{protocol}6"):
+        try:
+            lines = (PROC / "net" / table).read_text().splitlines()[1:]
+        except OSError:  # no IPv6
+            continue
+        for line in lines:
+            words = line.split(maxsplit=10)
+            if words[1].endswith(ending):
+                yield _Row(_address(words[1].partition(":")[0]), words[3], words[9], int(words[7]))
 
 
 def _address(text: str) -> str:

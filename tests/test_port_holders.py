@@ -1,4 +1,4 @@
-"""Who has a UDP port is named, so that a person knows what to stop."""
+"""Who has a port is named, so that a person knows what to stop; connections to it are counted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from procs.boards.endpoints import Endpoints
 from procs.document.system import BusConfig, Controller
-from procs.udp_holders import holders
+from procs.port_holders import TCP, connections, holders
 from tools.systems import ROOT
 
 SUPERVISOR = """
@@ -51,6 +51,16 @@ def test_a_socket_of_both_families_counts() -> None:
         sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
         sock.bind(("::", 0))
         assert [holder.address for holder in holders(sock.getsockname()[1], "127.91.8.16")] == ["::"]
+
+
+def test_who_listens_is_named_and_connections_are_counted() -> None:
+    with socket.create_server(("127.91.8.16", 0)) as server, socket.socket() as client:
+        port = server.getsockname()[1]
+        assert connections(port) == 0 and holders(port) == ()
+        client.connect(("127.91.8.16", port))
+        (holder,) = holders(port, "127.91.8.16", TCP)
+        assert holder.pid == os.getpid() and connections(port) == 1, "one in the queue counts as well"
+    assert connections(port) == 0
 
 
 def test_emulated_boards_name_who_has_their_address(taken: int, monkeypatch: pytest.MonkeyPatch) -> None:

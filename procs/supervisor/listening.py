@@ -1,0 +1,63 @@
+"""Listening sockets of processes: held by us, so that nobody who connects is refused while no process is there."""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Final
+
+from procs.document.process import Process, host_and_port
+from procs.port_holders import TCP, connections, holders
+
+BACKLOG: Final = 128
+LOOK_NS: Final = 500_000_000  # between two looks at the kernel's list of connections
+
+
+class AddressTaken(Exception):
+    """Nobody can listen there; the message names the process, the address, and who has it."""
+
+
+class Listening:
+    """The sockets of one process, in the order of its row."""
+
+    def __init__(self, row: Process) -> None:
+        """AddressTaken when one cannot be had."""
+        self._ports = [host_and_port(address)[1] for address in row.listen]
+        self._poll, self._look_at, self._connected = select.poll(), 0, False
+        with ExitStack() as stack:
+            self.sockets: Sequence[socket.socket] = [stack.enter_context(_socket(row.name, at)) for at in row.listen]
+            self._held = stack.pop_all()
+        for each in self.sockets:
+            self._poll.register(each, select.POLLIN)
+
+    def is_wanted(self, now_ns: int, is_up: bool) -> bool:
+        """Whether somebody is connected, or waits to be; only a process that is up can have connections."""
+        if self._poll.poll(0):
+            return True
+        if not is_up:
+            self._connected = False
+        elif now_ns >= self._look_at:
+            self._look_at, self._connected = now_ns + LOOK_NS, any(map(connections, self._ports))
+        return self._connected
+
+    def close(self) -> None:
+        """Nobody listens any more."""
+        self._held.close()
+
+
+def _socket(name: str, address: str) -> socket.socket:
+    host, port = host_and_port(address)
+    made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # old connections are in nobody's way
+        made.bind((host, port))
+        made.listen(BACKLOG)
+        made.setblocking(False)
+    except OSError as error:
+        made.close()
+        others = "; ".join(map(str, holders(port, host, TCP))) if error.errno == errno.EADDRINUSE else ""
+        raise AddressTaken(f"{name} cannot listen at {address}: {others or error.strerror}") from None
+    return made
